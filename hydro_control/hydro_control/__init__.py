@@ -1,0 +1,1 @@
+"""Model-based valve control of a hydraulic manipulator."""

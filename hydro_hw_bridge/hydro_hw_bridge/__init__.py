@@ -1,0 +1,1 @@
+"""CAN bridge and simulated machine of a hydraulic manipulator."""

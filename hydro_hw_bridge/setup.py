@@ -1,0 +1,31 @@
+"""Package hydro_hw_bridge (ament_python)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "hydro_hw_bridge"
+HERE = Path(__file__).parent
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed", "config/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="Hydro maintainers",
+    maintainer_email="hydro-maintainers@example.com",
+    description="CAN bridge and simulated machine of a hydraulic manipulator.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "can_bridge = hydro_hw_bridge.bridge_node:main",
+            "sim_rig = hydro_hw_bridge.rig.command:main",
+            "calibrate = hydro_hw_bridge.calibrate:main",
+        ]
+    },
+)

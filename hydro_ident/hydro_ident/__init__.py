@@ -1,0 +1,1 @@
+"""Identification of a hydraulic manipulator from recorded bags."""

@@ -1,0 +1,35 @@
+"""Package hydro_ident (ament_python)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "hydro_ident"
+HERE = Path(__file__).parent
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="Hydro maintainers",
+    maintainer_email="hydro-maintainers@example.com",
+    description="Identification of a hydraulic manipulator from recorded bags.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "recorder = hydro_ident.bag.recorder:main",
+            "player = hydro_ident.bag.player:main",
+            "identification_node = hydro_ident.identification_node:main",
+            "inspect = hydro_ident.commands.inspect:main",
+            "tracking = hydro_ident.commands.tracking:main",
+            "identify = hydro_ident.commands.identify:main",
+            "excite = hydro_ident.commands.excite:main",
+        ]
+    },
+)

@@ -1,0 +1,1 @@
+"""Topics, bus and bag contract."""

@@ -1,0 +1,29 @@
+"""Package hydro_msgs_docs (ament_python)."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "hydro_msgs_docs"
+HERE = Path(__file__).parent
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/can", sorted(str(p.relative_to(HERE)) for p in HERE.glob("can/*"))),
+    ],
+    zip_safe=False,
+    maintainer="Hydro maintainers",
+    maintainer_email="hydro-maintainers@example.com",
+    description="Topics, bus and bag contract.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+        ]
+    },
+)

@@ -1,0 +1,1 @@
+"""The shared model of a hydraulic manipulator."""

@@ -1,0 +1,28 @@
+# Sourced by the other scripts (and by you): the environment of the built workspace.
+#   source scripts/env.sh
+# Topics stay on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+
+hydro_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+"$hydro_root/scripts/setup.sh" || return 2
+
+# colcon's and venv's own scripts read unset variables.
+case $- in *u*) hydro_nounset=true; set +u ;; *) hydro_nounset=false ;; esac
+# shellcheck disable=SC1091
+source "$hydro_root/.venv/bin/activate"
+# shellcheck disable=SC1091
+source "$hydro_root/ros2_ws/install/setup.bash"
+if $hydro_nounset; then set -u; fi
+unset hydro_nounset
+
+export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
+export RCUTILS_LOGGING_BUFFERED_STREAM=1
+
+# hydro_exe PACKAGE EXECUTABLE: the path that `ros2 run PACKAGE EXECUTABLE` runs.
+hydro_exe() {
+  local path=$hydro_root/ros2_ws/install/$1/lib/$1/$2
+  if [[ ! -x $path ]]; then
+    printf 'no executable %s in package %s\n' "$2" "$1" >&2
+    return 2
+  fi
+  printf '%s\n' "$path"
+}
