@@ -1,0 +1,41 @@
+"""What every command line of the packages shares: one clear line on an error, and exit codes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+
+from hydro_model.errors import HydroError
+
+Main = Callable[[Sequence[str]], int]
+
+
+def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -> int:
+    """Run a command's body and turn what it raises into a line on stderr and an exit code.
+
+    Parameters
+    ----------
+    name : str
+        The command's name, printed before the message.
+    main : callable
+        Takes the arguments and returns the exit code.
+    arguments : sequence of str, optional
+        By default the process's own.
+
+    Returns
+    -------
+    int
+        0 done; 1 the work failed; 2 bad usage or unreadable input; 130 on Ctrl-C.
+    """
+    try:
+        return main(list(sys.argv[1:] if arguments is None else arguments))
+    except HydroError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away (`... | head`): not our failure.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0

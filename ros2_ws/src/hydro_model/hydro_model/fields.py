@@ -1,0 +1,137 @@
+"""A YAML mapping read key by key, each with its type checked and its place in the message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hydro_model.errors import RobotError
+from hydro_model.robot import FloatArray
+
+_REQUIRED: Any = object()
+
+
+class Fields:
+    """Typed access to one mapping of a description file.
+
+    Parameters
+    ----------
+    data : mapping
+        What the YAML parser returned.
+    where : str
+        File and place, for messages.
+
+    Raises
+    ------
+    RobotError
+        From every reader: a required key is absent or a value has the wrong type.
+    """
+
+    def __init__(self, data: Mapping[str, Any], where: str) -> None:
+        self._data = data
+        self.where = where
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def keys(self) -> tuple[str, ...]:
+        """The keys that are there."""
+        return tuple(str(key) for key in self._data)
+
+    def _get(self, key: str, default: Any, expected: str) -> Any:
+        if key in self._data:
+            return self._data[key]
+        if default is _REQUIRED:
+            raise RobotError(f"{self.where}: key '{key}' is missing, expected {expected}")
+        return default
+
+    def _wrong(self, key: str, expected: str, value: object) -> RobotError:
+        found = repr(value)
+        found = found if len(found) <= 60 else found[:57] + "..."
+        return RobotError(f"{self.where}: '{key}' should be {expected}, found {found}")
+
+    def text(self, key: str, default: str = _REQUIRED) -> str:
+        """A non-empty string."""
+        value = self._get(key, default, "a text")
+        if not isinstance(value, str) or not value:
+            raise self._wrong(key, "a text", value)
+        return value
+
+    def flag(self, key: str, default: bool = _REQUIRED) -> bool:
+        """true or false."""
+        value = self._get(key, default, "true or false")
+        if not isinstance(value, bool):
+            raise self._wrong(key, "true or false", value)
+        return value
+
+    def number(self, key: str, default: float = _REQUIRED) -> float:
+        """A finite number; YAML 1.1 reads `1e6` as a text, which is accepted too."""
+        value = self._get(key, default, "a number")
+        return self._number(key, value)
+
+    def _number(self, key: str, value: object) -> float:
+        if isinstance(value, str):
+            try:
+                value = float(value)
+            except ValueError:
+                raise self._wrong(key, "a number", value) from None
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong(key, "a number", value)
+        if not math.isfinite(value):
+            raise self._wrong(key, "a finite number", value)
+        return float(value)
+
+    def positive(self, key: str, default: float = _REQUIRED) -> float:
+        """A finite number above zero."""
+        value = self.number(key, default)
+        if value <= 0.0:
+            raise self._wrong(key, "a number above 0", value)
+        return value
+
+    def vector(self, key: str, size: int, default: Sequence[float] = _REQUIRED) -> FloatArray:
+        """An array of `size` finite numbers."""
+        value = self._get(key, default, f"{size} numbers")
+        if not isinstance(value, list | tuple) or len(value) != size:
+            raise self._wrong(key, f"{size} numbers", value)
+        return np.array([self._number(key, v) for v in value])
+
+    def matrix(self, key: str, shape: tuple[int, int]) -> FloatArray:
+        """A matrix of finite numbers, row by row."""
+        rows = self._get(key, _REQUIRED, f"a {shape[0]} x {shape[1]} matrix")
+        if not isinstance(rows, list) or len(rows) != shape[0]:
+            raise self._wrong(key, f"{shape[0]} rows", rows)
+        return np.array(
+            [Fields({key: row}, self.where).vector(key, shape[1]) for row in rows]
+        ).reshape(shape)
+
+    def mapping_of_numbers(self, key: str) -> dict[str, float]:
+        """A mapping from names to finite numbers."""
+        value = self._get(key, _REQUIRED, "a mapping of names to numbers")
+        if not isinstance(value, dict):
+            raise self._wrong(key, "a mapping of names to numbers", value)
+        return {str(name): self._number(f"{key}.{name}", v) for name, v in value.items()}
+
+    def fields(self, key: str, default: Mapping[str, Any] = _REQUIRED) -> Fields:
+        """A nested mapping."""
+        value = self._get(key, default, "a mapping")
+        if not isinstance(value, dict):
+            raise self._wrong(key, "a mapping", value)
+        return Fields(value, f"{self.where}, {key}")
+
+    def optional_fields(self, key: str) -> Fields | None:
+        """A nested mapping, or None where the key is absent or null."""
+        return None if self._data.get(key) is None else self.fields(key)
+
+    def items(self, key: str) -> Iterator[Fields]:
+        """The mappings of a list; none where the key is absent."""
+        value = self._get(key, [], "a list")
+        if not isinstance(value, list):
+            raise self._wrong(key, "a list", value)
+        for index, item in enumerate(value):
+            if not isinstance(item, dict):
+                raise self._wrong(f"{key}[{index}]", "a mapping", item)
+            label = item.get("name", index)
+            yield Fields(item, f"{self.where}, {key}[{label}]")

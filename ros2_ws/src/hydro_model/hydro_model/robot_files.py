@@ -1,0 +1,241 @@
+"""Robots from files: URDF plus `*.hydraulics.yaml`, or an identified `model.yaml`.
+
+Both YAML files have the same keys; `model.yaml` (schema `hydro_model/model/1`) adds what
+identification found. Either names its URDF relative to itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hydro_model.errors import RobotError
+from hydro_model.fields import Fields
+from hydro_model.robot import (
+    STANDARD_PARAMETERS,
+    BaseParameter,
+    Cylinder,
+    CylinderPart,
+    EffectSpec,
+    FloatArray,
+    Robot,
+    Sensors,
+    Valve,
+)
+from hydro_model.urdf import Chain, read_chain
+
+MODEL_SCHEMA = "hydro_model/model/1"
+MAX_FILE_BYTES = 4_000_000
+
+
+def shipped_robots() -> dict[str, Path]:
+    """Robots inside the package: name -> path of the hydraulics file."""
+    folder = Path(str(resources.files("hydro_model"))) / "robots"
+    return {p.name.split(".")[0]: p for p in sorted(folder.glob("*/*.hydraulics.yaml"))}
+
+
+def load_robot(robot: str | Path) -> Robot:
+    """Read a robot by file or by the name of a shipped robot.
+
+    Parameters
+    ----------
+    robot : str or Path
+        Path of a `*.hydraulics.yaml` or `model.yaml`, or a shipped name such as `xs031`.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    RobotError
+        The file is missing, malformed or contradicts its URDF; the message says what was
+        expected, what was found and where.
+    """
+    shipped = shipped_robots()
+    path = shipped.get(str(robot), Path(robot))
+    if not path.is_file():
+        names = ", ".join(shipped)
+        raise RobotError(
+            f"no robot file '{robot}': expected a *.hydraulics.yaml, a model.yaml"
+            f" or a shipped robot ({names})"
+        )
+    return _robot_from(read_yaml(path), path)
+
+
+def read_yaml(path: Path) -> Fields:
+    """The mapping at the top of a YAML file, loaded safely; raises RobotError otherwise."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise RobotError(f"{path}: larger than {MAX_FILE_BYTES} bytes, no robot description")
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(f"{path}: cannot be read: {error}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line = " ".join(str(error).split())
+        raise RobotError(f"{path}: not valid YAML: {line}") from error
+    if not isinstance(data, dict):
+        raise RobotError(f"{path}: expected a mapping of keys, found {type(data).__name__}")
+    return Fields(data, str(path))
+
+
+def _robot_from(top: Fields, path: Path) -> Robot:
+    schema = top.text("schema", MODEL_SCHEMA)
+    if schema != MODEL_SCHEMA:
+        raise RobotError(f"{path}: expected schema {MODEL_SCHEMA}, found '{schema}'")
+    tip = top.text("tip_link")
+    urdf = path.parent / top.text("urdf")
+    chain = read_chain(urdf, tip)
+    fluid, supply = top.fields("fluid", {}), top.fields("supply", {})
+    bulk = fluid.positive("bulk_modulus_pa", 1.0e9)
+    base = tuple(_base_parameter(f) for f in top.items("base_parameters"))
+    names = [f"{j.child_link}.{p}" for j in chain.joints for p in STANDARD_PARAMETERS]
+    robot = Robot(
+        name=top.text("robot"),
+        joints=chain.joints,
+        link_inertia=_link_inertia(chain, base, names, path),
+        tip_link=tip,
+        tip_offset_m=chain.tip_offset_m,
+        gravity_m_s2=top.vector("gravity_m_s2", 3, [0.0, 0.0, -9.81]),
+        cylinders=tuple(_cylinder(f, bulk) for f in top.items("cylinders")),
+        valves=tuple(_valve(f) for f in top.items("valves")),
+        sensors=_sensors(top.fields("sensors", {})),
+        atmospheric_pressure_pa=fluid.positive("atmospheric_pressure_pa", 101325.0),
+        supply_pressure_pa=supply.number("pressure_pa", 0.0),
+        tank_pressure_pa=supply.number("tank_pressure_pa", 0.0),
+        command_delay_s=top.number("command_delay_s", 0.0),
+        effects=tuple(_effect(f) for f in top.items("effects")),
+        base_parameters=base,
+        base_covariance=_covariance(top, len(base)),
+        source=path,
+        urdf=urdf,
+    )
+    _check(robot, path)
+    return robot
+
+
+def _base_parameter(f: Fields) -> BaseParameter:
+    combination = f.mapping_of_numbers("combination")
+    return BaseParameter(f.text("name"), combination, f.number("value"))
+
+
+def _covariance(top: Fields, size: int) -> FloatArray | None:
+    if "base_covariance" not in top:
+        return None
+    return top.matrix("base_covariance", (size, size))
+
+
+def _link_inertia(
+    chain: Chain, base: tuple[BaseParameter, ...], names: list[str], path: Path
+) -> FloatArray:
+    if not base:
+        return chain.link_inertia
+    values = np.zeros(len(names))
+    for parameter in base:
+        unknown = [n for n in (parameter.name, *parameter.combination) if n not in names]
+        if unknown:
+            raise RobotError(
+                f"{path}: base parameter '{parameter.name}' names '{unknown[0]}', expected"
+                f" <link>.<parameter> with a link of the chain and one of"
+                f" {', '.join(STANDARD_PARAMETERS)}"
+            )
+        # The leading parameter alone reproduces the dynamics: the rest lies in the nullspace.
+        values[names.index(parameter.name)] = parameter.value
+    return values.reshape(-1, len(STANDARD_PARAMETERS))
+
+
+def _part(f: Fields | None, pin: str) -> CylinderPart | None:
+    if f is None:
+        return None
+    return CylinderPart(
+        mass_kg=f.number("mass_kg"),
+        com_from_pin_m=f.number(f"com_from_{pin}_pin_m"),
+        inertia_com_kg_m2=f.number("inertia_com_kg_m2"),
+    )
+
+
+def _cylinder(f: Fields, bulk_modulus_pa: float) -> Cylinder:
+    direct = "l1_m" not in f
+    cylinder = Cylinder(
+        name=f.text("name"),
+        joint=f.text("joint"),
+        bore_m=f.positive("bore_m"),
+        rod_m=f.number("rod_m"),
+        stroke_m=f.positive("stroke_m"),
+        l1_m=0.0 if direct else f.positive("l1_m"),
+        l2_m=0.0 if direct else f.positive("l2_m"),
+        q0_rad=0.0 if direct else f.number("q0_rad"),
+        x0_m=f.number("x0_m", 0.0) if direct else f.number("x0_m"),
+        child_pin_angle_rad=f.number("child_pin_angle_rad", 0.0),
+        barrel=_part(f.optional_fields("barrel"), "parent"),
+        rod=_part(f.optional_fields("rod"), "child"),
+        bulk_modulus_pa=f.positive("bulk_modulus_pa", bulk_modulus_pa),
+        viscous_friction=f.number("viscous_friction", 0.0),
+        stroke_sensor=f.flag("stroke_sensor", False),
+    )
+    if not 0.0 <= cylinder.rod_m < cylinder.bore_m:
+        raise RobotError(
+            f"{f.where}: expected 0 <= rod_m < bore_m, found rod {cylinder.rod_m}"
+            f" and bore {cylinder.bore_m}"
+        )
+    return cylinder
+
+
+def _valve(f: Fields) -> Valve:
+    edges = (f.positive(key) for key in ("c_pa", "c_at", "c_pb", "c_bt"))
+    return Valve(
+        f.text("name"), f.text("cylinder"), f.positive("rated_voltage_v", 10.0), *edges
+    )
+
+
+def _sensors(f: Fields) -> Sensors:
+    encoder, pressure = f.fields("encoder", {}), f.fields("pressure", {})
+    return Sensors(
+        rate_hz=f.positive("rate_hz", 500.0),
+        encoder_counts_per_rev=int(encoder.positive("counts_per_rev", 1 << 20)),
+        pressure_range_pa=pressure.positive("range_pa", 25.0e6),
+        pressure_resolution_pa=pressure.positive("resolution_pa", 1000.0),
+    )
+
+
+def _effect(f: Fields) -> EffectSpec:
+    return EffectSpec(f.text("name"), f.text("target"), f.mapping_of_numbers("parameters"))
+
+
+def _check(robot: Robot, path: Path) -> None:
+    for cylinder in robot.cylinders:
+        joint = robot.joints[robot.joint_index(cylinder.joint)]
+        if cylinder.l1_m == 0.0 and not joint.prismatic:
+            raise RobotError(
+                f"{path}: cylinder '{cylinder.name}' on revolute joint '{joint.name}' needs"
+                " l1_m, l2_m, q0_rad and x0_m"
+            )
+        _check_stroke(cylinder, joint.lower, joint.upper, path)
+    for valve in robot.valves:
+        robot.cylinder(valve.cylinder)
+    groups: Mapping[str, list[str]] = {
+        "cylinder": [c.name for c in robot.cylinders],
+        "cylinder on joint": [c.joint for c in robot.cylinders],
+        "valve": [v.name for v in robot.valves],
+        "valve of cylinder": [v.cylinder for v in robot.valves],
+    }
+    for what, names in groups.items():
+        twice = {n for n in names if names.count(n) > 1}
+        if twice:
+            raise RobotError(f"{path}: {what} '{sorted(twice)[0]}' appears more than once")
+
+
+def _check_stroke(cylinder: Cylinder, lower: float, upper: float, path: Path) -> None:
+    from hydro_model.cylinder import stroke
+
+    x: Any = stroke(cylinder, np.linspace(lower, upper, 101))
+    if x.min() < 0.0 or x.max() > cylinder.stroke_m:
+        raise RobotError(
+            f"{path}: joint limits {lower} to {upper} move '{cylinder.name}' from"
+            f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
+        )

@@ -1,0 +1,196 @@
+"""The serial chain of a URDF, from its root to the tip link, with fixed joints lumped in."""
+
+from __future__ import annotations
+
+import io
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from urdf_parser_py import urdf as urdf_xml
+
+from hydro_model.errors import RobotError
+from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint
+
+_MOVING = ("revolute", "continuous", "prismatic")
+MAX_URDF_BYTES = 16_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What the URDF contributes to a `Robot`.
+
+    Attributes
+    ----------
+    joints : tuple of Joint
+    link_inertia : (n, 10) array
+        Standard parameters in the joint frames.
+    tip_offset_m : (3,) array
+        Tip in the last joint frame.
+    """
+
+    joints: tuple[Joint, ...]
+    link_inertia: FloatArray
+    tip_offset_m: FloatArray
+
+
+def standard_parameters(
+    mass_kg: float, com_m: FloatArray, inertia_com_kg_m2: FloatArray
+) -> FloatArray:
+    """The ten standard parameters of a body in a frame (eq. 28).
+
+    Parameters
+    ----------
+    mass_kg : float
+    com_m : (3,) array
+        Centre of mass in the frame.
+    inertia_com_kg_m2 : (3, 3) array
+        About the centre of mass, along the frame's axes.
+
+    Returns
+    -------
+    (10,) array
+        m, m c, and the inertia about the frame's origin (parallel axes).
+    """
+    first = mass_kg * com_m
+    inertia = inertia_com_kg_m2 + mass_kg * (com_m @ com_m * np.eye(3) - np.outer(com_m, com_m))
+    upper = inertia[np.triu_indices(3)]
+    return np.concatenate(([mass_kg], first, upper))
+
+
+def read_chain(path: Path, tip_link: str) -> Chain:
+    """Read the chain from the root of a URDF to `tip_link`.
+
+    Parameters
+    ----------
+    path : Path
+    tip_link : str
+
+    Returns
+    -------
+    Chain
+
+    Raises
+    ------
+    RobotError
+        The file is absent or malformed, the tip link unknown, or a joint on the way is neither
+        revolute, continuous, prismatic nor fixed.
+    """
+    model = _parse(path)
+    if tip_link not in model.link_map:
+        known = ", ".join(model.link_map)
+        raise RobotError(f"{path}: no link '{tip_link}' (links: {known})")
+    way = _way_to(model, tip_link, path)
+    joints: list[Joint] = []
+    inertia: list[FloatArray] = []
+    rotation, translation = np.eye(3), np.zeros(3)
+    for xml in way:
+        r, t = _origin(xml.origin)
+        translation, rotation = translation + rotation @ t, rotation @ r
+        if xml.type in _MOVING:
+            joints.append(_joint(xml, rotation, translation, path))
+            inertia.append(np.zeros(len(STANDARD_PARAMETERS)))
+            rotation, translation = np.eye(3), np.zeros(3)
+        elif xml.type != "fixed":
+            raise RobotError(
+                f"{path}: joint '{xml.name}' is {xml.type}, expected {', '.join(_MOVING)} or fixed"
+            )
+        if joints:
+            inertia[-1] = inertia[-1] + _lumped(model, xml.child, rotation, translation, way)
+    if not joints:
+        raise RobotError(f"{path}: no moving joint between the root and '{tip_link}'")
+    return Chain(tuple(joints), np.array(inertia), translation)
+
+
+def _parse(path: Path) -> Any:
+    if not path.is_file():
+        raise RobotError(f"no URDF at {path}")
+    if path.stat().st_size > MAX_URDF_BYTES:
+        raise RobotError(f"{path}: larger than {MAX_URDF_BYTES} bytes, no URDF")
+    # The parser prints what it does not know (materials, plugins) to stderr: not our user's news.
+    with redirect_stderr(io.StringIO()):
+        try:
+            model = urdf_xml.URDF.from_xml_file(str(path))
+            model.get_root()
+        except Exception as error:  # the parser raises AssertionError, KeyError, ...
+            line = " ".join(str(error).split()) or type(error).__name__
+            raise RobotError(f"{path}: not a valid URDF: {line}") from error
+    return model
+
+
+def _way_to(model: Any, tip_link: str, path: Path) -> list[Any]:
+    way: list[Any] = []
+    link = tip_link
+    while link in model.parent_map:
+        name, link = model.parent_map[link]
+        way.append(model.joint_map[name])
+        if len(way) > len(model.joint_map):
+            raise RobotError(f"{path}: joints form a loop at link '{link}'")
+    return way[::-1]
+
+
+def _origin(origin: Any) -> tuple[FloatArray, FloatArray]:
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    xyz = np.zeros(3) if origin.xyz is None else np.array(origin.xyz, dtype=float)
+    rpy = [0.0, 0.0, 0.0] if origin.rpy is None else list(origin.rpy)
+    rotation: FloatArray = Rotation.from_euler("xyz", rpy).as_matrix()
+    return rotation, xyz
+
+
+def _joint(xml: Any, rotation: FloatArray, translation: FloatArray, path: Path) -> Joint:
+    axis = np.array([1.0, 0.0, 0.0] if xml.axis is None else xml.axis, dtype=float)
+    norm = float(np.linalg.norm(axis))
+    if not norm > 0.0:
+        raise RobotError(f"{path}: joint '{xml.name}' has a zero axis")
+    limit = xml.limit
+    turning = xml.type == "continuous"
+    if limit is None and not turning:
+        raise RobotError(f"{path}: joint '{xml.name}' has no <limit>")
+    lower, upper = (-np.inf, np.inf) if turning else (limit.lower or 0.0, limit.upper or 0.0)
+    if not lower < upper:
+        raise RobotError(
+            f"{path}: joint '{xml.name}' has limits {lower} to {upper}, expected lower < upper"
+        )
+    return Joint(
+        name=xml.name,
+        parent_link=xml.parent,
+        child_link=xml.child,
+        prismatic=xml.type == "prismatic",
+        translation_m=translation,
+        rotation=rotation,
+        axis=axis / norm,
+        lower=float(lower),
+        upper=float(upper),
+        velocity_limit=float(limit.velocity or np.inf) if limit else np.inf,
+        effort_limit=float(limit.effort or np.inf) if limit else np.inf,
+    )
+
+
+def _lumped(
+    model: Any, link: str, rotation: FloatArray, translation: FloatArray, way: list[Any]
+) -> FloatArray:
+    """Parameters of a link and of what is fixed to it beside the chain, in the joint frame."""
+    total = _own(model.link_map[link], rotation, translation)
+    on_way = {joint.name for joint in way}
+    for name, child in model.child_map.get(link, []):
+        joint = model.joint_map[name]
+        if name in on_way or joint.type != "fixed":
+            continue
+        r, t = _origin(joint.origin)
+        total += _lumped(model, child, rotation @ r, translation + rotation @ t, way)
+    return total
+
+
+def _own(link: Any, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    if link.inertial is None:
+        return np.zeros(len(STANDARD_PARAMETERS))
+    r, com = _origin(link.inertial.origin)
+    tensor = np.array(link.inertial.inertia.to_matrix(), dtype=float)
+    turned = rotation @ r
+    return standard_parameters(
+        float(link.inertial.mass), translation + rotation @ com, turned @ tensor @ turned.T
+    )
