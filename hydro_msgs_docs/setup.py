@@ -22,8 +22,5 @@ setup(
     maintainer_email="hydro-maintainers@example.com",
     description="Topics, bus and bag contract.",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [
-        ]
-    },
+    entry_points={"console_scripts": []},
 )

@@ -21,8 +21,5 @@ setup(
     maintainer_email="hydro-maintainers@example.com",
     description="The shared model of a hydraulic manipulator.",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [
-        ]
-    },
+    entry_points={"console_scripts": []},
 )

@@ -188,9 +188,7 @@ def _cylinder(f: Fields, bulk_modulus_pa: float) -> Cylinder:
 
 def _valve(f: Fields) -> Valve:
     edges = (f.positive(key) for key in ("c_pa", "c_at", "c_pb", "c_bt"))
-    return Valve(
-        f.text("name"), f.text("cylinder"), f.positive("rated_voltage_v", 10.0), *edges
-    )
+    return Valve(f.text("name"), f.text("cylinder"), f.positive("rated_voltage_v", 10.0), *edges)
 
 
 def _sensors(f: Fields) -> Sensors:

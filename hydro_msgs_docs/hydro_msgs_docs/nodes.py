@@ -1,0 +1,96 @@
+"""What the lifecycle nodes share: transitions that log their failures, and diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from hydro_model.errors import HydroError
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from hydro_msgs_docs.topics import DIAGNOSTICS, reliable
+
+OK, WARN, ERROR, STALE = (
+    DiagnosticStatus.OK,
+    DiagnosticStatus.WARN,
+    DiagnosticStatus.ERROR,
+    DiagnosticStatus.STALE,
+)
+
+Transition = Callable[[Any, LifecycleState], TransitionCallbackReturn]
+
+
+def logged_transition(body: Callable[[Any], None]) -> Transition:
+    """Make a lifecycle callback of a method that raises on failure.
+
+    rclpy swallows what a lifecycle callback raises, so the message is logged here and the
+    transition fails: back to the state before for a HydroError, ERROR for anything else.
+
+    Parameters
+    ----------
+    body : method without arguments
+
+    Returns
+    -------
+    method
+        To be used as `on_configure`, `on_activate` ...
+    """
+
+    def transition(self: LifecycleNode, _state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            body(self)
+        except HydroError as error:
+            self.get_logger().error(f"{body.__name__.strip('_')}: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self.get_logger().fatal(f"{body.__name__.strip('_')}: {type(error).__name__}: {error}")
+            raise
+        return TransitionCallbackReturn.SUCCESS
+
+    return transition
+
+
+class Diagnostics:
+    """Publishes `/diagnostics` (REP-107) for one node.
+
+    Parameters
+    ----------
+    node : Node
+    hardware_id : str
+    """
+
+    def __init__(self, node: Node, hardware_id: str) -> None:
+        self._node = node
+        self._hardware_id = hardware_id
+        self._publisher = node.create_publisher(
+            DiagnosticArray,
+            DIAGNOSTICS,
+            reliable(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def publish(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
+        """Publish one status.
+
+        Parameters
+        ----------
+        level : bytes
+            OK, WARN, ERROR or STALE.
+        message : str
+            A summary in plain words.
+        values : mapping
+            Counters and measurements, printed as text.
+        """
+        status = DiagnosticStatus(
+            level=level,
+            name=self._node.get_name(),
+            message=message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=k, value=str(v)) for k, v in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
