@@ -1,0 +1,77 @@
+#!/usr/bin/env bash
+# Brings the crane up: bridge and controller, until Ctrl-C, which ends with the valves at zero.
+#   scripts/bringup.sh --can can0 --robot xs031             read and publish only (bridge inactive)
+#   scripts/bringup.sh --can can0 --robot xs031 --drive     drive the valves
+#   scripts/bringup.sh --sim [--drive]                      the simulated rig instead of a machine
+# Options:
+#   --robot ROBOT      shipped name, *.hydraulics.yaml or model.yaml (default xs031)
+#   --controller FILE  ROS parameters of the controller (gains; default: the package's gains.yaml)
+#   --path FILE        path that the controller plays once it drives
+#   --mapping FILE, --dbc FILE      the lab's own I/O (default: those of the robot)
+#   --calibration FILE what `calibrate` wrote
+#   --record NAME      record a bag into ./bags
+#   --bus BUS          bus of --sim (default udp_multicast:239.74.163.2:43113)
+set -euo pipefail
+shopt -s inherit_errexit
+
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+usage() { sed -n '2,14s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
+
+can= robot=xs031 controller= path= mapping= dbc= calibration= record= sim=false drive=false
+bus=udp_multicast:239.74.163.2:43113
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --sim) sim=true; shift ;;
+    --drive) drive=true; shift ;;
+    -h|--help) usage; exit 0 ;;
+    --can|--robot|--controller|--path|--mapping|--dbc|--calibration|--record|--bus)
+      [[ $# -ge 2 ]] || bad "$1 needs a value"
+      printf -v "${1#--}" '%s' "$2"; shift 2 ;;
+    *) bad "unknown option '$1' (see --help)" ;;
+  esac
+done
+if $sim && [[ -n $can ]]; then bad "--sim and --can exclude each other"; fi
+if ! $sim && [[ -z $can ]]; then bad "expected --can INTERFACE or --sim (see --help)"; fi
+if $sim; then can=$bus; fi
+
+# shellcheck source=scripts/env.sh
+source "$here/env.sh"
+# shellcheck source=scripts/processes.sh
+source "$here/processes.sh"
+
+parameters=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
+for name in mapping dbc calibration; do
+  [[ -z ${!name} ]] || parameters+=(-p "$name:=$(realpath "${!name}")")
+done
+gains=${controller:-$(python -c 'from hydro_control import gains_file; print(gains_file())')}
+control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
+[[ -z $path ]] || control+=(-p "path:=$(realpath "$path")")
+
+if $sim; then
+  start rig "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --can "$can" --real-time
+  wait_for rig ready
+fi
+start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"
+start controller "$(hydro_exe hydro_control controller)" "${control[@]}"
+lifecycle=$(hydro_exe hydro_control lifecycle)
+"$lifecycle" configure /can_bridge || fail_with_log "the bridge could not be configured:" bridge
+"$lifecycle" configure /controller ||
+  fail_with_log "the controller could not be configured:" controller
+if [[ -n $record ]]; then
+  start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" --robot "$robot"
+  wait_for recorder recording
+fi
+if $drive; then
+  "$lifecycle" activate /controller
+  "$lifecycle" activate /can_bridge
+  note "driving $robot on $can; Ctrl-C stops with the valves at zero (logs in $log_dir)"
+else
+  note "reading $robot on $can, valves not driven (--drive drives); Ctrl-C ends (logs in $log_dir)"
+fi
+
+while running bridge && running controller; do sleep 0.2; done
+for name in bridge controller; do
+  running "$name" || fail_with_log "$name ended:" "$name" || true
+done
+exit 1

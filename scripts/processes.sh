@@ -1,0 +1,95 @@
+# Sourced: child processes of a script, started with a log each and taken down in order.
+# shellcheck shell=bash
+#
+#   start NAME COMMAND ...     in the background, output to $log_dir/NAME.log
+#   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (30)
+#   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
+#                              the caller names the controller and the bridge first
+# Background children of a script ignore the terminal's SIGINT, so the order is the script's.
+
+declare -A process_of=()
+process_order=()
+log_dir=${log_dir:-$(mktemp -d -t hydro-logs.XXXXXX)}
+
+note() { printf '%s\n' "$*" >&2; }
+
+start() {
+  local name=$1
+  shift
+  "$@" >"$log_dir/$name.log" 2>&1 </dev/null &
+  process_of[$name]=$!
+  process_order+=("$name")
+}
+
+running() { [[ -n ${process_of[$1]:-} ]] && kill -0 "${process_of[$1]}" 2>/dev/null; }
+
+fail_with_log() {
+  note "$1"
+  tail -n 15 "$log_dir/$2.log" >&2 || true
+  return 1
+}
+
+wait_for() {
+  local name=$1 text=$2 seconds=${3:-30} i
+  for ((i = 0; i < seconds * 20; i++)); do
+    if grep -qF -- "$text" "$log_dir/$name.log" 2>/dev/null; then return 0; fi
+    running "$name" || { fail_with_log "$name ended before it was ready:" "$name"; return 1; }
+    sleep 0.05
+  done
+  fail_with_log "$name was not ready within $seconds s (no '$text' in its output):" "$name"
+}
+
+# wait_end NAME SECONDS: until it ends by itself; its exit code.
+wait_end() {
+  local name=$1 seconds=$2 i
+  for ((i = 0; i < seconds * 5; i++)); do
+    running "$name" || break
+    sleep 0.2
+  done
+  if running "$name"; then
+    fail_with_log "$name did not end within $seconds s:" "$name"
+    return 1
+  fi
+  local code=0
+  wait "${process_of[$name]}" || code=$?
+  unset "process_of[$name]"
+  return "$code"
+}
+
+stop() {
+  local name i code=0
+  for name in "$@"; do
+    [[ -n ${process_of[$name]:-} ]] || continue
+    kill -TERM "${process_of[$name]}" 2>/dev/null || true
+    for ((i = 0; i < 100; i++)); do
+      running "$name" || break
+      sleep 0.1
+    done
+    if running "$name"; then
+      note "$name did not end on SIGTERM within 10 s: killed"
+      kill -KILL "${process_of[$name]}" 2>/dev/null || true
+      code=1
+    fi
+    wait "${process_of[$name]}" 2>/dev/null || true
+    unset "process_of[$name]"
+  done
+  return "$code"
+}
+
+# Latest started first, but for the order that matters: commands stop before what carries them.
+stop_all() {
+  local names=() name i
+  for name in controller bridge recorder; do names+=("$name"); done
+  for ((i = ${#process_order[@]} - 1; i >= 0; i--)); do names+=("${process_order[i]}"); done
+  stop "${names[@]}" || true
+}
+
+on_exit() {
+  local code=$?
+  trap - EXIT INT TERM
+  stop_all
+  exit "$code"
+}
+trap on_exit EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM

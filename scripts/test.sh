@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# Runs every test: linters, types, then pytest over all packages (arguments go to pytest).
+#   scripts/test.sh                 everything
+#   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
+set -euo pipefail
+shopt -s inherit_errexit
+
+case ${1:-} in -h|--help) sed -n '2,4s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
+# shellcheck source=scripts/env.sh
+source "$(dirname "${BASH_SOURCE[0]}")/env.sh"
+cd "$hydro_root"
+
+packages=(ros2_ws/src/hydro_model/hydro_model hydro_msgs_docs/hydro_msgs_docs
+  hydro_hw_bridge/hydro_hw_bridge hydro_control/hydro_control hydro_ident/hydro_ident)
+
+for script in scripts/*.sh .ci/run; do bash -n "$script"; done
+ruff check .
+ruff format --check .
+mypy "${packages[@]}"
+exec python -m pytest "$@"
