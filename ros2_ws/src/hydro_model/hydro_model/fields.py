@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,9 @@ from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray
 
 _REQUIRED: Any = object()
+# Aliases may nest to a size that no message should try to print.
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict = 2, 3, 3
 
 
 class Fields:
@@ -49,7 +53,7 @@ class Fields:
         return default
 
     def _wrong(self, key: str, expected: str, value: object) -> RobotError:
-        found = repr(value)
+        found = _SHORT.repr(value)
         found = found if len(found) <= 60 else found[:57] + "..."
         return RobotError(f"{self.where}: '{key}' should be {expected}, found {found}")
 
@@ -98,6 +102,29 @@ class Fields:
             raise self._wrong(key, f"{size} numbers", value)
         return np.array([self._number(key, v) for v in value])
 
+    def numbers(self, key: str) -> list[float]:
+        """A list of finite numbers of any length."""
+        value = self._get(key, _REQUIRED, "a list of numbers")
+        if not isinstance(value, list | tuple):
+            raise self._wrong(key, "a list of numbers", value)
+        return [self._number(key, v) for v in value]
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """A list of non-empty strings."""
+        value = self._get(key, _REQUIRED, "a list of texts")
+        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
+            raise self._wrong(key, "a list of texts", value)
+        return tuple(value)
+
+    def rows(self, key: str) -> list[list[float]]:
+        """A list of lists of finite numbers, which may differ in length."""
+        value = self._get(key, _REQUIRED, "a list of rows of numbers")
+        if not isinstance(value, list):
+            raise self._wrong(key, "a list of rows of numbers", value)
+        names = [f"{key}[{index}]" for index in range(len(value))]
+        whole = Fields(dict(zip(names, value, strict=True)), self.where)
+        return [whole.numbers(name) for name in names]
+
     def matrix(self, key: str, shape: tuple[int, int]) -> FloatArray:
         """A matrix of finite numbers, row by row."""
         rows = self._get(key, _REQUIRED, f"a {shape[0]} x {shape[1]} matrix")
@@ -133,5 +160,6 @@ class Fields:
         for index, item in enumerate(value):
             if not isinstance(item, dict):
                 raise self._wrong(f"{key}[{index}]", "a mapping", item)
-            label = item.get("name", index)
+            name = item.get("name")
+            label = name if isinstance(name, str) else index
             yield Fields(item, f"{self.where}, {key}[{label}]")

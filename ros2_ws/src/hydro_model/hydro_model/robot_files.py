@@ -6,7 +6,6 @@ identification found. Either names its URDF relative to itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -31,6 +30,18 @@ from hydro_model.urdf import Chain, read_chain
 
 MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
+_MAX_KEYS = 10_000
+
+
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader, with an end to what merge keys (`<<`) may multiply."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        super().flatten_mapping(node)
+        if len(node.value) > _MAX_KEYS:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"a mapping of more than {_MAX_KEYS} keys", node.start_mark
+            )
 
 
 def shipped_robots() -> dict[str, Path]:
@@ -73,7 +84,7 @@ def read_yaml(path: Path) -> Fields:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RobotError(f"{path}: larger than {MAX_FILE_BYTES} bytes, no robot description")
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # a safe loader
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(f"{path}: cannot be read: {error}") from error
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -136,6 +147,7 @@ def _link_inertia(
     if not base:
         return chain.link_inertia
     values = np.zeros(len(names))
+    _check_once("base parameter", [parameter.name for parameter in base], path)
     for parameter in base:
         unknown = [n for n in (parameter.name, *parameter.combination) if n not in names]
         if unknown:
@@ -206,26 +218,42 @@ def _effect(f: Fields) -> EffectSpec:
 
 
 def _check(robot: Robot, path: Path) -> None:
+    _check_once("cylinder", [c.name for c in robot.cylinders], path)
+    _check_once("cylinder on joint", [c.joint for c in robot.cylinders], path)
+    _check_once("valve", [v.name for v in robot.valves], path)
+    _check_once("valve of cylinder", [v.cylinder for v in robot.valves], path)
+    cylinders = tuple(c.name for c in robot.cylinders)
     for cylinder in robot.cylinders:
+        _check_known(
+            f"cylinder '{cylinder.name}'", "joint", cylinder.joint, robot.joint_names, path
+        )
         joint = robot.joints[robot.joint_index(cylinder.joint)]
         if cylinder.l1_m == 0.0 and not joint.prismatic:
             raise RobotError(
                 f"{path}: cylinder '{cylinder.name}' on revolute joint '{joint.name}' needs"
                 " l1_m, l2_m, q0_rad and x0_m"
             )
+        if not np.isfinite([joint.lower, joint.upper]).all():
+            raise RobotError(
+                f"{path}: cylinder '{cylinder.name}' needs joint '{joint.name}' to have finite"
+                f" limits, found {joint.lower} to {joint.upper}"
+            )
         _check_stroke(cylinder, joint.lower, joint.upper, path)
     for valve in robot.valves:
-        robot.cylinder(valve.cylinder)
-    groups: Mapping[str, list[str]] = {
-        "cylinder": [c.name for c in robot.cylinders],
-        "cylinder on joint": [c.joint for c in robot.cylinders],
-        "valve": [v.name for v in robot.valves],
-        "valve of cylinder": [v.cylinder for v in robot.valves],
-    }
-    for what, names in groups.items():
-        twice = {n for n in names if names.count(n) > 1}
-        if twice:
-            raise RobotError(f"{path}: {what} '{sorted(twice)[0]}' appears more than once")
+        _check_known(f"valve '{valve.name}'", "cylinder", valve.cylinder, cylinders, path)
+
+
+def _check_known(who: str, what: str, name: str, known: tuple[str, ...], path: Path) -> None:
+    if name not in known:
+        raise RobotError(
+            f"{path}: {who} has no {what} '{name}' (known: {', '.join(known) or 'none'})"
+        )
+
+
+def _check_once(what: str, names: list[str], path: Path) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 
 
 def _check_stroke(cylinder: Cylinder, lower: float, upper: float, path: Path) -> None:

@@ -118,7 +118,50 @@ def _parse(path: Path) -> Any:
         except Exception as error:  # the parser raises AssertionError, KeyError, ...
             line = " ".join(str(error).split()) or type(error).__name__
             raise RobotError(f"{path}: not a valid URDF: {line}") from error
+    _check_names(model, path)
+    _check_numbers(model, path)
     return model
+
+
+def _check_names(model: Any, path: Path) -> None:
+    """Refuse what the parser would resolve by taking the last one."""
+    groups = {
+        "link": [link.name for link in model.links],
+        "joint": [joint.name for joint in model.joints],
+        "child link": [joint.child for joint in model.joints],
+    }
+    for what, names in groups.items():
+        twice = sorted({str(name) for name in names if names.count(name) > 1})
+        if twice:
+            raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
+
+
+def _check_numbers(model: Any, path: Path) -> None:
+    for joint in model.joints:
+        limit = joint.limit
+        limits = [limit.lower, limit.upper, limit.velocity, limit.effort] if limit else []
+        _check_finite(f"joint '{joint.name}'", [*_pose(joint.origin), joint.axis, limits], path)
+    for link in model.links:
+        if (body := link.inertial) is None:
+            continue
+        numbers = [*_pose(body.origin), body.mass, body.inertia.to_matrix()]
+        _check_finite(f"link '{link.name}'", numbers, path)
+        if body.mass < 0.0:
+            raise RobotError(
+                f"{path}: link '{link.name}' has mass {body.mass}, expected 0 or more"
+            )
+
+
+def _pose(origin: Any) -> list[Any]:
+    return [] if origin is None else [origin.xyz, origin.rpy]
+
+
+def _check_finite(who: str, numbers: list[Any], path: Path) -> None:
+    for value in numbers:
+        if value is not None and not all(
+            np.isfinite(v) for v in np.ravel(np.array(value, dtype=object)) if v is not None
+        ):
+            raise RobotError(f"{path}: {who} has {value}, expected finite numbers")
 
 
 def _way_to(model: Any, tip_link: str, path: Path) -> list[Any]:

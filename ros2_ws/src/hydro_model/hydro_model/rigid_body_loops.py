@@ -1,0 +1,151 @@
+"""Compiled loops over stacks of samples around `hydro_model.rigid_body_kernels`.
+
+They allocate their own working memory; arguments are those of the kernels, stacked over samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from hydro_model import rigid_body_kernels as kernels
+from hydro_model.chain_kernels import SHIFT, Array
+
+
+@njit(cache=True, error_model="numpy")
+def torques(
+    q: Array,
+    qd: Array,
+    qd_r: Array,
+    qdd_r: Array,
+    k_v: float,
+    rotation: Array,
+    translation: Array,
+    axis: Array,
+    prismatic: Array,
+    gravity: Array,
+    theta: Array,
+    out: Array,
+) -> None:
+    """Required torques of N samples into `out` (N, n)."""
+    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    for k in range(q.shape[0]):
+        kernels.required_torque_kernel(
+            q[k],
+            qd[k],
+            qd_r[k],
+            qdd_r[k],
+            k_v,
+            rotation,
+            translation,
+            axis,
+            prismatic,
+            gravity,
+            theta,
+            scratch,
+            out[k],
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def regressors(
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    rotation: Array,
+    translation: Array,
+    axis: Array,
+    prismatic: Array,
+    gravity: Array,
+    out: Array,
+) -> None:
+    """Regressors of N samples into `out` (N, n, 10 n)."""
+    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    for k in range(q.shape[0]):
+        kernels.regressor_kernel(
+            q[k], qd[k], qdd[k], rotation, translation, axis, prismatic, gravity, scratch, out[k]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def masses(
+    q: Array,
+    rotation: Array,
+    translation: Array,
+    axis: Array,
+    prismatic: Array,
+    theta: Array,
+    out: Array,
+) -> None:
+    """Mass matrices of N samples into `out` (N, n, n)."""
+    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    for k in range(q.shape[0]):
+        kernels.mass_matrix_kernel(
+            q[k], rotation, translation, axis, prismatic, theta, scratch, out[k]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def accelerations(
+    q: Array,
+    qd: Array,
+    tau: Array,
+    rotation: Array,
+    translation: Array,
+    axis: Array,
+    prismatic: Array,
+    gravity: Array,
+    theta: Array,
+    out: Array,
+) -> int:
+    """Accelerations into `out` (N, n); the first sample that has none, or -1."""
+    n = q.shape[1]
+    scratch = np.empty((n, kernels.SCRATCH))
+    mass, bias = np.empty((n, n)), np.empty(n)
+    for k in range(q.shape[0]):
+        kernels.mass_matrix_and_bias(
+            q[k],
+            qd[k],
+            rotation,
+            translation,
+            axis,
+            prismatic,
+            gravity,
+            theta,
+            scratch,
+            mass,
+            bias,
+        )
+        for i in range(n):
+            out[k, i] = tau[k, i] - bias[i]
+        if not (kernels.solve_spd(mass, out[k]) and np.all(np.isfinite(out[k]))):
+            return k
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def potentials(
+    q: Array,
+    rotation: Array,
+    translation: Array,
+    axis: Array,
+    prismatic: Array,
+    gravity: Array,
+    theta: Array,
+    out: Array,
+) -> None:
+    """Potential energies of N samples into `out` (N,)."""
+    n = q.shape[1]
+    scratch = np.empty((n, kernels.SCRATCH))
+    for k in range(q.shape[0]):
+        kernels.place(q[k], rotation, translation, axis, prismatic, scratch)
+        # First moment of all that hangs on frame i, carried inwards: m, m c.
+        m, h0, h1, h2 = 0.0, 0.0, 0.0, 0.0
+        for i in range(n - 1, -1, -1):
+            m += theta[i, 0]
+            x, y, z = h0 + theta[i, 1], h1 + theta[i, 2], h2 + theta[i, 3]
+            s = scratch[i]
+            h0 = s[0] * x + s[1] * y + s[2] * z + m * s[SHIFT]
+            h1 = s[3] * x + s[4] * y + s[5] * z + m * s[SHIFT + 1]
+            h2 = s[6] * x + s[7] * y + s[8] * z + m * s[SHIFT + 2]
+        out[k] = -(gravity[0] * h0 + gravity[1] * h1 + gravity[2] * h2)

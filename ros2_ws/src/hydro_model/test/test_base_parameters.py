@@ -1,0 +1,154 @@
+"""Base parameters against the numerical rank of the regressor and the paper's Table I."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hydro_model.base_parameters import BaseMap, base_map
+from hydro_model.rigid_body import inverse_dynamics, regressor
+from hydro_model.robot import FloatArray, Joint, Robot
+from hydro_model.robot_files import load_robot
+from scipy.spatial.transform import Rotation
+
+MakeChain = Callable[..., Robot]
+CASES = [(seed, dof) for dof in range(1, 8) for seed in (0, 1, 2)]
+
+
+def turned(robot: Robot, rotations: list[FloatArray], seed: int) -> Robot:
+    """The chain with other joint rotations, all axes and links along coordinate axes."""
+    rng = np.random.default_rng([seed, robot.dof])
+    joints: list[Joint] = [
+        replace(
+            joint,
+            rotation=rotation,
+            axis=np.eye(3)[rng.integers(3)],
+            translation_m=np.eye(3)[rng.integers(3)] * rng.choice([0.0, 0.4, 1.0]),
+        )
+        for joint, rotation in zip(robot.joints, rotations, strict=True)
+    ]
+    return replace(robot, joints=tuple(joints), gravity_m_s2=np.array([0.0, 0.0, -9.81]))
+
+
+def right_angled(robot: Robot, seed: int) -> Robot:
+    angles = np.random.default_rng([seed, robot.dof]).integers(0, 4, size=(robot.dof, 3))
+    rotations = Rotation.from_euler("xyz", angles * np.pi / 2).as_matrix()
+    return turned(robot, list(rotations), seed)
+
+
+def nearly_parallel(robot: Robot, seed: int) -> Robot:
+    """All axes within 1e-5 to 0.1 rad of one another, or parallel."""
+    rng = np.random.default_rng([seed, robot.dof])
+    joints = []
+    for joint in robot.joints:
+        tilt = rng.choice([0.0, 1.0]) * 10.0 ** rng.uniform(-5.0, -1.0)
+        rotation = Rotation.from_rotvec(tilt * rng.normal(size=3)).as_matrix()
+        joints.append(replace(joint, rotation=rotation, axis=np.array([0.0, 0.0, 1.0])))
+    return replace(robot, joints=tuple(joints))
+
+
+def random_motion(robot: Robot) -> tuple[FloatArray, FloatArray, FloatArray]:
+    q, qd, qdd = np.random.default_rng(robot.dof).uniform(-3.0, 3.0, size=(3, 120, robot.dof))
+    return q, qd, qdd
+
+
+def check(robot: Robot) -> BaseMap:
+    found = base_map(robot)
+    columns = regressor(robot, *random_motion(robot))
+    stacked = columns.reshape(-1, columns.shape[-1])
+    sizes = np.linalg.svd(stacked, compute_uv=False)
+    assert len(found.names) == np.sum(sizes > 1e-12 * sizes[0])
+    assert np.linalg.matrix_rank(stacked[:, found.leading], tol=1e-12 * sizes[0]) == len(
+        found.names
+    )
+    theta = robot.link_inertia.ravel()
+    torque = columns @ theta
+    base = columns[..., found.leading] @ (found.combination @ theta)
+    assert np.abs(base - torque).max() < 1e-11 * np.abs(torque).max()
+    return found
+
+
+@pytest.mark.parametrize(("seed", "dof"), CASES)
+def test_generic_chains(make_chain: MakeChain, seed: int, dof: int) -> None:
+    assert np.abs(check(make_chain(seed, dof)).combination).max() < 100.0
+
+
+@pytest.mark.parametrize(("seed", "dof"), CASES)
+def test_right_angled_chains(make_chain: MakeChain, seed: int, dof: int) -> None:
+    assert np.abs(check(right_angled(make_chain(seed, dof), seed)).combination).max() < 100.0
+
+
+@pytest.mark.parametrize(("seed", "dof"), CASES)
+def test_nearly_parallel_chains(make_chain: MakeChain, seed: int, dof: int) -> None:
+    found = check(nearly_parallel(make_chain(seed, dof), seed))
+    assert np.abs(found.combination).max() < 1e3
+
+
+@pytest.mark.parametrize(("seed", "dof"), [(0, 2), (1, 4), (2, 7)])
+def test_changes_in_the_nullspace_show_on_no_joint(
+    make_chain: MakeChain, seed: int, dof: int
+) -> None:
+    robot = make_chain(seed, dof)
+    found = base_map(robot)
+    change = np.random.default_rng(seed).normal(size=10 * dof)
+    change -= np.linalg.pinv(found.combination) @ (found.combination @ change)
+    assert np.linalg.norm(change) > 1.0
+    motion = random_motion(robot)
+    other = replace(robot, link_inertia=robot.link_inertia + change.reshape(dof, 10))
+    torque = inverse_dynamics(robot, *motion)
+    assert np.allclose(
+        inverse_dynamics(other, *motion), torque, rtol=0, atol=1e-11 * np.abs(torque).max()
+    )
+
+
+def test_table_one_of_the_paper() -> None:
+    robot = load_robot("xs031")
+    found = base_map(robot)
+    assert [found.readable(i) for i in range(len(found.names))] == [
+        "lift_link.mcx + 1.6 tilt_link.mass",
+        "lift_link.mcz",
+        "lift_link.iyy + 2.56 tilt_link.mass",
+        "tilt_link.mcx",
+        "tilt_link.mcz",
+        "tilt_link.iyy",
+    ]
+    assert found.names[0] == "lift_link.mcx"
+    assert found.coefficients(0) == pytest.approx({"lift_link.mcx": 1.0, "tilt_link.mass": 1.6})
+    table = [1121.4, 4.7, 1738.0, 1095.7, 92.0, 2074.7]
+    assert np.allclose(found.combination @ robot.link_inertia.ravel(), table, atol=0.1)
+
+
+def test_gravity_along_the_first_axis_hides_first_moments() -> None:
+    """The crane on its side: nothing pulls on joint 1, so only its inertia shows there."""
+    robot = replace(load_robot("xs031"), gravity_m_s2=np.array([0.0, -9.81, 0.0]))
+    assert [name for name in base_map(robot).names if name.startswith("lift")] == ["lift_link.iyy"]
+    check(robot)
+
+
+def test_weightless_prismatic_joint_shows_its_mass_alone(make_chain: MakeChain) -> None:
+    robot = replace(make_chain(0, 1, 1.0), gravity_m_s2=np.zeros(3))
+    found = check(robot)
+    assert found.names == ("link0.mass",)
+    assert found.readable(0) == "link0.mass"
+
+
+def test_a_right_angle_rounded_in_the_urdf_may_count_as_exact() -> None:
+    exact = load_robot("xs031")
+    slip = Rotation.from_euler("x", 1.5708 - np.pi / 2).as_matrix()
+    rounded = replace(
+        exact, joints=tuple(replace(j, rotation=j.rotation @ slip) for j in exact.joints)
+    )
+    names = base_map(exact).names
+    assert len(base_map(rounded).names) > len(names)
+    assert base_map(rounded, tolerance=1e-4).names == names
+
+
+@pytest.mark.parametrize("length", [1e-3, 1.0, 30.0])
+def test_the_unit_of_length_does_not_matter(make_chain: MakeChain, length: float) -> None:
+    robot = make_chain(2, 4)
+    joints = tuple(replace(j, translation_m=length * j.translation_m) for j in robot.joints)
+    scaled = replace(robot, joints=joints, tip_offset_m=length * robot.tip_offset_m)
+    assert len(base_map(scaled).names) == len(base_map(robot).names)
+    assert np.abs(base_map(scaled).combination).max() < 1e3

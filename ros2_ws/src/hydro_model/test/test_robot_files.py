@@ -1,0 +1,274 @@
+"""Robot files: what a good one gives, and one clear line for each bad one."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hydro_model.base_parameters import base_map
+from hydro_model.errors import RobotError
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
+
+Change = Callable[[dict[str, Any]], None]
+
+
+@pytest.fixture
+def crane(tmp_path: Path) -> Path:
+    """A copy of the shipped crane that a test may spoil."""
+    source = shipped_robots()["xs031"]
+    for name in (source.name, "xs031.urdf"):
+        shutil.copy(source.parent / name, tmp_path / name)
+    return tmp_path / source.name
+
+
+def rewritten(path: Path, change: Change) -> Path:
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    change(data)
+    path.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return path
+
+
+def refused(path: Path) -> str:
+    """The message with which a file is refused: one line that names the file's folder."""
+    with pytest.raises(RobotError) as caught:
+        load_robot(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path.parent) in message
+    assert len(message) < 1000
+    return message
+
+
+def test_the_shipped_crane_by_name_and_by_path() -> None:
+    robot = load_robot("xs031")
+    assert robot.joint_names == ("lift", "tilt")
+    assert robot.link_names == ("lift_link", "tilt_link")
+    assert robot.pressure_names == (
+        "lift_cylinder/a",
+        "lift_cylinder/b",
+        "tilt_cylinder/a",
+        "tilt_cylinder/b",
+        "supply",
+        "tank",
+    )
+    assert np.allclose(robot.tip_offset_m, [2.106, 0.0, 0.0])
+    # Table I's inertia of link 1 about its joint.
+    assert robot.link_inertia[0, 7] == pytest.approx(95.97, abs=0.01)
+    # The datasheet's 100 l/min at 35 bar per edge.
+    edge = 100.0 / 60000.0 / np.sqrt(35.0e5)
+    assert robot.valve_of("tilt_cylinder").c_pa == pytest.approx(edge, rel=1e-3)
+    bore_less_rod = np.pi * (0.080**2 - 0.045**2) / 4.0
+    assert robot.cylinder_of("lift").area_b_m2 == pytest.approx(bore_less_rod)
+    by_path = load_robot(shipped_robots()["xs031"])
+    assert np.array_equal(by_path.link_inertia, robot.link_inertia)
+
+
+@pytest.mark.parametrize(
+    ("look_up", "name", "known"),
+    [
+        ("joint_index", "elbow", "lift, tilt"),
+        ("cylinder", "x", "lift_cylinder, tilt_cylinder"),
+        ("valve_of", "x", "lift_cylinder, tilt_cylinder"),
+        ("cylinder_of", "x", "lift, tilt"),
+    ],
+)
+def test_unknown_names_list_the_known(look_up: str, name: str, known: str) -> None:
+    with pytest.raises(RobotError, match=f"'{name}'.*{known}"):
+        getattr(load_robot("xs031"), look_up)(name)
+
+
+def test_missing_file_names_the_shipped_robots(tmp_path: Path) -> None:
+    assert "xs031" in refused(tmp_path / "absent.yaml")
+    assert "expected" in refused(tmp_path / "no" / "such")
+    with pytest.raises(RobotError, match="no robot file 'xs999'"):
+        load_robot("xs999")
+
+
+def test_a_folder_is_no_robot(tmp_path: Path) -> None:
+    refused(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "expected a mapping of keys, found NoneType"),
+        ("- 1\n- 2\n", "found list"),
+        ("just a text", "found str"),
+        ("a: [1, 2", "not valid YAML"),
+        ("a: b: c", "not valid YAML"),
+        ("robot: !!python/object:os.system x", "not valid YAML"),
+        ("[" * 5000, "not valid YAML"),
+        ("when: 2024-13-45", "not valid YAML"),
+        ("robot: xs031", "key 'tip_link' is missing"),
+    ],
+)
+def test_text_that_is_no_description(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(text, encoding="utf-8")
+    assert expected in refused(path)
+
+
+def test_bytes_that_are_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(b"\xff\xfe\x00\x81robot")
+    assert "cannot be read" in refused(path)
+
+
+def test_a_huge_file_is_not_parsed(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text("#" * (MAX_FILE_BYTES + 1), encoding="utf-8")
+    assert "larger than" in refused(path)
+
+
+@pytest.mark.parametrize("key", ["cylinders", "fluid", "tip_link", "gravity_m_s2"])
+def test_an_alias_bomb_ends_at_once(crane: Path, key: str) -> None:
+    """Aliases within aliases: 10^24 leaves if anything walked or printed them."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 24)]
+    data = yaml.safe_load(crane.read_text(encoding="utf-8"))
+    data.pop(key)
+    bomb = "\n".join([*lines, yaml.safe_dump(data), f"{key}: *a23", ""])
+    crane.write_text(bomb, encoding="utf-8")
+    refused(crane)
+
+
+def test_a_merge_key_bomb_ends_at_once(tmp_path: Path) -> None:
+    """Mappings merged ten at a time: 10^12 keys if they were all put together."""
+    lines = ["a0: &a0 {x: 1, y: 2}"]
+    lines += [f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 10)}]}}" for i in range(1, 13)]
+    path = tmp_path / "robot.yaml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert "more than 10000 keys" in refused(path)
+
+
+def set_in(*way: str | int, value: object) -> Change:
+    def change(data: dict[str, Any]) -> None:
+        at: Any = data
+        for step in way[:-1]:
+            at = at[step]
+        at[way[-1]] = value
+
+    return change
+
+
+BASE_PARAMETER = {"name": "lift_link.mcx", "combination": {"lift_link.mcx": 1.0}, "value": 1.0}
+
+
+def drop(*way: str | int) -> Change:
+    def change(data: dict[str, Any]) -> None:
+        at: Any = data
+        for step in way[:-1]:
+            at = at[step]
+        del at[way[-1]]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (drop("robot"), "key 'robot' is missing"),
+        (drop("urdf"), "key 'urdf' is missing"),
+        (drop("cylinders", 0, "bore_m"), "cylinders[lift_cylinder]: key 'bore_m' is missing"),
+        (drop("cylinders", 1, "x0_m"), "key 'x0_m' is missing"),
+        (drop("valves", 0, "c_bt"), "valves[lift_valve]: key 'c_bt' is missing"),
+        (set_in("urdf", value="absent.urdf"), "no URDF at"),
+        (set_in("schema", value="hydro_model/model/9"), "expected schema hydro_model/model/1"),
+        (set_in("robot", value=7), "'robot' should be a text, found 7"),
+        (set_in("tip_link", value="nose"), "no link 'nose' (links: base_link, lift_link"),
+        (set_in("gravity_m_s2", value=[0.0, 9.81]), "'gravity_m_s2' should be 3 numbers"),
+        (set_in("gravity_m_s2", value=[0.0, 0.0, "down"]), "found 'down'"),
+        (set_in("cylinders", value={"a": 1}), "'cylinders' should be a list"),
+        (set_in("cylinders", 0, value="lift"), "'cylinders[0]' should be a mapping"),
+        (set_in("cylinders", 0, "joint", value="elbow"), "no joint 'elbow' (known: lift, tilt)"),
+        (set_in("cylinders", 1, "joint", value="lift"), "'lift' appears more than once"),
+        (set_in("cylinders", 1, "name", value="lift_cylinder"), "appears more than once"),
+        (set_in("cylinders", 0, "bore_m", value=float("nan")), "should be a finite number"),
+        (set_in("cylinders", 0, "bore_m", value=float("inf")), "should be a finite number"),
+        (set_in("cylinders", 0, "bore_m", value=True), "should be a number, found True"),
+        (set_in("cylinders", 0, "bore_m", value=0.0), "should be a number above 0"),
+        (set_in("cylinders", 0, "stroke_m", value=-0.59), "should be a number above 0"),
+        (set_in("cylinders", 0, "rod_m", value=0.09), "expected 0 <= rod_m < bore_m"),
+        (set_in("cylinders", 0, "stroke_m", value=0.4), "outside its stroke 0 to 0.4"),
+        (set_in("cylinders", 0, "x0_m", value=0.95), "outside its stroke"),
+        (set_in("cylinders", 0, "barrel", value=[1]), "'barrel' should be a mapping"),
+        (set_in("cylinders", 0, "stroke_sensor", value="yes"), "should be true or false"),
+        (set_in("valves", 0, "cylinder", value="nose"), "no cylinder 'nose'"),
+        (set_in("valves", 1, "cylinder", value="lift_cylinder"), "appears more than once"),
+        (set_in("valves", 1, "name", value="lift_valve"), "'lift_valve' appears more than once"),
+        (set_in("valves", 0, "c_pa", value=-1e-7), "should be a number above 0"),
+        (set_in("fluid", value=3), "'fluid' should be a mapping"),
+        (set_in("fluid", "bulk_modulus_pa", value="stiff"), "should be a number, found 'stiff'"),
+        (set_in("effects", value=[{"name": "coulomb_friction"}]), "key 'target' is missing"),
+        (
+            set_in("base_parameters", value=[{"name": "a.b", "combination": {}, "value": 1}]),
+            "names 'a.b', expected <link>.<parameter>",
+        ),
+        (
+            set_in("base_parameters", value=[BASE_PARAMETER, BASE_PARAMETER]),
+            "base parameter 'lift_link.mcx' appears more than once",
+        ),
+    ],
+)
+def test_bad_content(crane: Path, change: Change, expected: str) -> None:
+    assert expected in refused(rewritten(crane, change))
+
+
+def test_direct_cylinder_on_a_revolute_joint(crane: Path) -> None:
+    def change(data: dict[str, Any]) -> None:
+        del data["cylinders"][0]["l1_m"]
+
+    assert "needs l1_m, l2_m, q0_rad and x0_m" in refused(rewritten(crane, change))
+
+
+def test_a_cylinder_needs_limits(crane: Path) -> None:
+    urdf = crane.parent / "xs031.urdf"
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('"lift" type="revolute"', '"lift" type="continuous"'), "utf-8")
+    assert "needs joint 'lift' to have finite limits" in refused(crane)
+
+
+def test_numbers_in_exponent_notation_are_numbers(crane: Path) -> None:
+    text = crane.read_text(encoding="utf-8").replace("1.2e9", "1e9")
+    crane.write_text(text, encoding="utf-8")
+    assert load_robot(crane).cylinders[0].bulk_modulus_pa == 1.0e9
+
+
+def test_base_parameters_give_the_dynamics_of_the_links(crane: Path) -> None:
+    robot = load_robot("xs031")
+    found = base_map(robot)
+    values = found.combination @ robot.link_inertia.ravel()
+
+    def change(data: dict[str, Any]) -> None:
+        data["schema"] = "hydro_model/model/1"
+        data["base_parameters"] = [
+            {"name": name, "combination": found.coefficients(i), "value": float(values[i])}
+            for i, name in enumerate(found.names)
+        ]
+        data["base_covariance"] = np.eye(len(found.names)).tolist()
+
+    model = load_robot(rewritten(crane, change))
+    assert model.base_covariance is not None
+    assert np.array_equal(model.base_covariance, np.eye(6))
+    assert [p.name for p in model.base_parameters] == list(found.names)
+    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
+    expected = inverse_dynamics(robot, q, qd, qdd)
+    assert np.allclose(inverse_dynamics(model, q, qd, qdd), expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("covariance", [[[1.0]], "none", [[1.0] * 6] * 5, [[1.0] * 5] * 6])
+def test_covariance_of_another_size(crane: Path, covariance: object) -> None:
+    def change(data: dict[str, Any]) -> None:
+        data["base_parameters"] = [
+            {"name": f"lift_link.{p}", "combination": {f"lift_link.{p}": 1.0}, "value": 1.0}
+            for p in ("mcx", "mcy", "mcz", "ixx", "iyy", "izz")
+        ]
+        data["base_covariance"] = covariance
+
+    assert "base_covariance" in refused(rewritten(crane, change))
