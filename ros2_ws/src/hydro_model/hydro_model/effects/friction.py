@@ -1,0 +1,119 @@
+"""Friction of the cylinder beyond the viscous part, which the base model has."""
+
+from __future__ import annotations
+
+import math
+
+from hydro_model.effects.effect import Effect, ParameterSpec, Row, Stage, Term
+from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B
+
+_VELOCITY_SCALE = ParameterSpec(
+    "velocity_scale",
+    "m/s",
+    "velocity over which the sign function is rounded",
+    1e-5,
+    0.1,
+    0.005,
+    optional=True,
+)
+
+
+def _coulomb(s: Row, p: Row) -> float:
+    return p[0] * math.tanh(s[PISTON_VELOCITY] / p[1])
+
+
+def _stribeck(s: Row, p: Row) -> float:
+    ratio = s[PISTON_VELOCITY] / p[1]
+    return p[0] * math.exp(-ratio * ratio) * math.tanh(s[PISTON_VELOCITY] / p[2])
+
+
+def _asymmetric(s: Row, p: Row) -> float:
+    v = s[PISTON_VELOCITY]
+    rounded = math.tanh(v / p[2])
+    return p[0] * rounded * rounded + p[1] * v * rounded
+
+
+def _pressure_dependent(s: Row, p: Row) -> float:
+    load = s[PRESSURE_A] + s[PRESSURE_B]
+    return p[0] * load * math.tanh(s[PISTON_VELOCITY] / p[1])
+
+
+def _quadratic(s: Row, p: Row) -> float:
+    v = s[PISTON_VELOCITY]
+    return p[0] * v * abs(v)
+
+
+COULOMB = Effect(
+    name="coulomb_friction",
+    channel="force",
+    equation="F = Fc tanh(v / v0)",
+    source="Coulomb's law, rounded at reversal",
+    parameters=(
+        ParameterSpec("force", "N", "Fc", 0.0, 1e5, 3000.0, linear=True),
+        _VELOCITY_SCALE,
+    ),
+    terms=(Term(Stage.FRICTION, _coulomb),),
+    looks_like=("pin_friction", "pressure_dependent_friction", "stribeck_friction"),
+    separating_experiment="reverse slowly at constant speed under three different loads",
+)
+
+STRIBECK = Effect(
+    name="stribeck_friction",
+    channel="force",
+    equation="F = (Fs - Fc) exp(-(v / vs)^2) tanh(v / v0)",
+    source="Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994)",
+    parameters=(
+        ParameterSpec("force", "N", "Fs - Fc", 0.0, 1e5, 1000.0, linear=True),
+        ParameterSpec("stribeck_velocity", "m/s", "vs", 1e-4, 0.2, 0.01),
+        _VELOCITY_SCALE,
+    ),
+    terms=(Term(Stage.FRICTION, _stribeck),),
+    looks_like=("presliding_friction", "coulomb_friction"),
+    separating_experiment="slow ramps through reversal, and a ladder of steady low speeds",
+)
+
+ASYMMETRIC = Effect(
+    name="asymmetric_friction",
+    channel="force",
+    equation="F = Fa tanh(v / v0)^2 + ba v tanh(v / v0)",
+    source="the part of direction-dependent friction that is even in velocity",
+    parameters=(
+        ParameterSpec(
+            "force", "N", "Fa, half the difference between directions", -1e5, 1e5, 600.0, True
+        ),
+        ParameterSpec(
+            "viscous", "N s/m", "ba, half the difference", -1e5, 1e5, 0.0, True, optional=True
+        ),
+        _VELOCITY_SCALE,
+    ),
+    terms=(Term(Stage.FRICTION, _asymmetric),),
+    looks_like=("pressure_sensor_bias", "constant_force_offset", "first moments"),
+    separating_experiment="pass the same poses at equal speeds in both directions, and rest there",
+)
+
+PRESSURE_DEPENDENT = Effect(
+    name="pressure_dependent_friction",
+    channel="force",
+    equation="F = mu (p1 + p2) tanh(v / v0)",
+    source="seal friction grows with the pressure that presses the lip on",
+    parameters=(
+        ParameterSpec("coefficient", "N/Pa", "mu", 0.0, 0.01, 1.5e-4, linear=True),
+        _VELOCITY_SCALE,
+    ),
+    terms=(Term(Stage.FRICTION, _pressure_dependent),),
+    looks_like=("coulomb_friction", "pin_friction"),
+    separating_experiment="the same slow motion with and without a payload",
+)
+
+QUADRATIC = Effect(
+    name="quadratic_friction",
+    channel="force",
+    equation="F = c v |v|",
+    source="turbulent losses in ports and hoses between transducer and piston",
+    parameters=(ParameterSpec("coefficient", "N s^2/m^2", "c", 0.0, 1e7, 5e4, linear=True),),
+    terms=(Term(Stage.FRICTION, _quadratic),),
+    looks_like=("coulomb_friction", "viscous friction"),
+    separating_experiment="a ladder of steady speeds up to the fastest",
+)
+
+FRICTION_EFFECTS = (COULOMB, STRIBECK, ASYMMETRIC, PRESSURE_DEPENDENT, QUADRATIC)

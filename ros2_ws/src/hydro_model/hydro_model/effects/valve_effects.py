@@ -1,0 +1,122 @@
+"""What a valve does between the command and the opening of its edges.
+
+The order of `VALVE_EFFECTS` is the order in which they act on the signal: the spool follows the
+command late, then its position is biased, and the edges open past their overlap.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hydro_model.effects.effect import Effect, InternalState, ParameterSpec, Row, Stage, Term
+from hydro_model.signals import STATE_0, STATE_1, VALVE_SIGNAL
+
+
+def _signal(s: Row, p: Row) -> float:
+    return s[VALVE_SIGNAL]
+
+
+def _nothing(s: Row, p: Row) -> float:
+    return 0.0
+
+
+def _spool(s: Row, p: Row) -> float:
+    return s[STATE_0]
+
+
+def _limited_rate(s: Row, p: Row) -> float:
+    return p[0] * math.tanh((s[VALVE_SIGNAL] - s[STATE_0]) / (p[0] * p[1]))
+
+
+def _spool_velocity(s: Row, p: Row) -> float:
+    return s[STATE_1]
+
+
+def _spool_acceleration(s: Row, p: Row) -> float:
+    omega = 2.0 * math.pi * p[0]
+    return omega * (omega * (s[VALVE_SIGNAL] - s[STATE_0]) - 2.0 * p[1] * s[STATE_1])
+
+
+def _biased(s: Row, p: Row) -> float:
+    return s[VALVE_SIGNAL] + p[0]
+
+
+def _past_deadband(s: Row, p: Row) -> float:
+    u = s[VALVE_SIGNAL]
+    return u - min(max(u, -p[0]), p[0])
+
+
+def _bent(s: Row, p: Row) -> float:
+    u = s[VALVE_SIGNAL]
+    return u * (1.0 + p[0] * (abs(u) - 1.0))
+
+
+RATE_LIMIT = Effect(
+    name="valve_rate_limit",
+    channel="flow",
+    equation="du/dt = r tanh((u_in - u) / (r tau))",
+    source="slew limit of spool actuators; tau is the small lag that rounds it",
+    parameters=(
+        ParameterSpec("rate", "1/s", "r, fastest change of the opening", 1.0, 1e4, 80.0),
+        ParameterSpec(
+            "time_constant", "s", "tau, lag far from the limit", 1e-4, 0.05, 5e-4, optional=True
+        ),
+    ),
+    terms=(Term(Stage.SIGNAL, _spool),),
+    states=(InternalState(_limited_rate, _signal, 1.0),),
+    looks_like=("valve_spool_lag", "command_delay"),
+    separating_experiment="the same chirp at a small and at a large amplitude",
+)
+
+SPOOL_LAG = Effect(
+    name="valve_spool_lag",
+    channel="flow",
+    equation="u'' = w^2 (u_in - u) - 2 zeta w u',  w = 2 pi f",
+    source="second-order response of valve data sheets",
+    parameters=(
+        ParameterSpec("frequency", "Hz", "f, undamped natural frequency", 5.0, 500.0, 100.0),
+        ParameterSpec("damping", "1", "zeta", 0.2, 3.0, 0.8, optional=True),
+    ),
+    terms=(Term(Stage.SIGNAL, _spool),),
+    states=(
+        InternalState(_spool_velocity, _signal, 1.0),
+        InternalState(_spool_acceleration, _nothing, 100.0),
+    ),
+    looks_like=("command_delay", "pressure_delay", "valve_rate_limit"),
+    separating_experiment="chirp of the command to twice the lag's frequency",
+)
+
+NULL_BIAS = Effect(
+    name="valve_null_bias",
+    channel="flow",
+    equation="u = u_in + u0",
+    source="mechanical null of the spool off the electrical one",
+    parameters=(ParameterSpec("bias", "1", "u0", -0.2, 0.2, 0.005),),
+    terms=(Term(Stage.SIGNAL, _biased),),
+    looks_like=("internal_leakage", "one-sided valve_deadband"),
+    separating_experiment="slow ramps of the command through zero, both ways",
+)
+
+DEADBAND = Effect(
+    name="valve_deadband",
+    channel="flow",
+    equation="u = u_in - clip(u_in, -d, d)",
+    source="overlap of the control edges",
+    parameters=(ParameterSpec("width", "1", "d, overlap either way", 0.0, 0.3, 0.01),),
+    terms=(Term(Stage.SIGNAL, _past_deadband),),
+    looks_like=("valve_gain_nonlinearity", "supply_droop"),
+    separating_experiment="staircase of small commands through zero",
+)
+
+GAIN_NONLINEARITY = Effect(
+    name="valve_gain_nonlinearity",
+    channel="flow",
+    equation="u = u_in (1 + k (|u_in| - 1))",
+    source="progressive (k > 0) or saturating (k < 0) edges; the full opening is unchanged",
+    parameters=(ParameterSpec("progression", "1", "k", -0.9, 0.9, 0.1),),
+    terms=(Term(Stage.SIGNAL, _bent),),
+    looks_like=("supply_droop", "valve_deadband"),
+    separating_experiment="staircase of commands up to full opening, one joint at a time",
+)
+
+VALVE_EFFECTS = (RATE_LIMIT, SPOOL_LAG, NULL_BIAS, DEADBAND, GAIN_NONLINEARITY)

@@ -1,0 +1,216 @@
+"""Compiled roll-out: the model driven by sampled inputs, its state at every sample."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hydro_model.rosenbrock_kernels import copy, jacobian, scaled_rates, try_step
+from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
+from hydro_model.simulate_arrays import STROKE
+from hydro_model.simulate_kernels import right_hand_side
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+FIRST_STEP_S = 1.0e-4
+SMALLEST_STEP_S = 1.0e-11
+MOST_STEPS = 100_000  # between two changes of input
+DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, OUT_OF_STROKE = range(5)
+
+
+@njit(cache=True, error_model="numpy")
+def _outside(model: Any, work: Any) -> bool:
+    """Some piston is not within its stroke."""
+    for i in range(model.joint.shape[0]):
+        x = work.signals[i, PISTON_POSITION]
+        if not 0.0 < x < model.geometry[i, STROKE]:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _accepted_step(
+    model: Any,
+    work: Any,
+    solver: Any,
+    time: float,
+    end: float,
+    inputs: Array,
+    h: float,
+    tolerance: float,
+) -> tuple[float, float]:
+    """A step that keeps the tolerance, its result in `new`: its length and the next to try.
+
+    The length is 0 where no step above `SMALLEST_STEP_S` keeps it.
+    """
+    while h > SMALLEST_STEP_S:
+        rest = end - time
+        step = rest / math.ceil(rest / h - 1e-9) if rest > h else rest
+        error = try_step(model, work, solver, time, inputs, step) / tolerance
+        solver.tried[0] += 1
+        growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error**-0.25))
+        if error <= 1.0:
+            # A step cut short by a change of input says nothing against a longer one.
+            return step, max(step * growth, h) if step < h else step * growth
+        h = step * growth
+    return 0.0, h
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(
+    model: Any,
+    work: Any,
+    solver: Any,
+    time: float,
+    end: float,
+    inputs: Array,
+    h: float,
+    tolerance: float,
+) -> tuple[int, float, float]:
+    """From `time` to `end` with constant inputs: status, time reached, next step to try."""
+    for _ in range(MOST_STEPS):
+        if not scaled_rates(model, work, time, inputs, solver.z, solver.f, solver.y, False):
+            return NOT_FINITE, time, h
+        if _outside(model, work):
+            return OUT_OF_STROKE, time, h
+        if end - time <= SMALLEST_STEP_S:
+            return DONE, end, h
+        if not jacobian(model, work, solver, time, inputs):
+            return NOT_FINITE, time, h
+        step, h = _accepted_step(model, work, solver, time, end, inputs, h, tolerance)
+        if step == 0.0:
+            return STEP_TOO_SMALL, time, h
+        copy(solver.new, solver.z)
+        time += step
+    return TOO_MANY_STEPS, time, h
+
+
+@njit(cache=True, error_model="numpy")
+def _held(times: Array, delay: float, now: float, held: int, last: int) -> int:
+    """Index of the command that acts at `now`, at most `last`."""
+    while held < last and times[held + 1] + delay <= now + SMALLEST_STEP_S:
+        held += 1
+    return held
+
+
+@njit(cache=True, error_model="numpy")
+def _to_sample(
+    model: Any,
+    work: Any,
+    solver: Any,
+    times: Array,
+    commands: Array,
+    delay: float,
+    tolerance: float,
+    inputs: Array,
+    sample: int,
+    held: int,
+    h: float,
+) -> tuple[int, float, int, float]:
+    """From the sample before to `sample`: status, time reached, command that acts, next step."""
+    time, status = times[sample - 1], DONE
+    while time < times[sample] and status == DONE:
+        held = _held(times, delay, time, held, sample - 1)
+        end = times[sample]
+        if held + 1 < times.shape[0]:
+            end = min(end, times[held + 1] + delay)
+        copy(commands[held], inputs)
+        status, time, h = _advance(model, work, solver, time, end, inputs, h, tolerance)
+    return status, time, held, h
+
+
+@njit(cache=True, error_model="numpy")
+def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> None:
+    states, rails, openings, friction = results
+    m = model.joint.shape[0]
+    copy(solver.y, states[sample])
+    rails[sample, 0] = work.signals[m, SUPPLY_PRESSURE]
+    rails[sample, 1] = work.signals[m, TANK_PRESSURE]
+    for i in range(m):
+        openings[sample, i] = work.signals[i, VALVE_SIGNAL]
+        friction[sample, i] = work.friction[i]
+
+
+@njit(cache=True, error_model="numpy")
+def roll_out(
+    model: Any,
+    work: Any,
+    solver: Any,
+    times: Array,
+    commands: Array,
+    rails: Array,
+    torques: Array,
+    delay: float,
+    tolerance: float,
+    inputs: Array,
+    results: Any,
+) -> tuple[int, float]:
+    """The state at every sample.
+
+    Parameters
+    ----------
+    model, work, solver : ModelArrays, Work, Solver
+        `solver.y` holds the state at the first sample; its effect states are set to rest.
+    times : (N,) array
+        Increasing.
+    commands : (N, m) array
+        Normalised valve signals; row j acts from ``times[j] + delay`` until the next does.
+    rails : (N, 2) array
+        Supply and tank pressure before effects; between samples their mean holds.
+    torques : (N, n) array
+        Joint torques, each row held until the next sample.
+    delay, tolerance : float
+    inputs : (m + 2 + n,) array
+        Working memory.
+    results : tuple of (N, ...) arrays
+        States, rails after effects, valve signals after effects, friction; filled.
+
+    Returns
+    -------
+    int
+        `DONE` or what went wrong.
+    float
+        Time reached.
+    """
+    m, held, h = model.joint.shape[0], 0, FIRST_STEP_S
+    for sample in range(times.shape[0]):
+        if sample > 0:
+            for i in range(2):
+                inputs[m + i] = 0.5 * (rails[sample - 1, i] + rails[sample, i])
+            for j in range(torques.shape[1]):
+                inputs[m + 2 + j] = torques[sample - 1, j]
+            status, time, held, h = _to_sample(
+                model,
+                work,
+                solver,
+                times,
+                commands,
+                delay,
+                tolerance,
+                inputs,
+                sample,
+                held,
+                h,
+            )
+            if status != DONE:
+                return status, time
+            for i in range(solver.z.shape[0]):
+                solver.y[i] = solver.z[i] * model.scale[i]
+        held = _held(times, delay, times[sample], held, sample)
+        copy(commands[held], inputs)
+        for i in range(2):
+            inputs[m + i] = rails[sample, i]
+        for j in range(torques.shape[1]):
+            inputs[m + 2 + j] = torques[sample, j]
+        first = sample == 0
+        if not right_hand_side(
+            model, work, times[sample], inputs, solver.y, solver.f, False, first
+        ):
+            return NOT_FINITE, times[sample]
+        if first:
+            for i in range(solver.z.shape[0]):
+                solver.z[i] = solver.y[i] / model.scale[i]
+        _record(model, work, solver, sample, results)
+    return DONE, times[-1]

@@ -1,0 +1,229 @@
+"""Compiled integration of the model: RODAS, a stiffly accurate Rosenbrock method of order 4(3).
+
+Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.7 (code RODAS, method 1):
+L-stable, six stages, one factorisation a step. States are scaled by `ModelArrays.scale`, so that
+radians and pascals are of one size in the linear algebra and in the error norm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from hydro_model.robot import FloatArray
+from hydro_model.simulate_arrays import IntArray
+from hydro_model.simulate_kernels import right_hand_side
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+STAGES = 6
+GAMMA = 0.25
+# Weights of earlier stages in the argument of the function (A) and in its right-hand side (C).
+A = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [1.544, 0.0, 0.0, 0.0, 0.0],
+        [0.9466785280815826, 0.2557011698983284, 0.0, 0.0, 0.0],
+        [3.314825187068521, 2.896124015972201, 0.9986419139977817, 0.0, 0.0],
+        [1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 0.0],
+        [1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0],
+    ]
+)
+C = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [-5.6688, 0.0, 0.0, 0.0, 0.0],
+        [-2.430093356833875, -0.2063599157091915, 0.0, 0.0, 0.0],
+        [-0.1073529058151375, -9.594562251023355, -20.47028614809616, 0.0, 0.0],
+        [7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160, 0.0],
+        [
+            8.083246795921522,
+            -7.981132988064893,
+            -31.52159432874371,
+            16.31930543123136,
+            -6.058818238834054,
+        ],
+    ]
+)
+
+
+class Solver(NamedTuple):
+    """Working memory of the integration for a state of s entries."""
+
+    z: FloatArray  # (s,) scaled state
+    new: FloatArray  # (s,) scaled state after the step
+    y: FloatArray  # (s,) state
+    f: FloatArray  # (s,) scaled right-hand side at z
+    column: FloatArray  # (s,)
+    k: FloatArray  # (STAGES, s)
+    jacobian: FloatArray  # (s, s)
+    matrix: FloatArray  # (s, s)
+    pivot: IntArray  # (s,)
+    tried: IntArray  # (1,) steps
+
+
+def new_solver(size: int) -> Solver:
+    """Working memory for a state of `size` entries."""
+    z, new, y, f, column = np.zeros((5, size))
+    return Solver(
+        z=z,
+        new=new,
+        y=y,
+        f=f,
+        column=column,
+        k=np.zeros((STAGES, size)),
+        jacobian=np.zeros((size, size)),
+        matrix=np.zeros((size, size)),
+        pivot=np.zeros(size, dtype=np.int64),
+        tried=np.zeros(1, dtype=np.int64),
+    )
+
+
+_DIFFERENCE = 1.5e-8  # square root of the rounding unit
+
+
+@njit(cache=True, error_model="numpy")
+def copy(source: Array, target: Array) -> None:
+    """Entries of one vector into another; quicker to compile than an assignment to a slice."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@njit(cache=True, error_model="numpy")
+def scaled_rates(
+    model: Any,
+    work: Any,
+    time: float,
+    inputs: Array,
+    z: Array,
+    dz: Array,
+    y: Array,
+    reuse_mass: bool,
+) -> bool:
+    """Right-hand side of the scaled state `z` into `dz`; False where it fails."""
+    for i in range(z.shape[0]):
+        y[i] = z[i] * model.scale[i]
+    good: bool = right_hand_side(model, work, time, inputs, y, dz, reuse_mass, False)
+    for i in range(z.shape[0]):
+        dz[i] /= model.scale[i]
+    return good
+
+
+@njit(cache=True, error_model="numpy")
+def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> bool:
+    """Forward differences around `z`, whose right-hand side `f` was evaluated just before."""
+    z = solver.z
+    rigid = 2 * model.axis.shape[0]
+    # From the last state to the first: while only pressures move, the mass matrix stands.
+    for j in range(z.shape[0] - 1, -1, -1):
+        kept = z[j]
+        z[j] = kept + _DIFFERENCE * max(abs(kept), 1.0)
+        step = z[j] - kept
+        good = scaled_rates(model, work, time, inputs, z, solver.column, solver.y, j >= rigid)
+        z[j] = kept
+        if not good:
+            return False
+        for i in range(z.shape[0]):
+            solver.jacobian[i, j] = (solver.column[i] - solver.f[i]) / step
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _factorise(matrix: Array, pivot: Array) -> bool:
+    """LU with partial pivoting in place; False where singular or not finite."""
+    size = matrix.shape[0]
+    for k in range(size):
+        best = k
+        for i in range(k + 1, size):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        pivot[k] = best
+        if not abs(matrix[best, k]) > 0.0:
+            return False
+        if best != k:
+            for j in range(size):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        for i in range(k + 1, size):
+            if matrix[i, k] != 0.0:
+                factor = matrix[i, k] / matrix[k, k]
+                matrix[i, k] = factor
+                for j in range(k + 1, size):
+                    matrix[i, j] -= factor * matrix[k, j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(matrix: Array, pivot: Array, b: Array) -> None:
+    size = matrix.shape[0]
+    for k in range(size):
+        b[k], b[pivot[k]] = b[pivot[k]], b[k]
+    for i in range(size):
+        total = b[i]
+        for j in range(i):
+            total -= matrix[i, j] * b[j]
+        b[i] = total
+    for i in range(size - 1, -1, -1):
+        total = b[i]
+        for j in range(i + 1, size):
+            total -= matrix[i, j] * b[j]
+        b[i] = total / matrix[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _stage(
+    model: Any, work: Any, solver: Any, time: float, inputs: Array, h: float, stage: int
+) -> bool:
+    """Right-hand side of a stage's linear system into its row of `k`."""
+    z, new, k = solver.z, solver.new, solver.k
+    if stage == 0:
+        copy(solver.f, k[0])
+        return True
+    for i in range(z.shape[0]):
+        total = z[i]
+        for j in range(stage):
+            total += A[stage, j] * k[j, i]
+        new[i] = total
+    if not scaled_rates(model, work, time, inputs, new, k[stage], solver.y, False):
+        return False
+    for i in range(z.shape[0]):
+        total = 0.0
+        for j in range(stage):
+            total += C[stage, j] * k[j, i]
+        k[stage, i] += total / h
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def try_step(model: Any, work: Any, solver: Any, time: float, inputs: Array, h: float) -> float:
+    """One step from `z` into `new`, with `f` and `jacobian` those at `z`.
+
+    Returns
+    -------
+    float
+        Error norm, the largest of ``|error| / (1 + |z|)``; inf where the step fails.
+    """
+    z, new, matrix = solver.z, solver.new, solver.matrix
+    for i in range(z.shape[0]):
+        for j in range(z.shape[0]):
+            matrix[i, j] = -solver.jacobian[i, j]
+        matrix[i, i] += 1.0 / (GAMMA * h)
+    if not _factorise(matrix, solver.pivot):
+        return math.inf
+    for stage in range(STAGES):
+        if not _stage(model, work, solver, time, inputs, h, stage):
+            return math.inf
+        _solve(matrix, solver.pivot, solver.k[stage])
+    error = 0.0
+    for i in range(z.shape[0]):
+        # Stiffly accurate: the last increment is the difference to the embedded third order.
+        last = solver.k[STAGES - 1, i]
+        new[i] += last
+        ratio = abs(last) / (1.0 + max(abs(z[i]), abs(new[i])))
+        if not ratio <= error:
+            error = ratio
+            if not ratio < math.inf:
+                return math.inf
+    return error

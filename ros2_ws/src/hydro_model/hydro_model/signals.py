@@ -1,0 +1,60 @@
+"""What a law of the effects catalogue may look at: the signals of one cylinder, by index.
+
+A law receives one row of `SIGNAL_COUNT` numbers, in a roll-out from the state, in the
+identification from a recording. Pressures are gauge. In a roll-out, signals that are an outcome of
+the step or are not simulated are NaN, so that a law that needs them fails loudly:
+`PISTON_ACCELERATION`, `VALVE_RATE`, `OIL_TEMPERATURE`, and `SUPPLY_FLOW` and `RETURN_FLOW` for
+laws of a single cylinder (the sums over all valves are known to laws of the whole robot only).
+
+Only append: compiled laws in a user's numba cache hold these numbers.
+"""
+
+from __future__ import annotations
+
+TIME = 0  # s
+PISTON_POSITION = 1  # m
+PISTON_VELOCITY = 2  # m/s
+PISTON_ACCELERATION = 3  # m/s^2
+PRESSURE_A = 4  # Pa
+PRESSURE_B = 5  # Pa
+SUPPLY_PRESSURE = 6  # Pa, at the valve
+TANK_PRESSURE = 7  # Pa, at the valve
+VALVE_SIGNAL = 8  # normalised, as the effects before this one left it
+VALVE_RATE = 9  # 1/s
+PISTON_FORCE = 10  # N, p_a A1 - p_b A2
+LEVER = 11  # m/rad
+JOINT_POSITION = 12  # rad or m
+JOINT_VELOCITY = 13  # rad/s or m/s
+SUPPLY_FLOW = 14  # m^3/s, drawn from the supply by all valves
+RETURN_FLOW = 15  # m^3/s, returned to tank by all valves
+OIL_TEMPERATURE = 16  # deg C
+ATMOSPHERIC_PRESSURE = 17  # Pa absolute
+STATE_0 = 18  # the effect's own internal states
+STATE_1 = 19
+
+SIGNAL_COUNT = 20
+MAX_STATES = 2
+
+#: Names of the signals in index order, for tables and reports.
+SIGNAL_NAMES = (
+    "time",
+    "piston_position",
+    "piston_velocity",
+    "piston_acceleration",
+    "pressure_a",
+    "pressure_b",
+    "supply_pressure",
+    "tank_pressure",
+    "valve_signal",
+    "valve_rate",
+    "piston_force",
+    "lever",
+    "joint_position",
+    "joint_velocity",
+    "supply_flow",
+    "return_flow",
+    "oil_temperature",
+    "atmospheric_pressure",
+    "state_0",
+    "state_1",
+)

@@ -1,0 +1,195 @@
+"""A robot and its effects as the arrays that the compiled roll-out works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hydro_model.chain_arrays import chain_arrays
+from hydro_model.chain_kernels import SCRATCH
+from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects.compiled import law_address
+from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
+from hydro_model.signals import ATMOSPHERIC_PRESSURE, SIGNAL_COUNT
+
+IntArray = NDArray[np.int64]
+
+_STAGES = list(Stage)
+SIGNAL, FRICTION, FLOW_A, FLOW_B, VOLUME_A, VOLUME_B, COMPLIANCE_A, COMPLIANCE_B, SUPPLY, TANK = (
+    _STAGES.index(stage)
+    for stage in (
+        Stage.SIGNAL,
+        Stage.FRICTION,
+        Stage.FLOW_A,
+        Stage.FLOW_B,
+        Stage.VOLUME_A,
+        Stage.VOLUME_B,
+        Stage.COMPLIANCE_A,
+        Stage.COMPLIANCE_B,
+        Stage.SUPPLY,
+        Stage.TANK,
+    )
+)
+
+# Columns of `ModelArrays.geometry`, `.terms` and `.owners`.
+L1, L2, Q0, X0, AREA_A, AREA_B, STROKE, VISCOUS, INVERSE_BULK = range(9)
+ADDRESS, EFFECT, OWNER = range(3)
+FIRST_STATE, STATE_COUNT, ROBOT_WIDE = range(3)
+
+#: Pressures and rates of change are of this size, Pa: the integrator's unit of pressure.
+PRESSURE_SCALE_PA = 1.0e6
+
+
+class ModelArrays(NamedTuple):
+    """The model in numbers; n joints, m cylinders, e effects, t laws, k states of effects.
+
+    Rows m of `spans` belong to the whole robot. The state is
+    ``[q (n), qd (n), p_a (m), p_b (m), effect states (k)]``.
+    """
+
+    rotation: FloatArray  # (n, 3, 3)
+    translation: FloatArray  # (n, 3)
+    axis: FloatArray  # (n, 3)
+    prismatic: NDArray[np.bool_]  # (n,)
+    gravity: FloatArray  # (3,)
+    theta: FloatArray  # (n, 10)
+    joint: IntArray  # (m,) joint of each cylinder
+    geometry: FloatArray  # (m, 9)
+    edges: FloatArray  # (m, 4) c_pa, c_at, c_pb, c_bt
+    parameters: FloatArray  # (e, p) padded with zeros
+    terms: IntArray  # (t, 3) address of the law, effect, whether it drives the effect's states
+    spans: IntArray  # (m + 1, stages, 2) rows of `terms`
+    owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
+    rates: IntArray  # (k,) address of the rate law of each effect state
+    initials: IntArray  # (k,) address of the law of its value at rest
+    scale: FloatArray  # (2 n + 2 m + k,) typical size of each state
+
+
+class Work(NamedTuple):
+    """Working memory of the kernels; contents carry nothing from call to call but as noted."""
+
+    q: FloatArray  # (n,)
+    qd: FloatArray  # (n,)
+    chain: FloatArray  # (n, SCRATCH)
+    mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
+    bias: FloatArray  # (n,) and its bias
+    factor: FloatArray  # (n, n)
+    force: FloatArray  # (n,) joint forces, then accelerations
+    signals: FloatArray  # (m + 1, SIGNAL_COUNT) what laws see; row m for the whole robot
+    friction: FloatArray  # (m,) N
+
+
+def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
+    """The arrays of a robot with the given effects.
+
+    Parameters
+    ----------
+    robot : Robot
+    active : sequence of ActiveEffect
+        In catalogue order, as `hydro_model.effects.resolve` returns them.
+
+    Returns
+    -------
+    ModelArrays
+
+    Raises
+    ------
+    RobotError
+        A cylinder has no valve.
+    """
+    chain = chain_arrays(robot)
+    cylinders = robot.cylinders
+    valves = [robot.valve_of(cylinder.name) for cylinder in cylinders]
+    terms, spans = _terms(active, len(cylinders))
+    states = [state for one in active for state in one.effect.states]
+    rigid = 2 * robot.dof
+    scale = [1.0] * rigid + [PRESSURE_SCALE_PA] * (2 * len(cylinders))
+    return ModelArrays(
+        rotation=chain.rotation,
+        translation=chain.translation_m,
+        axis=chain.axis,
+        prismatic=chain.prismatic,
+        gravity=chain.gravity_m_s2,
+        theta=chain.theta,
+        joint=np.array([robot.joint_index(c.joint) for c in cylinders], dtype=np.int64),
+        geometry=np.array([_geometry(c) for c in cylinders], dtype=float).reshape(-1, 9),
+        edges=np.array([_edges(v) for v in valves], dtype=float).reshape(-1, 4),
+        parameters=_padded(active),
+        terms=terms,
+        spans=spans,
+        owners=_owners(active, rigid + 2 * len(cylinders)),
+        rates=np.array([law_address(state.rate) for state in states], dtype=np.int64),
+        initials=np.array([law_address(state.initial) for state in states], dtype=np.int64),
+        scale=np.array(scale + [state.scale for state in states]),
+    )
+
+
+def new_work(robot: Robot) -> Work:
+    """Working memory for a robot; signals that a roll-out does not know are NaN."""
+    n, m = robot.dof, len(robot.cylinders)
+    signals = np.full((m + 1, SIGNAL_COUNT), np.nan)
+    signals[:, ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
+    return Work(
+        q=np.zeros(n),
+        qd=np.zeros(n),
+        chain=np.zeros((n, SCRATCH)),
+        mass=np.zeros((n, n)),
+        bias=np.zeros(n),
+        factor=np.zeros((n, n)),
+        force=np.zeros(n),
+        signals=signals,
+        friction=np.zeros(m),
+    )
+
+
+def _geometry(c: Cylinder) -> list[float]:
+    triangle = [c.l1_m, c.l2_m, c.q0_rad, c.x0_m]
+    areas = [c.area_a_m2, c.area_b_m2, c.stroke_m]
+    return [*triangle, *areas, c.viscous_friction, 1.0 / c.bulk_modulus_pa]
+
+
+def _edges(v: Valve) -> list[float]:
+    return [v.c_pa, v.c_at, v.c_pb, v.c_bt]
+
+
+def _padded(active: Sequence[ActiveEffect]) -> FloatArray:
+    width = max((len(one.parameters) for one in active), default=0)
+    table = np.zeros((len(active), width))
+    for row, one in zip(table, active, strict=True):
+        row[: len(one.parameters)] = one.parameters
+    return table
+
+
+def _owners(active: Sequence[ActiveEffect], first: int) -> IntArray:
+    table = np.zeros((len(active), 3), dtype=np.int64)
+    for row, one in zip(table, active, strict=True):
+        row[:] = first, len(one.effect.states), one.effect.robot_wide
+        first += len(one.effect.states)
+    return table
+
+
+def _terms(active: Sequence[ActiveEffect], cylinders: int) -> tuple[IntArray, IntArray]:
+    rows: list[tuple[int, int, int]] = []
+    spans = np.zeros((cylinders + 1, len(_STAGES), 2), dtype=np.int64)
+    for place in range(cylinders + 1):
+        wanted = None if place == cylinders else place
+        for code, stage in enumerate(_STAGES):
+            start = len(rows)
+            for index, one in enumerate(active):
+                if one.cylinder == wanted:
+                    rows += _rows(one, index, stage)
+            spans[place, code] = start, len(rows)
+    return np.array(rows, dtype=np.int64).reshape(-1, 3), spans
+
+
+def _rows(one: ActiveEffect, index: int, stage: Stage) -> list[tuple[int, int, int]]:
+    # States of a robot-wide effect follow the sum of all flows, known only after its laws ran.
+    first = None if one.effect.robot_wide else one.effect.terms[0]
+    return [
+        (law_address(term.law), index, int(term is first))
+        for term in one.effect.terms
+        if term.stage is stage
+    ]

@@ -1,0 +1,244 @@
+"""Compiled right-hand side of the model; `hydro_model.simulate_reference` is its readable twin."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hydro_model.composite_kernels import solve_spd
+from hydro_model.effects.compiled import call_law
+from hydro_model.rigid_body_kernels import mass_matrix_and_bias
+from hydro_model.signals import (
+    JOINT_POSITION,
+    JOINT_VELOCITY,
+    LEVER,
+    PISTON_FORCE,
+    PISTON_POSITION,
+    PISTON_VELOCITY,
+    PRESSURE_A,
+    PRESSURE_B,
+    RETURN_FLOW,
+    STATE_0,
+    SUPPLY_FLOW,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    TIME,
+    VALVE_SIGNAL,
+)
+from hydro_model.simulate_arrays import (
+    ADDRESS,
+    AREA_A,
+    AREA_B,
+    COMPLIANCE_A,
+    COMPLIANCE_B,
+    EFFECT,
+    FIRST_STATE,
+    FLOW_A,
+    FLOW_B,
+    FRICTION,
+    INVERSE_BULK,
+    L1,
+    L2,
+    OWNER,
+    Q0,
+    ROBOT_WIDE,
+    SIGNAL,
+    STATE_COUNT,
+    STROKE,
+    SUPPLY,
+    TANK,
+    VISCOUS,
+    VOLUME_A,
+    VOLUME_B,
+    X0,
+)
+from hydro_model.valve import SMOOTH_PRESSURE_PA
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+_SMOOTH_SQUARED = SMOOTH_PRESSURE_PA**2
+
+
+@njit(cache=True, error_model="numpy")
+def _root(d: float) -> float:
+    """Smoothed signed square root, as `hydro_model.valve.signed_root`."""
+    return d / math.sqrt(math.sqrt(d * d + _SMOOTH_SQUARED))
+
+
+@njit(cache=True, error_model="numpy")
+def _states(
+    model: Any, s: Array, effect: int, y: Array, dy: Array, drive: bool, initialise: bool
+) -> None:
+    """Internal states of an effect into its signals, and their rates (or rest values)."""
+    first = model.owners[effect, FIRST_STATE]
+    count = model.owners[effect, STATE_COUNT]
+    for i in range(count):
+        s[STATE_0 + i] = y[first + i]
+    if not drive:
+        return
+    base = first - (y.shape[0] - model.rates.shape[0])
+    for i in range(count):
+        if initialise:
+            y[first + i] = call_law(model.initials[base + i], s, model.parameters[effect])
+            s[STATE_0 + i] = y[first + i]
+        else:
+            dy[first + i] = call_law(model.rates[base + i], s, model.parameters[effect])
+
+
+@njit(cache=True, error_model="numpy")
+def _apply(
+    model: Any,
+    work: Any,
+    y: Array,
+    dy: Array,
+    row: int,
+    stage: int,
+    start: float,
+    initialise: bool,
+) -> float:
+    """Laws of one stage at one cylinder: `start` plus their sum, or mapped by them (SIGNAL)."""
+    value = start
+    s = work.signals[row]
+    for t in range(model.spans[row, stage, 0], model.spans[row, stage, 1]):
+        effect = model.terms[t, EFFECT]
+        _states(model, s, effect, y, dy, model.terms[t, OWNER] == 1, initialise)
+        law = call_law(model.terms[t, ADDRESS], s, model.parameters[effect])
+        if stage == SIGNAL:
+            value = law
+            s[VALVE_SIGNAL] = law
+        else:
+            value += law
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _look(model: Any, work: Any, y: Array, i: int, time: float, u: float) -> None:
+    """Signals of cylinder i from the state (eqs. 9, 16, 17 corrected)."""
+    n, m = model.axis.shape[0], model.joint.shape[0]
+    s, g = work.signals[i], model.geometry[i]
+    q, qd = y[model.joint[i]], y[n + model.joint[i]]
+    lever, x = 1.0, q - g[X0]
+    if g[L1] != 0.0:
+        product = g[L1] * g[L2]
+        angle = q + g[Q0]
+        length = math.sqrt(g[L1] * g[L1] + g[L2] * g[L2] - 2.0 * product * math.cos(angle))
+        lever, x = product * math.sin(angle) / length, length - g[X0]
+    p_a, p_b = y[2 * n + i], y[2 * n + m + i]
+    s[TIME], s[VALVE_SIGNAL] = time, u
+    s[JOINT_POSITION], s[JOINT_VELOCITY] = q, qd
+    s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = x, lever * qd, lever
+    s[PRESSURE_A], s[PRESSURE_B] = p_a, p_b
+    s[PISTON_FORCE] = p_a * g[AREA_A] - p_b * g[AREA_B]
+    s[SUPPLY_PRESSURE] = work.signals[m, SUPPLY_PRESSURE]
+    s[TANK_PRESSURE] = work.signals[m, TANK_PRESSURE]
+
+
+@njit(cache=True, error_model="numpy")
+def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
+    """Flows into the chambers of cylinder i (eqs. 11 to 13); adds to the robot's sums."""
+    m = model.joint.shape[0]
+    s, edges = work.signals[i], model.edges[i]
+    up, down = max(u, 0.0), min(u, 0.0)
+    p_s, p_t, p_a, p_b = s[SUPPLY_PRESSURE], s[TANK_PRESSURE], s[PRESSURE_A], s[PRESSURE_B]
+    from_pump_a = edges[0] * _root(p_s - p_a) * up
+    to_tank_a = -edges[1] * _root(p_a - p_t) * down
+    from_pump_b = -edges[2] * _root(p_s - p_b) * down
+    to_tank_b = edges[3] * _root(p_b - p_t) * up
+    work.signals[m, SUPPLY_FLOW] += from_pump_a + from_pump_b
+    work.signals[m, RETURN_FLOW] += to_tank_a + to_tank_b
+    return from_pump_a - to_tank_a, from_pump_b - to_tank_b
+
+
+@njit(cache=True, error_model="numpy")
+def _cylinder(
+    model: Any, work: Any, y: Array, dy: Array, i: int, time: float, u: float, initialise: bool
+) -> None:
+    """Pressure rates of cylinder i (eq. 10, per chamber) and its force on the joint."""
+    n, m = model.axis.shape[0], model.joint.shape[0]
+    _look(model, work, y, i, time, u)
+    s, g = work.signals[i], model.geometry[i]
+    opening = _apply(model, work, y, dy, i, SIGNAL, u, initialise)
+    q_a, q_b = _valve(model, work, i, opening)
+    q_a = _apply(model, work, y, dy, i, FLOW_A, q_a, initialise)
+    q_b = _apply(model, work, y, dy, i, FLOW_B, q_b, initialise)
+    x, v = s[PISTON_POSITION], s[PISTON_VELOCITY]
+    volume_a = _apply(model, work, y, dy, i, VOLUME_A, g[AREA_A] * x, initialise)
+    volume_b = _apply(model, work, y, dy, i, VOLUME_B, g[AREA_B] * (g[STROKE] - x), initialise)
+    soft_a = _apply(model, work, y, dy, i, COMPLIANCE_A, g[INVERSE_BULK], initialise)
+    soft_b = _apply(model, work, y, dy, i, COMPLIANCE_B, g[INVERSE_BULK], initialise)
+    dy[2 * n + i] = (q_a - g[AREA_A] * v) / (volume_a * soft_a)
+    dy[2 * n + m + i] = (q_b + g[AREA_B] * v) / (volume_b * soft_b)
+    work.friction[i] = _apply(model, work, y, dy, i, FRICTION, g[VISCOUS] * v, initialise)
+    work.force[model.joint[i]] += s[LEVER] * (s[PISTON_FORCE] - work.friction[i])
+
+
+@njit(cache=True, error_model="numpy")
+def right_hand_side(
+    model: Any,
+    work: Any,
+    time: float,
+    inputs: Array,
+    y: Array,
+    dy: Array,
+    reuse_mass: bool,
+    initialise: bool,
+) -> bool:
+    """Time derivative of the state into `dy`.
+
+    Parameters
+    ----------
+    model : ModelArrays
+    work : Work
+    time : float
+    inputs : (m + 2 + n,) array
+        Normalised valve signals, supply and tank pressure before effects, joint torques.
+    y, dy : (2 n + 2 m + k,) array
+    reuse_mass : bool
+        Joint positions and velocities are those of the call before.
+    initialise : bool
+        Set the effects' states in `y` to rest instead of computing their rates.
+
+    Returns
+    -------
+    bool
+        False where the mass matrix is not positive definite or something is not finite.
+    """
+    n, m = model.axis.shape[0], model.joint.shape[0]
+    robot = work.signals[m]
+    robot[TIME], robot[SUPPLY_FLOW], robot[RETURN_FLOW] = time, 0.0, 0.0
+    robot[SUPPLY_PRESSURE] = _apply(model, work, y, dy, m, SUPPLY, inputs[m], initialise)
+    robot[TANK_PRESSURE] = _apply(model, work, y, dy, m, TANK, inputs[m + 1], initialise)
+    for j in range(n):
+        work.force[j] = inputs[m + 2 + j]
+    for i in range(m):
+        _cylinder(model, work, y, dy, i, time, inputs[i], initialise)
+    for effect in range(model.owners.shape[0]):
+        if model.owners[effect, ROBOT_WIDE] == 1:
+            _states(model, robot, effect, y, dy, True, initialise)
+    if not reuse_mass:
+        for j in range(n):
+            work.q[j], work.qd[j] = y[j], y[n + j]
+        mass_matrix_and_bias(
+            work.q,
+            work.qd,
+            model.rotation,
+            model.translation,
+            model.axis,
+            model.prismatic,
+            model.gravity,
+            model.theta,
+            work.chain,
+            work.mass,
+            work.bias,
+        )
+    for j in range(n):
+        work.force[j] -= work.bias[j]
+        for k in range(n):
+            work.factor[j, k] = work.mass[j, k]
+    if not solve_spd(work.factor, work.force):
+        return False
+    for j in range(n):
+        dy[j] = y[n + j]
+        dy[n + j] = work.force[j]
+    return True

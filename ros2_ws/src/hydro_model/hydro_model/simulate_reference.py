@@ -1,0 +1,148 @@
+"""The model's right-hand side, readable: what `hydro_model.simulate_kernels` computes compiled.
+
+Assembled from the public functions of the package, one cylinder at a time, as the equations say.
+The tests compare the two, and hand this one to scipy's integrators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from hydro_model import cylinder as geometry
+from hydro_model import signals as sig
+from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.valve import edge_flows
+
+
+def reference_rates(
+    robot: Robot,
+    active: Sequence[ActiveEffect],
+    time_s: float,
+    inputs: FloatArray,
+    state: FloatArray,
+) -> FloatArray:
+    """Time derivative of the state ``[q, qd, p_a, p_b, effect states]``.
+
+    Parameters
+    ----------
+    robot : Robot
+    active : sequence of ActiveEffect
+        In catalogue order.
+    time_s : float
+    inputs : (m + 2 + n,) array
+        Normalised valve signals, supply and tank pressure before effects, joint torques.
+    state : (2 n + 2 m + k,) array
+
+    Returns
+    -------
+    (2 n + 2 m + k,) array
+    """
+    n, m = robot.dof, len(robot.cylinders)
+    q, qd = state[:n], state[n : 2 * n]
+    rates = np.zeros_like(state)
+    rates[:n] = qd
+    common = np.full(sig.SIGNAL_COUNT, np.nan)
+    common[sig.TIME] = time_s
+    common[sig.ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
+    effects = list(_with_states(active, 2 * n + 2 * m))
+    wide = [(one, where) for one, where in effects if one.cylinder is None]
+    common[sig.SUPPLY_PRESSURE] = inputs[m] + _sum(Stage.SUPPLY, wide, common, state)
+    common[sig.TANK_PRESSURE] = inputs[m + 1] + _sum(Stage.TANK, wide, common, state)
+
+    torque = inputs[m + 2 :].copy()
+    flows = np.zeros(2)
+    for i in range(m):
+        own = [(one, where) for one, where in effects if one.cylinder == i]
+        force, lever, used = _cylinder(robot, i, own, common, inputs[i], state, rates)
+        torque[robot.joint_index(robot.cylinders[i].joint)] += lever * force
+        flows += used
+    common[sig.SUPPLY_FLOW], common[sig.RETURN_FLOW] = flows
+    for one, where in wide:
+        _drive(one, where, common, state, rates)
+    bias = inverse_dynamics(robot, q, qd, np.zeros(n))
+    rates[n : 2 * n] = np.linalg.solve(mass_matrix(robot, q), torque - bias)
+    return rates
+
+
+def _cylinder(
+    robot: Robot,
+    i: int,
+    own: list[tuple[ActiveEffect, slice]],
+    common: FloatArray,
+    command: float,
+    state: FloatArray,
+    rates: FloatArray,
+) -> tuple[float, float, FloatArray]:
+    """Force on the joint through its lever, and flows from the pump and to tank."""
+    n, m = robot.dof, len(robot.cylinders)
+    cylinder = robot.cylinders[i]
+    valve = robot.valve_of(cylinder.name)
+    joint = robot.joint_index(cylinder.joint)
+    q, qd, p_a, p_b = state[[joint, n + joint, 2 * n + i, 2 * n + m + i]]
+    lever = float(geometry.lever(cylinder, q))
+    x, v = float(geometry.stroke(cylinder, q)), lever * qd
+    force = float(geometry.piston_force(cylinder, p_a, p_b))
+    s = common.copy()
+    s[[sig.JOINT_POSITION, sig.JOINT_VELOCITY, sig.PISTON_POSITION]] = q, qd, x
+    s[[sig.PISTON_VELOCITY, sig.LEVER, sig.PISTON_FORCE]] = v, lever, force
+    s[[sig.PRESSURE_A, sig.PRESSURE_B, sig.VALVE_SIGNAL]] = p_a, p_b, command
+    for one, where in own:
+        for term in one.effect.terms:
+            if term.stage is Stage.SIGNAL:
+                _drive(one, where, s, state, rates)
+                s[sig.VALVE_SIGNAL] = term.law(s, one.parameters)
+        if one.effect.terms[0].stage is not Stage.SIGNAL:
+            _drive(one, where, s, state, rates)
+    p_s, p_t = s[sig.SUPPLY_PRESSURE], s[sig.TANK_PRESSURE]
+    q_a, q_b = edge_flows(valve, s[sig.VALVE_SIGNAL], p_a, p_b, p_s, p_t)
+    # Seen from the pump: the supply edge feeds A while u > 0 and B while u < 0.
+    used = np.array([q_a, -q_b] if s[sig.VALVE_SIGNAL] > 0.0 else [q_b, -q_a])
+    volume_a, volume_b = geometry.chamber_volumes(cylinder, x)
+    soft = 1.0 / cylinder.bulk_modulus_pa
+    soft_a = soft + _sum(Stage.COMPLIANCE_A, own, s, state)
+    soft_b = soft + _sum(Stage.COMPLIANCE_B, own, s, state)
+    into_a = q_a + _sum(Stage.FLOW_A, own, s, state) - cylinder.area_a_m2 * v
+    into_b = q_b + _sum(Stage.FLOW_B, own, s, state) + cylinder.area_b_m2 * v
+    rates[2 * n + i] = into_a / ((volume_a + _sum(Stage.VOLUME_A, own, s, state)) * soft_a)
+    rates[2 * n + m + i] = into_b / ((volume_b + _sum(Stage.VOLUME_B, own, s, state)) * soft_b)
+    friction = cylinder.viscous_friction * v + _sum(Stage.FRICTION, own, s, state)
+    return force - friction, lever, used
+
+
+def _with_states(
+    active: Sequence[ActiveEffect], first: int
+) -> Iterator[tuple[ActiveEffect, slice]]:
+    for one in active:
+        size = len(one.effect.states)
+        yield one, slice(first, first + size)
+        first += size
+
+
+def _load(where: slice, s: FloatArray, state: FloatArray) -> None:
+    own = state[where]
+    s[sig.STATE_0 : sig.STATE_0 + len(own)] = own
+
+
+def _drive(
+    one: ActiveEffect, where: slice, s: FloatArray, state: FloatArray, rates: FloatArray
+) -> None:
+    _load(where, s, state)
+    rates[where] = [internal.rate(s, one.parameters) for internal in one.effect.states]
+
+
+def _sum(
+    stage: Stage,
+    effects: list[tuple[ActiveEffect, slice]],
+    s: FloatArray,
+    state: FloatArray,
+) -> float:
+    total = 0.0
+    for one, where in effects:
+        _load(where, s, state)
+        laws = [term.law for term in one.effect.terms if term.stage is stage]
+        total += sum(law(s, one.parameters) for law in laws)
+    return total
