@@ -30,6 +30,8 @@ setup(
             "tracking = hydro_ident.commands.tracking:main",
             "identify = hydro_ident.commands.identify:main",
             "excite = hydro_ident.commands.excite:main",
+            "nominal = hydro_ident.commands.nominal:main",
+            "compare_tracking = hydro_ident.commands.compare_tracking:main",
         ]
     },
 )

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from hydro_model.rosenbrock_kernels import copy, jacobian, scaled_rates, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
-from hydro_model.simulate_arrays import STROKE
+from hydro_model.simulate_arrays import RATES, REST, STROKE
 from hydro_model.simulate_kernels import right_hand_side
 
 Array = Any  # numba types the kernels; mypy follows no numba import
@@ -30,7 +31,7 @@ def _outside(model: Any, work: Any) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _accepted_step(
     model: Any,
     work: Any,
@@ -58,7 +59,7 @@ def _accepted_step(
     return 0.0, h
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _advance(
     model: Any,
     work: Any,
@@ -71,7 +72,7 @@ def _advance(
 ) -> tuple[int, float, float]:
     """From `time` to `end` with constant inputs: status, time reached, next step to try."""
     for _ in range(MOST_STEPS):
-        if not scaled_rates(model, work, time, inputs, solver.z, solver.f, solver.y, False):
+        if not scaled_rates(model, work, time, inputs, solver.z, solver.f, solver.y, RATES):
             return NOT_FINITE, time, h
         if _outside(model, work):
             return OUT_OF_STROKE, time, h
@@ -95,7 +96,7 @@ def _held(times: Array, delay: float, now: float, held: int, last: int) -> int:
     return held
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _to_sample(
     model: Any,
     work: Any,
@@ -121,7 +122,7 @@ def _to_sample(
     return status, time, held, h
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> None:
     states, rails, openings, friction = results
     m = model.joint.shape[0]
@@ -174,7 +175,7 @@ def roll_out(
     float
         Time reached.
     """
-    m, held, h = model.joint.shape[0], 0, FIRST_STEP_S
+    m, held, h = model.joint.shape[0], np.int64(0), FIRST_STEP_S
     for sample in range(times.shape[0]):
         if sample > 0:
             for i in range(2):
@@ -204,13 +205,11 @@ def roll_out(
             inputs[m + i] = rails[sample, i]
         for j in range(torques.shape[1]):
             inputs[m + 2 + j] = torques[sample, j]
-        first = sample == 0
-        if not right_hand_side(
-            model, work, times[sample], inputs, solver.y, solver.f, False, first
-        ):
-            return NOT_FINITE, times[sample]
-        if first:
+        if sample == 0:
+            right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):
                 solver.z[i] = solver.y[i] / model.scale[i]
+        if not right_hand_side(model, work, times[sample], inputs, solver.y, solver.f, RATES):
+            return NOT_FINITE, times[sample]
         _record(model, work, solver, sample, results)
     return DONE, times[-1]

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from hydro_model.robot import FloatArray
-from hydro_model.simulate_arrays import IntArray
+from hydro_model.simulate_arrays import KEEP_MASS, RATES, IntArray
 from hydro_model.simulate_kernels import right_hand_side
 
 Array = Any  # numba types the kernels; mypy follows no numba import
@@ -92,7 +92,7 @@ def copy(source: Array, target: Array) -> None:
         target[i] = source[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def scaled_rates(
     model: Any,
     work: Any,
@@ -101,12 +101,12 @@ def scaled_rates(
     z: Array,
     dz: Array,
     y: Array,
-    reuse_mass: bool,
+    mode: int,
 ) -> bool:
     """Right-hand side of the scaled state `z` into `dz`; False where it fails."""
     for i in range(z.shape[0]):
         y[i] = z[i] * model.scale[i]
-    good: bool = right_hand_side(model, work, time, inputs, y, dz, reuse_mass, False)
+    good: bool = right_hand_side(model, work, time, inputs, y, dz, mode)
     for i in range(z.shape[0]):
         dz[i] /= model.scale[i]
     return good
@@ -122,7 +122,8 @@ def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> 
         kept = z[j]
         z[j] = kept + _DIFFERENCE * max(abs(kept), 1.0)
         step = z[j] - kept
-        good = scaled_rates(model, work, time, inputs, z, solver.column, solver.y, j >= rigid)
+        mode = KEEP_MASS if j >= rigid else RATES
+        good = scaled_rates(model, work, time, inputs, z, solver.column, solver.y, mode)
         z[j] = kept
         if not good:
             return False
@@ -172,7 +173,7 @@ def _solve(matrix: Array, pivot: Array, b: Array) -> None:
         b[i] = total / matrix[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _stage(
     model: Any, work: Any, solver: Any, time: float, inputs: Array, h: float, stage: int
 ) -> bool:
@@ -186,7 +187,7 @@ def _stage(
         for j in range(stage):
             total += A[stage, j] * k[j, i]
         new[i] = total
-    if not scaled_rates(model, work, time, inputs, new, k[stage], solver.y, False):
+    if not scaled_rates(model, work, time, inputs, new, k[stage], solver.y, RATES):
         return False
     for i in range(z.shape[0]):
         total = 0.0

@@ -13,19 +13,16 @@ above vapour pressure: laws are finite for any pressure, and cavitation is not p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hydro_model import cylinder as geometry
-from hydro_model.effects import ActiveEffect, Stage, resolve
 from hydro_model.errors import SimulationError
-from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
+from hydro_model.simulate_model import Model, equilibrium_pressures, shaped
 
-if TYPE_CHECKING:
-    from hydro_model.simulate_arrays import ModelArrays, Work
+__all__ = ["TOLERANCE", "Model", "Rollout", "equilibrium_pressures", "simulate"]
 
 #: Relative error per step, with states counted in units of 1 rad, 1 rad/s and 1 MPa.
 TOLERANCE = 1.0e-6
@@ -65,103 +62,6 @@ class Rollout:
     friction: FloatArray
     effect_states: FloatArray
     steps: int
-
-
-class Model:
-    """The right-hand side of a robot with its effects, for integrators of one's own.
-
-    Parameters
-    ----------
-    robot : Robot
-    measured_supply, measured_tank : bool
-        The rail's pressure is given as an input: effects that would change it are left out.
-
-    Raises
-    ------
-    RobotError
-        An effect does not resolve, or a cylinder has no valve.
-    """
-
-    def __init__(
-        self, robot: Robot, *, measured_supply: bool = False, measured_tank: bool = False
-    ) -> None:
-        from hydro_model.simulate_arrays import model_arrays, new_work
-
-        left_out = {Stage.SUPPLY} if measured_supply else set()
-        left_out |= {Stage.TANK} if measured_tank else set()
-        self.robot = robot
-        self.active: tuple[ActiveEffect, ...] = tuple(
-            one for one in resolve(robot) if one.effect.terms[0].stage not in left_out
-        )
-        self.arrays: ModelArrays = model_arrays(robot, self.active)
-        self.work: Work = new_work(robot)
-
-    @property
-    def state_size(self) -> int:
-        """Entries of ``[q (n), qd (n), p_a (m), p_b (m), effect states]``."""
-        return len(self.arrays.scale)
-
-    def inputs(
-        self, signals: ArrayLike, supply: float, tank: float, torque: ArrayLike | None = None
-    ) -> FloatArray:
-        """The input vector: normalised valve signals (m,), rails, joint torques (n,)."""
-        extra = np.zeros(self.robot.dof) if torque is None else np.asarray(torque, dtype=float)
-        return np.concatenate([np.asarray(signals, dtype=float), [supply, tank], extra])
-
-    def rates(self, time_s: float, state: ArrayLike, inputs: ArrayLike) -> FloatArray:
-        """Time derivative of the state, compiled.
-
-        Parameters
-        ----------
-        time_s : float
-        state : (state_size,) array
-        inputs : (m + 2 + n,) array
-            As `inputs` makes it.
-
-        Returns
-        -------
-        (state_size,) array
-
-        Raises
-        ------
-        SimulationError
-            The mass matrix is not positive definite at this state.
-        """
-        from hydro_model.simulate_kernels import right_hand_side
-
-        y = np.array(state, dtype=float)
-        out = np.zeros_like(y)
-        given = np.asarray(inputs, dtype=float)
-        if not right_hand_side(self.arrays, self.work, time_s, given, y, out, False, False):
-            raise SimulationError(
-                f"robot {self.robot.name}: mass matrix not positive definite at"
-                f" q = {y[: self.robot.dof]}"
-            )
-        return out
-
-    def rest(self, q: ArrayLike, qd: ArrayLike, p0: ArrayLike, inputs: ArrayLike) -> FloatArray:
-        """A state with the effects' internal states at rest.
-
-        Parameters
-        ----------
-        q, qd : (n,) array
-        p0 : (m, 2) array
-            Gauge pressures of chambers A and B, Pa.
-        inputs : (m + 2 + n,) array
-
-        Returns
-        -------
-        (state_size,) array
-        """
-        from hydro_model.simulate_kernels import right_hand_side
-
-        y = np.zeros(self.state_size)
-        pressures = np.asarray(p0, dtype=float).T.ravel()
-        known = np.concatenate([np.asarray(q, float), np.asarray(qd, float), pressures])
-        y[: len(known)] = known
-        given = np.asarray(inputs, dtype=float)
-        right_hand_side(self.arrays, self.work, 0.0, given, y, np.zeros_like(y), False, True)
-        return y
 
 
 def simulate(
@@ -212,34 +112,42 @@ def simulate(
     RobotError
         An effect does not resolve.
     """
-    from hydro_model.rollout_kernels import DONE, roll_out
-    from hydro_model.rosenbrock_kernels import new_solver
 
     n, m = robot.dof, len(robot.cylinders)
-    times = _shaped("time_s", time_s, (np.size(time_s),))
+    times = _times(robot, time_s)
     count = len(times)
-    if count < 1 or not np.all(np.diff(times) > 0.0):
-        raise SimulationError(f"robot {robot.name}: time_s should be increasing samples")
-    commands = _commands(robot, _shaped("voltages", voltages, (count, m)))
+    commands = _commands(robot, shaped("voltages", voltages, (count, m)))
     rails = np.column_stack(
         [
             _rail("supply", supply, robot.supply_pressure_pa, count),
             _rail("tank", tank, robot.tank_pressure_pa, count),
         ]
     )
-    torques = _shaped("torque", np.zeros((count, n)) if torque is None else torque, (count, n))
-    q_start = _shaped("q0", q0, (n,))
+    torques = shaped("torque", np.zeros((count, n)) if torque is None else torque, (count, n))
+    q_start = shaped("q0", q0, (n,))
+    qd_start = shaped("qd0", np.zeros(n) if qd0 is None else qd0, (n,))
     if p0 is None:
         p0 = equilibrium_pressures(robot, q_start, rails[0, 0], rails[0, 1])
+    start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
     model = Model(robot, measured_supply=supply is not None, measured_tank=tank is not None)
+    return _run(model, times, commands, rails, torques, start, tolerance)
+
+
+def _run(
+    model: Model,
+    times: FloatArray,
+    commands: FloatArray,
+    rails: FloatArray,
+    torques: FloatArray,
+    start: FloatArray,
+    tolerance: float,
+) -> Rollout:
+    from hydro_model.rollout_kernels import DONE, roll_out
+    from hydro_model.rosenbrock_kernels import new_solver
+
+    count, m = commands.shape
     solver = new_solver(model.state_size)
-    solver.y[: 2 * n + 2 * m] = np.concatenate(
-        [
-            q_start,
-            _shaped("qd0", np.zeros(n) if qd0 is None else qd0, (n,)),
-            _shaped("p0", p0, (m, 2)).T.ravel(),
-        ]
-    )
+    solver.y[: len(start)] = start
     states = np.empty((count, model.state_size))
     results = (states, np.empty((count, 2)), np.empty((count, m)), np.empty((count, m)))
     status, reached = roll_out(
@@ -250,77 +158,27 @@ def simulate(
         commands,
         rails,
         torques,
-        float(robot.command_delay_s),
+        float(model.robot.command_delay_s),
         float(tolerance),
-        np.empty(m + 2 + n),
+        np.empty(m + 2 + torques.shape[1]),
         results,
     )
     if status != DONE:
-        raise _failure(robot, status, reached, solver.z * model.arrays.scale)
-    return _rollout(robot, times, results, int(solver.tried[0]))
+        raise _failure(model.robot, status, reached, solver.z * model.arrays.scale)
+    return _rollout(model.robot, times, results, int(solver.tried[0]))
 
 
-def equilibrium_pressures(
-    robot: Robot,
-    q: ArrayLike,
-    supply_pa: float | None = None,
-    tank_pa: float | None = None,
-) -> FloatArray:
-    """Chamber pressures that hold the load at rest behind closed valves.
-
-    The load fixes ``p_a A1 - p_b A2`` only. The other condition is that of equal leakage over
-    the four edges of a closed valve: ``p_a + p_b = p_s + p_t``.
-
-    Parameters
-    ----------
-    robot : Robot
-    q : (n,) array
-    supply_pa, tank_pa : float, optional
-        Gauge; the robot's constants by default.
-
-    Returns
-    -------
-    (m, 2) array
-        Gauge pressures of chambers A and B, Pa.
-
-    Raises
-    ------
-    SimulationError
-        The load would need a pressure outside tank to supply.
-    """
-    p_s = robot.supply_pressure_pa if supply_pa is None else float(supply_pa)
-    p_t = robot.tank_pressure_pa if tank_pa is None else float(tank_pa)
-    position = _shaped("q", q, (robot.dof,))
-    still = np.zeros(robot.dof)
-    torque = inverse_dynamics(robot, position, still, still)
-    out = np.empty((len(robot.cylinders), 2))
-    for row, cylinder in zip(out, robot.cylinders, strict=True):
-        joint = robot.joint_index(cylinder.joint)
-        force = torque[joint] / float(geometry.lever(cylinder, position[joint]))
-        area = cylinder.area_a_m2 + cylinder.area_b_m2
-        row[0] = (force + cylinder.area_b_m2 * (p_s + p_t)) / area
-        row[1] = p_s + p_t - row[0]
-        if not p_t <= row[0] <= p_s:
-            raise SimulationError(
-                f"robot {robot.name}: '{cylinder.name}' cannot hold {force:.0f} N at rest between"
-                f" tank at {p_t:.4g} Pa and supply at {p_s:.4g} Pa"
-            )
-    return out
-
-
-def _shaped(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    array = np.ascontiguousarray(value, dtype=float)
-    if array.shape != shape:
-        raise SimulationError(f"simulate: {name} should have shape {shape}, found {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise SimulationError(f"simulate: {name} holds values that are not finite")
-    return array
+def _times(robot: Robot, time_s: ArrayLike) -> FloatArray:
+    times = shaped("time_s", time_s, (np.size(time_s),))
+    if len(times) < 1 or not np.all(np.diff(times) > 0.0):
+        raise SimulationError(f"robot {robot.name}: time_s should be increasing samples")
+    return times
 
 
 def _rail(name: str, measured: ArrayLike | None, constant: float, count: int) -> FloatArray:
     if measured is None:
         return np.full(count, float(constant))
-    return _shaped(name, measured, (count,))
+    return shaped(name, measured, (count,))
 
 
 def _commands(robot: Robot, voltages: FloatArray) -> FloatArray:

@@ -18,8 +18,10 @@ from hydro_model.signals import ATMOSPHERIC_PRESSURE, SIGNAL_COUNT
 IntArray = NDArray[np.int64]
 
 _STAGES = list(Stage)
+# Codes of the stages and of what a right-hand side is asked for. They are numpy integers because
+# numba compiles a function anew for every plain integer or truth value that it is called with.
 SIGNAL, FRICTION, FLOW_A, FLOW_B, VOLUME_A, VOLUME_B, COMPLIANCE_A, COMPLIANCE_B, SUPPLY, TANK = (
-    _STAGES.index(stage)
+    np.int64(_STAGES.index(stage))
     for stage in (
         Stage.SIGNAL,
         Stage.FRICTION,
@@ -33,6 +35,7 @@ SIGNAL, FRICTION, FLOW_A, FLOW_B, VOLUME_A, VOLUME_B, COMPLIANCE_A, COMPLIANCE_B
         Stage.TANK,
     )
 )
+RATES, KEEP_MASS, REST = np.int64(0), np.int64(1), np.int64(2)
 
 # Columns of `ModelArrays.geometry`, `.terms` and `.owners`.
 L1, L2, Q0, X0, AREA_A, AREA_B, STROKE, VISCOUS, INVERSE_BULK = range(9)

@@ -39,10 +39,12 @@ from hydro_model.simulate_arrays import (
     FLOW_B,
     FRICTION,
     INVERSE_BULK,
+    KEEP_MASS,
     L1,
     L2,
     OWNER,
     Q0,
+    REST,
     ROBOT_WIDE,
     SIGNAL,
     STATE_COUNT,
@@ -67,19 +69,17 @@ def _root(d: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _states(
-    model: Any, s: Array, effect: int, y: Array, dy: Array, drive: bool, initialise: bool
-) -> None:
-    """Internal states of an effect into its signals, and their rates (or rest values)."""
+def _states(model: Any, s: Array, effect: int, y: Array, dy: Array, drive: int, mode: int) -> None:
+    """Internal states of an effect into its signals; if driven, their rates or rest values."""
     first = model.owners[effect, FIRST_STATE]
     count = model.owners[effect, STATE_COUNT]
     for i in range(count):
         s[STATE_0 + i] = y[first + i]
-    if not drive:
+    if drive == 0:
         return
     base = first - (y.shape[0] - model.rates.shape[0])
     for i in range(count):
-        if initialise:
+        if mode == REST:
             y[first + i] = call_law(model.initials[base + i], s, model.parameters[effect])
             s[STATE_0 + i] = y[first + i]
         else:
@@ -95,14 +95,14 @@ def _apply(
     row: int,
     stage: int,
     start: float,
-    initialise: bool,
+    mode: int,
 ) -> float:
     """Laws of one stage at one cylinder: `start` plus their sum, or mapped by them (SIGNAL)."""
     value = start
     s = work.signals[row]
     for t in range(model.spans[row, stage, 0], model.spans[row, stage, 1]):
         effect = model.terms[t, EFFECT]
-        _states(model, s, effect, y, dy, model.terms[t, OWNER] == 1, initialise)
+        _states(model, s, effect, y, dy, model.terms[t, OWNER], mode)
         law = call_law(model.terms[t, ADDRESS], s, model.parameters[effect])
         if stage == SIGNAL:
             value = law
@@ -152,24 +152,24 @@ def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def _cylinder(
-    model: Any, work: Any, y: Array, dy: Array, i: int, time: float, u: float, initialise: bool
+    model: Any, work: Any, y: Array, dy: Array, i: int, time: float, u: float, mode: int
 ) -> None:
     """Pressure rates of cylinder i (eq. 10, per chamber) and its force on the joint."""
     n, m = model.axis.shape[0], model.joint.shape[0]
     _look(model, work, y, i, time, u)
     s, g = work.signals[i], model.geometry[i]
-    opening = _apply(model, work, y, dy, i, SIGNAL, u, initialise)
+    opening = _apply(model, work, y, dy, i, SIGNAL, u, mode)
     q_a, q_b = _valve(model, work, i, opening)
-    q_a = _apply(model, work, y, dy, i, FLOW_A, q_a, initialise)
-    q_b = _apply(model, work, y, dy, i, FLOW_B, q_b, initialise)
+    q_a = _apply(model, work, y, dy, i, FLOW_A, q_a, mode)
+    q_b = _apply(model, work, y, dy, i, FLOW_B, q_b, mode)
     x, v = s[PISTON_POSITION], s[PISTON_VELOCITY]
-    volume_a = _apply(model, work, y, dy, i, VOLUME_A, g[AREA_A] * x, initialise)
-    volume_b = _apply(model, work, y, dy, i, VOLUME_B, g[AREA_B] * (g[STROKE] - x), initialise)
-    soft_a = _apply(model, work, y, dy, i, COMPLIANCE_A, g[INVERSE_BULK], initialise)
-    soft_b = _apply(model, work, y, dy, i, COMPLIANCE_B, g[INVERSE_BULK], initialise)
+    volume_a = _apply(model, work, y, dy, i, VOLUME_A, g[AREA_A] * x, mode)
+    volume_b = _apply(model, work, y, dy, i, VOLUME_B, g[AREA_B] * (g[STROKE] - x), mode)
+    soft_a = _apply(model, work, y, dy, i, COMPLIANCE_A, g[INVERSE_BULK], mode)
+    soft_b = _apply(model, work, y, dy, i, COMPLIANCE_B, g[INVERSE_BULK], mode)
     dy[2 * n + i] = (q_a - g[AREA_A] * v) / (volume_a * soft_a)
     dy[2 * n + m + i] = (q_b + g[AREA_B] * v) / (volume_b * soft_b)
-    work.friction[i] = _apply(model, work, y, dy, i, FRICTION, g[VISCOUS] * v, initialise)
+    work.friction[i] = _apply(model, work, y, dy, i, FRICTION, g[VISCOUS] * v, mode)
     work.force[model.joint[i]] += s[LEVER] * (s[PISTON_FORCE] - work.friction[i])
 
 
@@ -181,8 +181,7 @@ def right_hand_side(
     inputs: Array,
     y: Array,
     dy: Array,
-    reuse_mass: bool,
-    initialise: bool,
+    mode: int,
 ) -> bool:
     """Time derivative of the state into `dy`.
 
@@ -194,10 +193,10 @@ def right_hand_side(
     inputs : (m + 2 + n,) array
         Normalised valve signals, supply and tank pressure before effects, joint torques.
     y, dy : (2 n + 2 m + k,) array
-    reuse_mass : bool
-        Joint positions and velocities are those of the call before.
-    initialise : bool
-        Set the effects' states in `y` to rest instead of computing their rates.
+    mode : int
+        `RATES`; or `KEEP_MASS` where joint positions and velocities are those of the call
+        before; or `REST`, which sets the effects' states in `y` to rest instead of computing
+        their rates.
 
     Returns
     -------
@@ -207,16 +206,17 @@ def right_hand_side(
     n, m = model.axis.shape[0], model.joint.shape[0]
     robot = work.signals[m]
     robot[TIME], robot[SUPPLY_FLOW], robot[RETURN_FLOW] = time, 0.0, 0.0
-    robot[SUPPLY_PRESSURE] = _apply(model, work, y, dy, m, SUPPLY, inputs[m], initialise)
-    robot[TANK_PRESSURE] = _apply(model, work, y, dy, m, TANK, inputs[m + 1], initialise)
+    robot[SUPPLY_PRESSURE] = _apply(model, work, y, dy, m, SUPPLY, inputs[m], mode)
+    robot[TANK_PRESSURE] = _apply(model, work, y, dy, m, TANK, inputs[m + 1], mode)
     for j in range(n):
         work.force[j] = inputs[m + 2 + j]
     for i in range(m):
-        _cylinder(model, work, y, dy, i, time, inputs[i], initialise)
+        _cylinder(model, work, y, dy, i, time, inputs[i], mode)
     for effect in range(model.owners.shape[0]):
-        if model.owners[effect, ROBOT_WIDE] == 1:
-            _states(model, robot, effect, y, dy, True, initialise)
-    if not reuse_mass:
+        wide = model.owners[effect, ROBOT_WIDE]
+        if wide == 1:
+            _states(model, robot, effect, y, dy, wide, mode)
+    if mode != KEEP_MASS:
         for j in range(n):
             work.q[j], work.qd[j] = y[j], y[n + j]
         mass_matrix_and_bias(

@@ -1,0 +1,337 @@
+"""The lifecycle node around `BridgeCore`: parameters, threads, services, bus."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from hydro_model.errors import HydroError
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.messages import stamp_ns
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from hydro_hw_bridge import bridge_report
+from hydro_hw_bridge.bridge_core import NOTHING, BridgeCore, Step
+from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
+from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
+from hydro_hw_bridge.publishers import BridgePublishers
+from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
+
+NAME = "can_bridge"
+RECEIVE_TIMEOUT_S = 0.02
+COMMAND_TIMEOUT_S = 0.5
+SILENT_S = 1.0
+JOIN_S = 2.0
+SECOND_BRIDGE = "second_bridge"
+UNSENT = "unsent"
+LEVELS = {bridge_report.OK: OK, bridge_report.WARN: WARN, bridge_report.ERROR: ERROR}
+
+
+class CanBridge(LifecycleNode):
+    """The bridge node.
+
+    Everything that can be wrong at the start (parameters, files, bus, a second bridge) raises
+    here; threads run from `configure` to `cleanup`.
+
+    Parameters
+    ----------
+    stop : threading.Event
+        Set by the node when it cannot go on.
+
+    Attributes
+    ----------
+    failure : str
+        Why it could not go on; empty otherwise.
+
+    Raises
+    ------
+    HydroError
+    """
+
+    def __init__(self, stop: threading.Event) -> None:
+        super().__init__(NAME)
+        quiet_python_can()
+        self.failure = ""
+        self._stop = stop
+        self._lock = threading.Lock()
+        self._settings = self._declare()
+        robot = load_robot(self._settings.robot)
+        self._codec = self._load_codec(robot)
+        self._limits = self._gate_limits(robot)
+        self._core = self._new_core()
+        bus_name = self._settings.can
+        ids = (*self._codec.device_ids, *self._codec.bridge_ids)
+        self._bus: Bus = open_bus(bus_name, ids)
+        self._claim = Claim(self._bus, self._codec)
+        try:
+            self._claim.take()
+        except BaseException:
+            self._bus.close()
+            raise
+        self.get_logger().info(
+            f"{robot.name} on {self._bus.name}, {self._settings.clock}:"
+            f" {self._codec.layout.describe_load()}"
+        )
+        self._diagnostics = Diagnostics(self, f"{robot.name}@{self._bus.name}")
+        self._hot = HotSubscription(self, JointState, VALVE_COMMAND, reliable())
+        self._wait = HotWait(self, self._hot)
+        self.create_service(Trigger, "~/clear_trip", self._clear_trip)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(CLAIM_PERIOD_S, self._every_claim, clock=steady)
+        self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+        self._topics: BridgePublishers | None = None
+        self._threads: list[threading.Thread] = []
+        self._running = threading.Event()
+        self._heard_at = time.monotonic()
+        self._unsent = 0
+        self._summary = ("", "")
+        self._state: tuple[object, ...] = ()
+
+    # -- start
+
+    def _declare(self) -> Settings:
+        values = {}
+        for rule in PARAMETERS:
+            descriptor = ParameterDescriptor(description=rule.text, read_only=True)
+            if rule.low is not None and rule.high is not None:
+                span = FloatingPointRange(from_value=rule.low, to_value=rule.high, step=0.0)
+                descriptor.floating_point_range = [span]
+            try:
+                values[rule.name] = self.declare_parameter(
+                    rule.name, rule.default, descriptor
+                ).value
+            except ParameterException as error:
+                raise BridgeError(" ".join(str(error).split())) from error
+        return settings_from(values)
+
+    def _load_codec(self, robot: Robot) -> Codec:
+        settings = self._settings
+        path = settings.calibration
+        calibration = load_calibration(Path(path)) if path else None
+        codec = Codec.load(settings.dbc or None, settings.mapping or None, robot, calibration)
+        if settings.min_supply_pa > 0.0 and "supply" not in codec.pressure_names:
+            raise BridgeError(
+                f"{codec.mapping.source}: parameter 'min_supply_pa' needs a pressure 'supply',"
+                f" found {', '.join(codec.pressure_names)} (0 switches the check off)"
+            )
+        self._names = {
+            "robot": robot.name,
+            "can": settings.can,
+            "mapping": codec.mapping.name,
+            "calibration": calibration.name if calibration else "none",
+        }
+        return codec
+
+    def _gate_limits(self, robot: Robot) -> GateLimits:
+        period_s = 1.0 / robot.sensors.rate_hz
+        return GateLimits(
+            valve_names=robot.valve_names,
+            rated_voltage_v=tuple(valve.rated_voltage_v for valve in robot.valves),
+            period_s=period_s,
+            slew_v_s=self._settings.slew_limit_v_s,
+            max_age_cycles=int(1e-3 * self._settings.max_age_ms / period_s + 1e-6),
+            min_supply_pa=self._settings.min_supply_pa,
+        )
+
+    def _new_core(self) -> BridgeCore:
+        return BridgeCore(self._codec, self._limits, lockstep=self._settings.clock == LOCKSTEP)
+
+    # -- lifecycle
+
+    def _configure(self) -> None:
+        self._core = self._new_core()
+        settings = self._settings
+        self._topics = BridgePublishers(
+            self, self._codec, self._limits.period_s, settings.slow_rate_hz
+        )
+        self._running.set()
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
+            for name, body in (("can", self._receive_loop), ("command", self._command_loop))
+        ]
+        gc.collect()
+        gc.freeze()
+        for thread in self._threads:
+            thread.start()
+
+    def _activate(self) -> None:
+        with self._lock:
+            self._core.activate()
+
+    def _deactivate(self) -> None:
+        with self._lock:
+            was_active = self._core.active
+            frame = self._core.deactivate()
+        if was_active and frame is not None:
+            self._bus.send(frame)
+
+    def _cleanup(self) -> None:
+        self._deactivate()
+        self._running.clear()
+        self._wait.wake()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(JOIN_S)
+        self._threads = []
+        if self._topics is not None:
+            self._topics.destroy()
+            self._topics = None
+
+    on_configure = logged_transition(_configure)
+    on_activate = logged_transition(_activate)
+    on_deactivate = logged_transition(_deactivate)
+    on_cleanup = logged_transition(_cleanup)
+    on_shutdown = logged_transition(_cleanup)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """An exception in a transition: valves to 0 V, back to unconfigured."""
+        self._cleanup()
+        return TransitionCallbackReturn.SUCCESS
+
+    def close(self) -> None:
+        """Valves to 0 V, threads ended, bus closed."""
+        self._cleanup()
+        self._bus.close()
+
+    # -- threads
+
+    def _guarded(self, body: Any) -> None:
+        try:
+            body()
+        except Exception as error:  # noqa: BLE001 - a thread's end must stop the valves
+            known = isinstance(error, HydroError)
+            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+            self.get_logger().fatal(self.failure)
+            self._deactivate()
+            self._stop.set()
+
+    def _receive_loop(self) -> None:
+        clock = self.get_clock()
+        while self._running.is_set():
+            message = self._bus.receive(RECEIVE_TIMEOUT_S)
+            frame = None if message is None else self._codec.receive(message)
+            if frame is None:
+                silence_s = time.monotonic() - self._heard_at
+                with self._lock:
+                    step = self._core.silence(silence_s)
+            elif frame.role == "claim":
+                if frame.intact and self._claim.hear(self._codec.decode_claim(frame)):
+                    self._second_bridge()
+                continue
+            elif frame.role == "command":
+                continue
+            else:
+                self._heard_at = time.monotonic()
+                now_ns = clock.now().nanoseconds if frame.role == "sync" else 0
+                with self._lock:
+                    step = self._core.receive(frame, now_ns)
+            if step is not NOTHING:
+                self._do(step)
+
+    def _command_loop(self) -> None:
+        while self._running.is_set():
+            if not self._wait.wait(COMMAND_TIMEOUT_S):
+                continue
+            while (message := self._hot.take()) is not None:
+                with self._lock:
+                    step = self._core.command(
+                        stamp_ns(message), message.name, message.effort.tolist()
+                    )
+                self._do(step)
+
+    def _do(self, step: Step) -> None:
+        """Send first: publishing may take its time."""
+        publishers = self._topics
+        if step.answer is not None:
+            self._send(step.answer)
+        if publishers is None:
+            return
+        if step.sample is not None:
+            if self._core.active and not self._core.ready:
+                # Before publishing: the answer to this sample may come at once.
+                self._look_for_subscribers()
+            publishers.publish_sample(step.sample)
+        for state in step.valve_states:
+            publishers.publish_valve_state(state)
+        self._on_change()
+
+    def _send(self, frame: Any) -> None:
+        if self._bus.send(frame):
+            if self._unsent:
+                self._unsent = 0
+                self._core.gate.end_fault(UNSENT)
+            return
+        self._unsent += 1
+        if self._unsent > self._limits.max_age_cycles:
+            with self._lock:
+                self._core.fault(UNSENT, "valve frames cannot be sent")
+
+    def _look_for_subscribers(self) -> None:
+        publishers = self._topics
+        if publishers is None or publishers.matched(self._settings.required_subscribers):
+            return
+        with self._lock:
+            self._core.ready = self._core.active
+
+    def _second_bridge(self) -> None:
+        with self._lock:
+            step = self._core.fault(SECOND_BRIDGE, "a second bridge is on the bus")
+        self._do(step)
+
+    # -- executor
+
+    def _every_claim(self) -> None:
+        self._claim.send()
+        if self._claim.others_gone():
+            self._core.gate.end_fault(SECOND_BRIDGE)
+        self._on_change()
+
+    def _clear_trip(self, _request: Any, response: Any) -> Any:
+        with self._lock:
+            response.success, response.message = self._core.gate.clear()
+        self.get_logger().info(f"clear_trip: {response.message}")
+        self._on_change()
+        return response
+
+    def _on_change(self) -> None:
+        core = self._core
+        state = (core.active, core.ready, core.gate.state, core.gate.trips, len(core.gate.faults))
+        if state != self._state:
+            self._state = state
+            self._publish_diagnostics()
+
+    def _summarise(self) -> tuple[str, str]:
+        publishers, core = self._topics, self._core
+        silent = bool(self._threads) and time.monotonic() - self._heard_at > SILENT_S
+        missing = (
+            publishers.matched(self._settings.required_subscribers)
+            if publishers is not None and core.active and not core.ready
+            else []
+        )
+        return bridge_report.summary(core, missing, silent=silent)
+
+    def _publish_diagnostics(self) -> None:
+        level, text = self._summarise()
+        if (level, text) != self._summary:
+            self._summary = (level, text)
+            log = self.get_logger()
+            (log.error if level == bridge_report.ERROR else log.info)(text)
+        with self._lock:
+            values = bridge_report.values(self._core, self._bus, self._names)
+        self._diagnostics.publish(LEVELS[level], text, values)

@@ -1,0 +1,95 @@
+"""`can_bridge`: CAN to ROS and back, the command around the lifecycle node of `bridge`."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from hydro_model.command import run_command
+
+from hydro_hw_bridge.errors import BridgeError
+
+if TYPE_CHECKING:
+    from hydro_hw_bridge.bridge import CanBridge
+
+NAME = "can_bridge"
+SPIN_S = 0.1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    return run_command(NAME, _main, arguments)
+
+
+def _main(arguments: Sequence[str]) -> int:
+    words = list(arguments)
+    at = words.index("--ros-args") if "--ros-args" in words else len(words)
+    _parser().parse_args(words[:at])
+    return _run(words[at:])
+
+
+def _parser() -> argparse.ArgumentParser:
+    from hydro_hw_bridge.parameters import PARAMETERS
+
+    width = max(len(rule.name) for rule in PARAMETERS)
+    lines = [f"  {rule.name:{width}}  {rule.text} [{rule.default}]" for rule in PARAMETERS]
+    return argparse.ArgumentParser(
+        prog=NAME,
+        description="CAN to ROS and back. A lifecycle node: inactive reads and publishes,"
+        " active also drives the valves. Ends with 0 V on Ctrl-C and SIGTERM.",
+        usage=f"{NAME} [-h] [--ros-args -p NAME:=VALUE ...]",
+        epilog="parameters:\n" + "\n".join(lines),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def _run(ros_arguments: list[str]) -> int:
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    from hydro_hw_bridge.bridge import CanBridge
+
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    _init(rclpy, ros_arguments, SignalHandlerOptions.NO)
+    try:
+        node = CanBridge(stop)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        try:
+            _spin(executor, stop)
+        finally:
+            node.close()
+            executor.shutdown()
+            node.destroy_node()
+        return _result(node)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _init(rclpy: object, ros_arguments: list[str], handlers: object) -> None:
+    """rclpy.init, with what it finds wrong in the arguments as one line."""
+    try:
+        rclpy.init(args=ros_arguments, signal_handler_options=handlers)  # type: ignore[attr-defined]
+    except Exception as error:
+        # rclpy has no common class for what it raises here.
+        text = " ".join(str(error).split())
+        raise BridgeError(f"wrong ROS arguments: {text}") from error
+
+
+def _spin(executor: object, stop: threading.Event) -> None:
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=SPIN_S)  # type: ignore[attr-defined]
+
+
+def _result(node: CanBridge) -> int:
+    if node.failure:
+        error = BridgeError(node.failure)
+        error.exit_code = 1
+        raise error
+    return 0

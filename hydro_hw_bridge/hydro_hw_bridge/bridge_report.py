@@ -1,0 +1,74 @@
+"""The bridge's state in words and numbers, for `/diagnostics`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.gate import GateState
+
+OK, WARN, ERROR = "ok", "warn", "error"
+
+
+def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[str, str]:
+    """Level and one line.
+
+    Parameters
+    ----------
+    core : BridgeCore
+    waiting_for : list of str
+        Topics that lack subscribers.
+    silent : bool
+        The device sent nothing for a second.
+
+    Returns
+    -------
+    level : {"ok", "warn", "error"}
+    text : str
+    """
+    gate = core.gate
+    if gate.state is GateState.TRIPPED:
+        return ERROR, f"tripped: {gate.reason}"
+    if gate.faults:
+        return ERROR, next(iter(gate.faults.values()))
+    if silent:
+        return (WARN if core.lockstep else ERROR), "nothing from the device"
+    if not core.active:
+        return OK, "inactive: reading"
+    if not core.ready:
+        return WARN, f"waiting for subscribers: {', '.join(waiting_for)}"
+    if gate.state is GateState.WAITING:
+        return WARN, "waiting for a first command"
+    return OK, "driving"
+
+
+def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, object]:
+    """What is published beside the summary.
+
+    Parameters
+    ----------
+    core : BridgeCore
+    bus : Bus
+    names : dict
+        Robot, mapping, calibration and the like.
+
+    Returns
+    -------
+    dict
+    """
+    gate, sample = core.gate, core.sample
+    return {
+        **names,
+        "clock": "lockstep" if core.lockstep else "real_time",
+        "sample_zero_stamp_ns": core.clock.zero_stamp_ns,
+        "sample_period_ns": core.clock.period_ns,
+        "sample_counter": None if sample is None else sample.counter,
+        "gate": gate.state.value,
+        "trip_reason": gate.reason,
+        "trips": gate.trips,
+        **{f"cycles_{key}": n for key, n in asdict(core.assembler.counters).items()},
+        **{f"commands_{key}": n for key, n in asdict(core.commands).items()},
+        **{f"bus_{key}": n for key, n in asdict(bus.counters).items()},
+        "bus_load_percent": f"{100 * core.codec.layout.bus_load:.1f}",
+    }

@@ -1,0 +1,412 @@
+"""Frames to readings and voltages to frames, both ways: one codec for the bridge and the device.
+
+Positions are in rad (m where prismatic), pressures in Pa gauge, spools in [-1, 1], voltages in V.
+Nothing here knows of a bus, a clock or ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import can
+from hydro_model.robot import Robot
+
+from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
+from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.layout import Binding, FrameLayout, Layout, load_layout
+from hydro_hw_bridge.mapping import STATUS_NAMES, BusMapping, load_mapping
+
+COUNTER_BITS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A received frame that belongs to the protocol.
+
+    Attributes
+    ----------
+    name : str
+    role : {"sync", "cycle", "command", "claim"}
+    alive : int or None
+        Alive counter; None where the frame is not protected.
+    data : bytes
+    intact : bool
+        False where length or CRC is wrong: nothing in it may be used.
+    """
+
+    name: str
+    role: str
+    alive: int | None
+    data: bytes
+    intact: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Status bits of a cycle; bits that the mapping leaves out are False."""
+
+    emergency_stop_ok: bool = False
+    pump_on: bool = False
+    enable_switch: bool = False
+    parked: bool = False
+    lockstep: bool = False
+    amplifier_enabled: bool = False
+    amplifier_watchdog: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the device measured in one cycle, in the order of the codec's names.
+
+    Attributes
+    ----------
+    counter : int
+        Sample counter, 32 bits.
+    status : Status
+    positions : tuple of float
+        Per joint, rad or m (`Codec.joint_names`).
+    pressures_pa : tuple of float
+        Gauge (`Codec.pressure_names`).
+    spools : tuple of float
+        Per valve of the robot, NaN where not measured.
+    strokes_m : tuple of float
+        Per stroke sensor (`Codec.stroke_names`).
+    oil_temperature_c : float or None
+    """
+
+    counter: int
+    status: Status
+    positions: tuple[float, ...]
+    pressures_pa: tuple[float, ...]
+    spools: tuple[float, ...]
+    strokes_m: tuple[float, ...] = ()
+    oil_temperature_c: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandFrame:
+    """A decoded valve command.
+
+    Attributes
+    ----------
+    answered, answered_bits : int
+        Low bits of the answered sample counter, and how many of them.
+    voltages : tuple of float
+        V, per valve of the robot.
+    enable : bool
+    """
+
+    answered: int
+    answered_bits: int
+    voltages: tuple[float, ...]
+    enable: bool
+
+    def answers(self, counter: int) -> bool:
+        """Whether it answers the cycle with this sample counter."""
+        return (counter ^ self.answered) & ((1 << self.answered_bits) - 1) == 0
+
+
+class Codec:
+    """Encodes and decodes the frames of one bus.
+
+    Parameters
+    ----------
+    robot : Robot
+    mapping : BusMapping
+    layout : Layout
+
+    Attributes
+    ----------
+    joint_names, stroke_names, pressure_names, valve_names : tuple of str
+        Order of the values in `Readings` and in commands.
+    device_ids, bridge_ids : tuple of int
+        Identifiers that the device sends and that bridges send.
+    cycle_frames : tuple of str
+        The frames that make one sample, sync first.
+    """
+
+    def __init__(self, robot: Robot, mapping: BusMapping, layout: Layout) -> None:
+        self.robot = robot
+        self.mapping = mapping
+        self.layout = layout
+        self.joint_names = tuple(mapping.joints)
+        self.stroke_names = tuple(mapping.strokes)
+        self.pressure_names = tuple(mapping.pressures)
+        self.valve_names = tuple(mapping.valves)
+        self._by_id = {frame.identifier: frame for frame in layout.frames}
+        self._sync = layout.of_role("sync")[0]
+        self._command = layout.of_role("command")[0]
+        self._claim = layout.of_role("claim")[0]
+        sampled = (self._sync, *layout.of_role("cycle"))
+        self.cycle_frames = tuple(frame.name for frame in sampled)
+        self.device_ids = tuple(frame.identifier for frame in sampled)
+        self.bridge_ids = (self._command.identifier, self._claim.identifier)
+        self._bind(layout)
+
+    def _bind(self, layout: Layout) -> None:
+        mapping, robot = self.mapping, self.robot
+        atmosphere = robot.atmospheric_pressure_pa
+        self._counter = layout.raw(mapping.counter)
+        self._status = {name: layout.raw(signal) for name, signal in mapping.status.items()}
+        self._positions = tuple(layout.bind(c) for c in mapping.joints.values())
+        self._strokes = tuple(layout.bind(c) for c in mapping.strokes.values())
+        self._pressures = tuple(
+            layout.bind(c, shift=-atmosphere if c.absolute else 0.0)
+            for c in mapping.pressures.values()
+        )
+        self._spools = tuple(
+            None if v.spool is None else layout.bind(v.spool) for v in mapping.valves.values()
+        )
+        self._voltages = tuple(layout.bind(v.command) for v in mapping.valves.values())
+        temperature = mapping.oil_temperature
+        self._temperature = None if temperature is None else layout.bind(temperature)
+        self._enable = layout.raw(mapping.enable)
+        self._answered = None if mapping.answered is None else layout.raw(mapping.answered)
+        self._instance = layout.raw(mapping.instance)
+
+    @classmethod
+    def load(
+        cls,
+        dbc_path: str | Path | None,
+        mapping_path: str | Path | None,
+        robot: Robot,
+        calibration: Calibration | None = None,
+    ) -> Codec:
+        """Read DBC and mapping and check them against each other and the robot.
+
+        Parameters
+        ----------
+        dbc_path : path or None
+            By default the DBC that the mapping names.
+        mapping_path : path or None
+            By default the one shipped for the robot's name.
+        robot : Robot
+        calibration : Calibration, optional
+            Zeros, references and signs measured on the machine (bridge side only).
+
+        Returns
+        -------
+        Codec
+
+        Raises
+        ------
+        BridgeError
+            A file is missing or malformed, or they contradict each other or the robot.
+        """
+        mapping = load_mapping(Path(mapping_path or default_mapping(robot.name)), robot)
+        if calibration is not None:
+            mapping = calibrated_mapping(mapping, calibration)
+        layout = load_layout(Path(dbc_path or mapping.dbc), mapping, robot)
+        return cls(robot, mapping, layout)
+
+    def receive(self, message: can.Message) -> Frame | None:
+        """Check a message of the bus.
+
+        Parameters
+        ----------
+        message : can.Message
+
+        Returns
+        -------
+        Frame or None
+            None where the message is not part of the protocol.
+        """
+        frame = self._by_id.get(message.arbitration_id)
+        if frame is None or message.is_extended_id != frame.extended:
+            return None
+        data = bytes(message.data)
+        if len(data) != frame.size or message.is_remote_frame or message.is_error_frame:
+            return Frame(frame.name, frame.role, None, data, intact=False)
+        if frame.identifiers is None:
+            return Frame(frame.name, frame.role, None, data, intact=True)
+        intact = is_intact(data, frame.identifiers)
+        return Frame(frame.name, frame.role, alive_counter(data), data, intact)
+
+    def sample_counter(self, sync: Frame) -> int:
+        """The sample counter of a sync frame."""
+        return self._counter.unpack(sync.data)
+
+    def readings(self, data: Mapping[str, bytes]) -> Readings:
+        """The readings of one complete cycle.
+
+        Parameters
+        ----------
+        data : mapping from frame name to bytes
+            Every frame of `cycle_frames`, intact, all of one cycle.
+
+        Returns
+        -------
+        Readings
+        """
+
+        def value(binding: Binding) -> float:
+            return binding.decode(data[binding.raw.frame])
+
+        sync = data[self._sync.name]
+        status = Status(**{n: bool(raw.unpack(sync)) for n, raw in self._status.items()})
+        temperature = self._temperature
+        return Readings(
+            counter=self._counter.unpack(sync),
+            status=status,
+            positions=tuple(map(value, self._positions)),
+            pressures_pa=tuple(map(value, self._pressures)),
+            spools=tuple(float("nan") if b is None else value(b) for b in self._spools),
+            strokes_m=tuple(map(value, self._strokes)),
+            oil_temperature_c=None if temperature is None else value(temperature),
+        )
+
+    def encode_cycle(self, readings: Readings) -> list[can.Message]:
+        """The frames of one cycle, sync first (device side).
+
+        Values outside what a signal can carry saturate, as a transducer does.
+
+        Parameters
+        ----------
+        readings : Readings
+
+        Returns
+        -------
+        list of can.Message
+        """
+        data = {name: bytearray(self.layout.named(name).size) for name in self.cycle_frames}
+        counter = readings.counter & ((1 << COUNTER_BITS) - 1)
+        self._counter.pack(counter, data[self._sync.name])
+        for name in STATUS_NAMES:
+            if name in self._status:
+                self._status[name].pack(int(getattr(readings.status, name)), data[self._sync.name])
+        groups = (
+            (self._positions, readings.positions),
+            (self._strokes, readings.strokes_m),
+            (self._pressures, readings.pressures_pa),
+            (self._spools, readings.spools),
+            ((self._temperature,), (readings.oil_temperature_c,)),
+        )
+        for bindings, values in groups:
+            for binding, value in zip(bindings, values, strict=True):
+                if binding is not None and value is not None:
+                    binding.encode(value, data[binding.raw.frame])
+        return [
+            _message(self.layout.named(name), data[name], counter) for name in self.cycle_frames
+        ]
+
+    def encode_command(self, counter: int, voltages: Sequence[float], enable: bool) -> can.Message:
+        """The valve command that answers a cycle (bridge side).
+
+        Parameters
+        ----------
+        counter : int
+            Sample counter of the answered cycle.
+        voltages : sequence of float
+            V, per valve.
+        enable : bool
+
+        Returns
+        -------
+        can.Message
+        """
+        data = bytearray(self._command.size)
+        self._enable.pack(int(enable), data)
+        if self._answered is not None:
+            self._answered.pack(counter, data)
+        for binding, voltage in zip(self._voltages, voltages, strict=True):
+            binding.encode(voltage, data)
+        return _message(self._command, data, counter)
+
+    def decode_command(self, frame: Frame) -> CommandFrame:
+        """Read a valve command (device side).
+
+        Parameters
+        ----------
+        frame : Frame
+            Of role command, intact.
+
+        Returns
+        -------
+        CommandFrame
+        """
+        if self._answered is None:
+            answered, bits = frame.alive or 0, 4
+        else:
+            answered, bits = self._answered.unpack(frame.data), self._answered.length
+        return CommandFrame(
+            answered=answered,
+            answered_bits=bits,
+            voltages=tuple(b.decode(frame.data) for b in self._voltages),
+            enable=bool(self._enable.unpack(frame.data)),
+        )
+
+    def quantised(self, voltages: Sequence[float]) -> tuple[float, ...]:
+        """The voltages that the wire carries for those asked for."""
+        return tuple(b.quantised(v) for b, v in zip(self._voltages, voltages, strict=True))
+
+    def encode_claim(self, instance: int, alive: int) -> can.Message:
+        """The claim that a bridge sends at 10 Hz.
+
+        Parameters
+        ----------
+        instance : int
+            The bridge's random number.
+        alive : int
+            Counts its claims.
+
+        Returns
+        -------
+        can.Message
+        """
+        data = bytearray(self._claim.size)
+        self._instance.pack(instance, data)
+        return _message(self._claim, data, alive)
+
+    def decode_claim(self, frame: Frame) -> int:
+        """The instance number in a claim."""
+        return self._instance.unpack(frame.data)
+
+
+def _message(frame: FrameLayout, data: bytearray, alive: int) -> can.Message:
+    if frame.identifiers is not None:
+        protect(data, alive, frame.identifiers)
+    return can.Message(
+        arbitration_id=frame.identifier, is_extended_id=frame.extended, data=data, check=False
+    )
+
+
+def default_mapping(robot: str) -> Path:
+    """The mapping that is shipped for a robot, in package hydro_msgs_docs.
+
+    Parameters
+    ----------
+    robot : str
+        Name of the robot.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    BridgeError
+        None is shipped.
+    """
+    name = f"{robot}.mapping.yaml"
+    folders = [*_shared_can(), Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "can"]
+    for folder in folders:
+        if (folder / name).is_file():
+            return folder / name
+    raise BridgeError(f"no mapping is shipped for robot '{robot}': expected one by --mapping FILE")
+
+
+def _shared_can() -> list[Path]:
+    try:
+        from ament_index_python.packages import (
+            PackageNotFoundError,
+            get_package_share_directory,
+        )
+    except ImportError:  # plain Python without a workspace: the source tree has it
+        return []
+    try:
+        return [Path(get_package_share_directory("hydro_msgs_docs")) / "can"]
+    except PackageNotFoundError:
+        return []

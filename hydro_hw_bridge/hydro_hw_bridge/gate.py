@@ -1,0 +1,384 @@
+"""The safety gate: the only way from a command to the valves. Pure, default deny.
+
+It waits for a first good command, then drives, and trips on the first thing that is not right. A
+trip means 0 V and enable off, latched with its reason until cleared. Counters are sample counters
+of the device, so ages are device time in lockstep and in real time alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+
+class GateState(Enum):
+    """WAITING: 0 V until a first good command; DRIVING; TRIPPED: 0 V until cleared."""
+
+    WAITING = "waiting"
+    DRIVING = "driving"
+    TRIPPED = "tripped"
+
+
+class Outcome(Enum):
+    """What became of one command."""
+
+    ACCEPTED = "accepted"
+    REPEATED = "repeated"
+    OUTDATED = "outdated"
+    RELEASED = "released"
+    DENIED = "denied"
+
+
+@dataclass(frozen=True, slots=True)
+class GateLimits:
+    """What the gate holds commands and machine to.
+
+    Attributes
+    ----------
+    valve_names : tuple of str
+    rated_voltage_v : tuple of float
+        Per valve; commands above it trip.
+    period_s : float
+        Of the device's cycle.
+    slew_v_s : float
+        The legal slew rate; commands faster than twice that trip.
+    max_age_cycles : int
+        Commands and silences older than this trip.
+    min_supply_pa : float
+        Gauge; 0 or less switches the check off.
+    """
+
+    valve_names: tuple[str, ...]
+    rated_voltage_v: tuple[float, ...]
+    period_s: float
+    slew_v_s: float
+    max_age_cycles: int
+    min_supply_pa: float
+
+    @property
+    def legal_step_v(self) -> float:
+        """The largest legal change of voltage from one cycle to the next."""
+        return self.slew_v_s * self.period_s
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The machine's permissives of one cycle.
+
+    Attributes
+    ----------
+    emergency_stop_ok, pump_on, enable_switch : bool
+    amplifier_watchdog : bool
+        The amplifiers shut down on their own.
+    supply_pa : float
+        Gauge; NaN where not measured.
+    """
+
+    emergency_stop_ok: bool
+    pump_on: bool
+    enable_switch: bool
+    amplifier_watchdog: bool
+    supply_pa: float
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What goes to the amplifiers: V per valve, and enable."""
+
+    voltages: tuple[float, ...]
+    enable: bool
+
+
+#: Twice the slew limit, less what rounding may add to a step that is exactly legal.
+_RATE_FACTOR = 2.0
+_ROUNDING_V = 1e-9
+
+
+class Gate:
+    """One gate for all valves of a machine.
+
+    Parameters
+    ----------
+    limits : GateLimits
+
+    Attributes
+    ----------
+    state : GateState
+    reason : str
+        Of the latched trip; empty when not tripped.
+    trips : int
+        Since the start.
+    faults : dict of str
+        Standing conditions outside the commands, by name: none may be there to drive.
+    """
+
+    def __init__(self, limits: GateLimits) -> None:
+        self.limits = limits
+        self.state = GateState.WAITING
+        self.reason = ""
+        self.trips = 0
+        self.faults: dict[str, str] = {}
+        self._zero = (0.0,) * len(limits.valve_names)
+        self._inputs: Inputs | None = None
+        self._defect = ""
+        self._defect_at = 0
+        self._newest: int | None = None
+        self._first = 0
+        self._accepted = 0
+        self._driving_since = 0
+        self._command = self._zero
+        self._applied = self._zero
+        self._ramping = False
+
+    @property
+    def output(self) -> Output:
+        """What the amplifiers shall do now."""
+        if self.state is not GateState.DRIVING:
+            return Output(self._zero, enable=False)
+        return Output(self._applied, enable=True)
+
+    def arm(self) -> None:
+        """Wait for a first command of the newest or a later cycle; a trip stays latched."""
+        self._first = 0 if self._newest is None else self._newest
+        if self.state is not GateState.TRIPPED:
+            self._wait()
+        if self.faults:
+            self.trip(next(iter(self.faults.values())))
+
+    def forget(self) -> None:
+        """The device counts anew: nothing known of its cycles holds any longer."""
+        self._newest = self._inputs = None
+        self._first = 0
+        self._defect = ""
+
+    def _wait(self) -> None:
+        self.state, self.reason = GateState.WAITING, ""
+        self._command = self._applied = self._zero
+
+    def trip(self, reason: str) -> None:
+        """0 V and enable off, until cleared. The first reason is kept.
+
+        Parameters
+        ----------
+        reason : str
+        """
+        if self.state is GateState.TRIPPED:
+            return
+        self._wait()
+        self.state, self.reason = GateState.TRIPPED, reason
+        self.trips += 1
+
+    def set_fault(self, name: str, reason: str) -> None:
+        """Trip, and refuse to be cleared as long as the fault stands.
+
+        Parameters
+        ----------
+        name, reason : str
+        """
+        self.faults[name] = reason
+        self.trip(reason)
+
+    def end_fault(self, name: str) -> None:
+        """The fault is gone; its trip stays until cleared."""
+        self.faults.pop(name, None)
+
+    def clear(self) -> tuple[bool, str]:
+        """Clear a trip whose cause is gone; then wait for a first good command.
+
+        Returns
+        -------
+        done : bool
+        text : str
+            What was cleared, or why it was refused.
+        """
+        if self.state is not GateState.TRIPPED:
+            return True, f"not tripped ({self.state.value})"
+        cause = next(iter(self.faults.values()), "") or self._missing() or self._fresh_defect()
+        if cause:
+            return False, f"still there: {cause}"
+        reason = self.reason
+        self._wait()
+        self.arm()
+        return True, f"cleared: {reason}"
+
+    def _fresh_defect(self) -> str:
+        """What is wrong with the last command, as long as it is not a thing of the past."""
+        if self._newest is None or self._newest - self._defect_at > self.limits.max_age_cycles:
+            return ""
+        return self._defect
+
+    def advance(self, counter: int) -> None:
+        """A cycle of the device began: time went on.
+
+        Parameters
+        ----------
+        counter : int
+            Its sample counter.
+        """
+        self._newest = counter
+        if self.state is GateState.DRIVING:
+            age = counter - self._accepted
+            if age > self.limits.max_age_cycles:
+                self.trip(f"no command for {self._milliseconds(age)} ({self._age_limit()})")
+
+    def check(self, inputs: Inputs) -> None:
+        """Hold the machine's inputs of a complete cycle against the permissives.
+
+        Parameters
+        ----------
+        inputs : Inputs
+        """
+        self._inputs = inputs
+        if self.state is GateState.DRIVING:
+            missing = self._missing()
+            if missing:
+                self.trip(missing)
+
+    def command(
+        self, counter: int | None, names: Sequence[str], voltages: Sequence[float]
+    ) -> Outcome:
+        """Judge one command.
+
+        Parameters
+        ----------
+        counter : int or None
+            Sample counter of the cycle whose stamp it carries; None for a stamp of no cycle.
+        names : sequence of str
+            Valves, in any order, each once.
+        voltages : sequence of float
+            V.
+
+        Returns
+        -------
+        Outcome
+            ACCEPTED, and `output` follows it; REPEATED or OUTDATED, ignored; RELEASED, the
+            controller took its command back to 0 V; DENIED, the gate is or now is tripped.
+        """
+        defect, values = self._judge(names, voltages)
+        self._defect, self._defect_at = defect, self._newest or 0
+        if self.state is GateState.TRIPPED:
+            return Outcome.DENIED
+        if counter is None or self._newest is None or counter > self._newest:
+            return self._deny("command with a stamp that is of no cycle")
+        if counter < self._first:
+            return Outcome.OUTDATED
+        if self.state is GateState.DRIVING and counter <= self._accepted:
+            return self._again(counter, values, defect)
+        if defect:
+            return self._deny(defect)
+        age = self._newest - counter
+        if age > self.limits.max_age_cycles:
+            return self._deny(f"command {self._milliseconds(age)} old ({self._age_limit()})")
+        if self.state is GateState.WAITING:
+            return self._begin(counter, values)
+        return self._follow(counter, values)
+
+    def _deny(self, reason: str) -> Outcome:
+        self.trip(reason)
+        return Outcome.DENIED
+
+    def _again(self, counter: int, values: tuple[float, ...], defect: str) -> Outcome:
+        """A command for a cycle that was answered already."""
+        if counter < self._accepted:
+            return Outcome.OUTDATED
+        if not defect and values == self._command:
+            return Outcome.REPEATED
+        if not defect and values == self._zero:
+            # A controller that stops takes its last command back: not an error, and 0 V at once.
+            self._wait()
+            self._first = counter + 1
+            return Outcome.RELEASED
+        return self._deny("two different commands for one stamp: is there a second controller?")
+
+    def _begin(self, counter: int, values: tuple[float, ...]) -> Outcome:
+        missing = self._missing()
+        if missing:
+            return self._deny(missing)
+        self.state = GateState.DRIVING
+        self._driving_since = counter
+        self._ramping = True
+        self._accept(counter, values, 1)
+        return Outcome.ACCEPTED
+
+    def _follow(self, counter: int, values: tuple[float, ...]) -> Outcome:
+        cycles = counter - self._accepted
+        legal = self.limits.legal_step_v * cycles
+        for name, value, before in zip(
+            self.limits.valve_names, values, self._command, strict=True
+        ):
+            step = abs(value - before)
+            if step > _RATE_FACTOR * legal + _ROUNDING_V:
+                return self._deny(
+                    f"{name}: step of {step:.3f} V in {self._milliseconds(cycles)}"
+                    f" (limit {_RATE_FACTOR * legal:.3f} V)"
+                )
+        self._accept(counter, values, cycles)
+        return Outcome.ACCEPTED
+
+    def _accept(self, counter: int, values: tuple[float, ...], cycles: int) -> None:
+        self._accepted, self._command = counter, values
+        if self._ramping:
+            # From 0 V towards a controller that is elsewhere already, never faster than legal.
+            legal = self.limits.legal_step_v * cycles
+            values = tuple(
+                before + min(max(value - before, -legal), legal)
+                for value, before in zip(values, self._applied, strict=True)
+            )
+            self._ramping = values != self._command
+        self._applied = values
+
+    def _judge(
+        self, names: Sequence[str], voltages: Sequence[float]
+    ) -> tuple[str, tuple[float, ...]]:
+        """What is wrong with a command by itself, and its voltages in the gate's order."""
+        valves = self.limits.valve_names
+        if sorted(names) != sorted(valves) or len(voltages) != len(valves):
+            return (
+                f"command for valves {', '.join(names) or 'none'} with {len(voltages)} voltages,"
+                f" expected each of {', '.join(valves)} once"
+            ), ()
+        at = dict(zip(names, voltages, strict=True))
+        values = tuple(float(at[name]) for name in valves)
+        for name, value, rated in zip(valves, values, self.limits.rated_voltage_v, strict=True):
+            if not math.isfinite(value):
+                return f"{name}: command is not finite ({value})", values
+            if abs(value) > rated:
+                return f"{name}: command of {value:.3f} V (rated {rated:g} V)", values
+        return "", values
+
+    def _missing(self) -> str:
+        """The first permissive that is not there; empty where all are."""
+        inputs, limits = self._inputs, self.limits
+        if inputs is None:
+            return "no complete cycle from the device yet"
+        if not inputs.emergency_stop_ok:
+            return "emergency stop"
+        if not inputs.enable_switch:
+            return "enable switch is off"
+        if not inputs.pump_on:
+            return "pump is off"
+        if limits.min_supply_pa > 0.0 and not inputs.supply_pa >= limits.min_supply_pa:
+            return (
+                f"supply pressure {inputs.supply_pa / 1e5:.1f} bar gauge"
+                f" (minimum {limits.min_supply_pa / 1e5:.1f} bar)"
+            )
+        if inputs.amplifier_watchdog and self._settled():
+            return "the amplifiers' watchdog shut them down"
+        return ""
+
+    def _settled(self) -> bool:
+        """Whether the amplifiers had time to answer to enable: before, their watchdog is tripped
+        for want of enabled frames."""
+        return (
+            self.state is GateState.DRIVING
+            and self._newest is not None
+            and self._newest - self._driving_since > self.limits.max_age_cycles
+        )
+
+    def _milliseconds(self, cycles: int) -> str:
+        return f"{1e3 * self.limits.period_s * cycles:.0f} ms"
+
+    def _age_limit(self) -> str:
+        return f"limit {self._milliseconds(self.limits.max_age_cycles)}"

@@ -1,0 +1,501 @@
+"""The compiled truth plant: Kane's equations in the base frame, cylinders, valves and oil.
+
+Each body contributes ``m Jv^T Jv + Jw^T I Jw`` to the mass matrix and its velocity-product
+accelerations to the bias (Kane and Levinson, Dynamics: Theory and Applications, 1985, ch. 4-6).
+Barrel and rod of a cylinder are slender bodies on the line between its two pins, written with
+the unit vector of that line, so a stroke is a distance between points and not a law of cosines.
+The hydraulic forms differ on purpose from those of hydro_model: rounded dead zone,
+laminar-turbulent edges, bristle friction, spool with a speed limit. Pressures are gauge, flows
+positive into a chamber.
+
+All compiled code is in this one file, because the compiler's cache watches only the file that a
+function is in. Records carry the names; in numba they cost no reference counts, as tuples of
+arrays would.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+#: Swept volume below which a chamber is not allowed to shrink: keeps the oil's stiffness within
+#: what the fixed step integrates, and lies beyond the joint limits of a sound machine.
+SMALLEST_VOLUME_M3 = 2.0e-4
+#: Absolute pressure below which oil boils: no chamber falls under it. The cavity's volume is not
+#: remembered, so a cavity collapses at once when oil flows in again.
+VAPOUR_PRESSURE_PA = 2.0e3
+#: Piston against the cylinder's end, or a joint without a cylinder against its limit.
+STOP_STIFFNESS = 5.0e7
+STOP_DAMPING = 5.0e5
+
+_MATRIX, _VECTOR = ("f8", (3, 3)), ("f8", (3,))
+
+#: A moving link and the joint that moves it: child axes in the parent frame are
+#: ``turn_0 + sin q turn_sin + (1 - cos q) turn_cos``; offset and axis are in the parent frame,
+#: centre of mass and central inertia in the link's.
+LINK = np.dtype(
+    [
+        ("turn_0", *_MATRIX),
+        ("turn_sin", *_MATRIX),
+        ("turn_cos", *_MATRIX),
+        ("offset", *_VECTOR),
+        ("axis", *_VECTOR),
+        ("prismatic", "i8"),
+        ("stopped", "i8"),
+        ("lower", "f8"),
+        ("upper", "f8"),
+        ("mass", "f8"),
+        ("com", *_VECTOR),
+        ("inertia", *_MATRIX),
+    ]
+)
+
+#: A frame in motion, in base axes; the two rates leave out joint accelerations. Frame 0 is the
+#: base, frame i + 1 link i, whose joint turns about `axis`.
+FRAME = np.dtype(
+    [
+        ("rotation", *_MATRIX),
+        ("origin", *_VECTOR),
+        ("spin", *_VECTOR),
+        ("velocity", *_VECTOR),
+        ("spin_rate", *_VECTOR),
+        ("acceleration", *_VECTOR),
+        ("axis", *_VECTOR),
+    ]
+)
+
+#: A cylinder with its valve. Pins are in the frames of the links before and after the joint;
+#: barrel and rod have mass, distance from their own pin and transverse central inertia;
+#: `spool_rate` is the natural frequency in rad/s. `lever`, `x` and `v` are results.
+CYLINDER = np.dtype(
+    [
+        ("joint", "i8"),
+        ("direct", "i8"),
+        ("heavy", "i8"),
+        ("parent_pin", *_VECTOR),
+        ("child_pin", *_VECTOR),
+        ("barrel", *_VECTOR),
+        ("rod", *_VECTOR),
+        *(
+            (name, "f8")
+            for name in (
+                *("closed_length", "full_stroke", "area_a", "area_b", "dead_a", "dead_b"),
+                *("leak", "leak_a", "leak_b", "viscous", "coulomb", "static"),
+                *("stribeck_velocity", "bristle", "bristle_damping"),
+                *("c_pa", "c_at", "c_pb", "c_bt", "deadband", "rounding", "null"),
+                *("spool_rate", "spool_damping", "spool_limit", "transition"),
+                *("lever", "x", "v"),
+            )
+        ),
+    ]
+)
+
+#: What all share: gravity in the base frame, the oil and the lines.
+WORLD = np.dtype(
+    [
+        ("gravity", *_VECTOR),
+        *(
+            (name, "f8")
+            for name in (
+                *("bulk_modulus", "low_pressure_loss", "low_pressure_scale", "atmosphere"),
+                *("supply", "tank", "droop", "droop_quadratic", "droop_lag"),
+                *("tank_resistance", "tank_lag"),
+            )
+        ),
+    ]
+)
+
+_helper = njit(cache=True, error_model="numpy", forceinline=True)
+_kernel = njit(cache=True, error_model="numpy")
+
+
+@_helper
+def _cross(ax, ay, az, bx, by, bz):  # type: ignore[no-untyped-def]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@_helper
+def _apply(a, x, y, z):  # type: ignore[no-untyped-def]
+    return (
+        a[0, 0] * x + a[0, 1] * y + a[0, 2] * z,
+        a[1, 0] * x + a[1, 1] * y + a[1, 2] * z,
+        a[2, 0] * x + a[2, 1] * y + a[2, 2] * z,
+    )
+
+
+@_helper
+def _apply_transposed(a, x, y, z):  # type: ignore[no-untyped-def]
+    return (
+        a[0, 0] * x + a[1, 0] * y + a[2, 0] * z,
+        a[0, 1] * x + a[1, 1] * y + a[2, 1] * z,
+        a[0, 2] * x + a[1, 2] * y + a[2, 2] * z,
+    )
+
+
+@_helper
+def _point(frame, rx, ry, rz):  # type: ignore[no-untyped-def]
+    """Velocity and bias acceleration of the point at r (base axes) from the frame's origin."""
+    spin, rate = frame.spin, frame.spin_rate
+    velocity, acceleration = frame.velocity, frame.acceleration
+    vx, vy, vz = _cross(spin[0], spin[1], spin[2], rx, ry, rz)
+    ax, ay, az = _cross(spin[0], spin[1], spin[2], vx, vy, vz)
+    bx, by, bz = _cross(rate[0], rate[1], rate[2], rx, ry, rz)
+    return (
+        velocity[0] + vx,
+        velocity[1] + vy,
+        velocity[2] + vz,
+        acceleration[0] + ax + bx,
+        acceleration[1] + ay + by,
+        acceleration[2] + az + bz,
+    )
+
+
+@_kernel
+def move_frames(q, qd, links, frames):  # type: ignore[no-untyped-def]
+    """Positions, velocities and velocity-product accelerations of all frames, base outwards."""
+    for i in range(q.shape[0]):
+        link, before, after = links[i], frames[i], frames[i + 1]
+        a, b, c = link.turn_0, link.turn_sin, link.turn_cos
+        slides = link.prismatic == 1
+        sine, versine = 0.0, 0.0
+        if not slides:
+            sine, versine = np.sin(q[i]), 1.0 - np.cos(q[i])
+        for k in range(3):
+            x, y, z = _apply(
+                before.rotation,
+                a[0, k] + sine * b[0, k] + versine * c[0, k],
+                a[1, k] + sine * b[1, k] + versine * c[1, k],
+                a[2, k] + sine * b[2, k] + versine * c[2, k],
+            )
+            after.rotation[0, k], after.rotation[1, k], after.rotation[2, k] = x, y, z
+        zx, zy, zz = _apply(before.rotation, link.axis[0], link.axis[1], link.axis[2])
+        after.axis[0], after.axis[1], after.axis[2] = zx, zy, zz
+        rx, ry, rz = _apply(before.rotation, link.offset[0], link.offset[1], link.offset[2])
+        slide, rate, turn = 0.0, 0.0, qd[i]
+        if slides:
+            slide, rate, turn = q[i], qd[i], 0.0
+        rx, ry, rz = rx + zx * slide, ry + zy * slide, rz + zz * slide
+        vx, vy, vz, ax, ay, az = _point(before, rx, ry, rz)
+        wx, wy, wz = before.spin[0], before.spin[1], before.spin[2]
+        # Sliding adds Coriolis 2 w x z qd; turning adds w x z qd to the spin's rate.
+        cx, cy, cz = _cross(wx, wy, wz, zx, zy, zz)
+        origin, spin, spin_rate = after.origin, after.spin, after.spin_rate
+        velocity, acceleration = after.velocity, after.acceleration
+        origin[0] = before.origin[0] + rx
+        origin[1] = before.origin[1] + ry
+        origin[2] = before.origin[2] + rz
+        velocity[0], velocity[1], velocity[2] = vx + zx * rate, vy + zy * rate, vz + zz * rate
+        acceleration[0] = ax + 2.0 * rate * cx
+        acceleration[1] = ay + 2.0 * rate * cy
+        acceleration[2] = az + 2.0 * rate * cz
+        spin[0], spin[1], spin[2] = wx + zx * turn, wy + zy * turn, wz + zz * turn
+        spin_rate[0] = before.spin_rate[0] + turn * cx
+        spin_rate[1] = before.spin_rate[1] + turn * cy
+        spin_rate[2] = before.spin_rate[2] + turn * cz
+
+
+@_helper
+def _columns(last, px, py, pz, links, frames, rows):  # type: ignore[no-untyped-def]
+    """Rows k < last: velocity of the point p, moved by joints before `last`, per unit rate."""
+    for k in range(last):
+        axis, origin = frames[k + 1].axis, frames[k + 1].origin
+        x, y, z = axis[0], axis[1], axis[2]
+        if links[k].prismatic == 0:
+            x, y, z = _cross(x, y, z, px - origin[0], py - origin[1], pz - origin[2])
+        rows[k, 0], rows[k, 1], rows[k, 2] = x, y, z
+
+
+@_helper
+def _add_body(last, weight, rows, ax, ay, az, matrix, bias):  # type: ignore[no-untyped-def]
+    """Add weight J J^T and weight J a, with the rows of J below `last`."""
+    for k in range(last):
+        jx, jy, jz = weight * rows[k, 0], weight * rows[k, 1], weight * rows[k, 2]
+        bias[k] += jx * ax + jy * ay + jz * az
+        for j in range(k + 1):
+            matrix[k, j] += jx * rows[j, 0] + jy * rows[j, 1] + jz * rows[j, 2]
+
+
+@_helper
+def _add_link(i, links, frames, world, rows, turned, matrix, bias):  # type: ignore[no-untyped-def]
+    link, frame = links[i], frames[i + 1]
+    rotation, inertia, gravity = frame.rotation, link.inertia, world.gravity
+    rx, ry, rz = _apply(rotation, link.com[0], link.com[1], link.com[2])
+    _, _, _, ax, ay, az = _point(frame, rx, ry, rz)
+    origin = frame.origin
+    _columns(i + 1, origin[0] + rx, origin[1] + ry, origin[2] + rz, links, frames, rows)
+    ax, ay, az = ax - gravity[0], ay - gravity[1], az - gravity[2]
+    _add_body(i + 1, link.mass, rows, ax, ay, az, matrix, bias)
+    # The turning part in the link's own axes, where its inertia is constant.
+    wx, wy, wz = _apply_transposed(rotation, frame.spin[0], frame.spin[1], frame.spin[2])
+    ex, ey, ez = _apply_transposed(
+        rotation, frame.spin_rate[0], frame.spin_rate[1], frame.spin_rate[2]
+    )
+    hx, hy, hz = _apply(inertia, wx, wy, wz)
+    kx, ky, kz = _cross(wx, wy, wz, hx, hy, hz)
+    tx, ty, tz = _apply(inertia, ex, ey, ez)
+    for k in range(i + 1):
+        axis = frames[k + 1].axis
+        bx, by, bz = _apply_transposed(rotation, axis[0], axis[1], axis[2])
+        if links[k].prismatic == 1:
+            bx, by, bz = 0.0, 0.0, 0.0
+        turned[k, 0], turned[k, 1], turned[k, 2] = bx, by, bz
+        bias[k] += bx * (tx + kx) + by * (ty + ky) + bz * (tz + kz)
+        hx, hy, hz = _apply(inertia, bx, by, bz)
+        for j in range(k + 1):
+            matrix[k, j] += hx * turned[j, 0] + hy * turned[j, 1] + hz * turned[j, 2]
+
+
+@_helper
+def _pin(frame, pin):  # type: ignore[no-untyped-def]
+    """Position, velocity and bias acceleration of a pin."""
+    rx, ry, rz = _apply(frame.rotation, pin[0], pin[1], pin[2])
+    vx, vy, vz, ax, ay, az = _point(frame, rx, ry, rz)
+    origin = frame.origin
+    return origin[0] + rx, origin[1] + ry, origin[2] + rz, vx, vy, vz, ax, ay, az
+
+
+@_helper
+def _add_cylinder(cyl, links, frames, world, jac, matrix, bias):  # type: ignore[no-untyped-def]
+    """Stroke and lever of a cylinder, and what its barrel and rod weigh."""
+    j = cyl.joint
+    barrel, rod, line = jac[0], jac[1], jac[2]
+    px, py, pz, pvx, pvy, pvz, pax, pay, paz = _pin(frames[j], cyl.parent_pin)
+    cx, cy, cz, cvx, cvy, cvz, cax, cay, caz = _pin(frames[j + 1], cyl.child_pin)
+    # The line between the pins: e = r / L, e' and the bias part of e''.
+    rx, ry, rz, vx, vy, vz = cx - px, cy - py, cz - pz, cvx - pvx, cvy - pvy, cvz - pvz
+    length = np.sqrt(rx * rx + ry * ry + rz * rz)
+    ex, ey, ez = rx / length, ry / length, rz / length
+    rate = ex * vx + ey * vy + ez * vz
+    _columns(j + 1, cx, cy, cz, links, frames, rod)
+    cyl.x = length - cyl.closed_length
+    cyl.v = rate
+    cyl.lever = ex * rod[j, 0] + ey * rod[j, 1] + ez * rod[j, 2]
+    if cyl.heavy == 0:
+        return
+    _columns(j, px, py, pz, links, frames, barrel)
+    barrel[j, 0], barrel[j, 1], barrel[j, 2] = 0.0, 0.0, 0.0
+    ux, uy, uz = (vx - ex * rate) / length, (vy - ey * rate) / length, (vz - ez * rate) / length
+    sx, sy, sz = cax - pax, cay - pay, caz - paz
+    second = ux * vx + uy * vy + uz * vz + ex * sx + ey * sy + ez * sz
+    sx = (sx - ex * second - 2.0 * ux * rate) / length
+    sy = (sy - ey * second - 2.0 * uy * rate) / length
+    sz = (sz - ez * second - 2.0 * uz * rate) / length
+    barrel_d, rod_d = cyl.barrel[1], cyl.rod[1]
+    for k in range(j + 1):
+        ux, uy, uz = rod[k, 0] - barrel[k, 0], rod[k, 1] - barrel[k, 1], rod[k, 2] - barrel[k, 2]
+        along = ex * ux + ey * uy + ez * uz
+        ux, uy, uz = ux - ex * along, uy - ey * along, uz - ez * along
+        ux, uy, uz = ux / length, uy / length, uz / length
+        line[k, 0], line[k, 1], line[k, 2] = ux, uy, uz
+        barrel[k, 0] += barrel_d * ux
+        barrel[k, 1] += barrel_d * uy
+        barrel[k, 2] += barrel_d * uz
+        rod[k, 0] -= rod_d * ux
+        rod[k, 1] -= rod_d * uy
+        rod[k, 2] -= rod_d * uz
+    gx, gy, gz = world.gravity[0], world.gravity[1], world.gravity[2]
+    pax, pay, paz = pax + barrel_d * sx - gx, pay + barrel_d * sy - gy, paz + barrel_d * sz - gz
+    cax, cay, caz = cax - rod_d * sx - gx, cay - rod_d * sy - gy, caz - rod_d * sz - gz
+    _add_body(j + 1, cyl.barrel[0], barrel, pax, pay, paz, matrix, bias)
+    _add_body(j + 1, cyl.rod[0], rod, cax, cay, caz, matrix, bias)
+    _add_body(j + 1, cyl.barrel[2] + cyl.rod[2], line, sx, sy, sz, matrix, bias)
+
+
+@_kernel
+def equations_of_motion(q, qd, links, frames, cyls, world, jac, matrix, bias):  # type: ignore[no-untyped-def]
+    """Fill mass matrix (lower triangle) and bias, and each cylinder's x, v and lever."""
+    move_frames(q, qd, links, frames)
+    for i in range(q.shape[0]):
+        bias[i] = 0.0
+        for k in range(i + 1):
+            matrix[i, k] = 0.0
+    for i in range(q.shape[0]):
+        _add_link(i, links, frames, world[0], jac[0], jac[1], matrix, bias)
+    for n in range(cyls.shape[0]):
+        cyl = cyls[n]
+        if cyl.direct == 1:
+            cyl.x = q[cyl.joint] - cyl.closed_length
+            cyl.v = qd[cyl.joint]
+            cyl.lever = 1.0
+        else:
+            _add_cylinder(cyl, links, frames, world[0], jac, matrix, bias)
+
+
+@_helper
+def _solve_in_place(matrix, rhs):  # type: ignore[no-untyped-def]
+    """Cholesky solution of the lower-stored matrix, both arguments overwritten."""
+    n = rhs.shape[0]
+    for j in range(n):
+        for k in range(j):
+            matrix[j, j] -= matrix[j, k] * matrix[j, k]
+        matrix[j, j] = np.sqrt(matrix[j, j])
+        for i in range(j + 1, n):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] /= matrix[j, j]
+    for i in range(n):
+        for k in range(i):
+            rhs[i] -= matrix[i, k] * rhs[k]
+        rhs[i] /= matrix[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            rhs[i] -= matrix[k, i] * rhs[k]
+        rhs[i] /= matrix[i, i]
+
+
+@_kernel
+def dead_zone(u, half_width, rounding):  # type: ignore[no-untyped-def]
+    """Opening of a spool with overlap: 0 inside +-half_width, ``|u| - half_width`` outside.
+
+    Smooth: the corners are hyperbolas of the given radius.
+    """
+    if half_width == 0.0:
+        return u
+    over, under = u - half_width, u + half_width
+    square = rounding * rounding
+    return u + 0.5 * (np.sqrt(over * over + square) - np.sqrt(under * under + square))
+
+
+@_kernel
+def edge_flow(coefficient, opening, drop, transition):  # type: ignore[no-untyped-def]
+    """Flow over one edge, m^3/s: linear in the drop (Pa) below `transition`, its root above."""
+    if opening <= 0.0 or coefficient == 0.0:
+        return 0.0
+    scale = np.sqrt(np.sqrt(drop * drop + transition * transition))
+    return coefficient * opening * drop / scale
+
+
+@_helper
+def _bulk_modulus(pressure, world):  # type: ignore[no-untyped-def]
+    """Stiffness of the oil at a gauge pressure, Pa."""
+    absolute = pressure + world.atmosphere
+    modulus = world.bulk_modulus
+    if world.low_pressure_loss > 0.0:
+        loss = np.exp(-max(absolute, 0.0) / world.low_pressure_scale)
+        modulus *= 1.0 - world.low_pressure_loss * loss
+    return modulus
+
+
+@_helper
+def _friction(v, z, cyl):  # type: ignore[no-untyped-def]
+    """Friction force against the motion, N, and the bristle's rate, m/s."""
+    force = cyl.viscous * v
+    if cyl.coulomb == 0.0:
+        return force, 0.0
+    ratio = v / cyl.stribeck_velocity
+    steady = cyl.coulomb
+    if ratio * ratio < 40.0:
+        steady += (cyl.static - cyl.coulomb) * np.exp(-ratio * ratio)
+    rate = v - cyl.bristle * abs(v) * z / steady
+    return force + cyl.bristle * z + cyl.bristle_damping * rate, rate
+
+
+@_helper
+def _stop_force(x, v, lower, upper):  # type: ignore[no-untyped-def]
+    """Force of the end stops, positive towards larger x, N or N m; never pulls."""
+    if x < lower:
+        return max(STOP_STIFFNESS * (lower - x) - STOP_DAMPING * v, 0.0)
+    if x > upper:
+        return min(STOP_STIFFNESS * (upper - x) - STOP_DAMPING * v, 0.0)
+    return 0.0
+
+
+@_helper
+def _spool_rates(asked, position, speed, cyl):  # type: ignore[no-untyped-def]
+    """Rates of spool position and speed towards the asked position."""
+    rate, limit = cyl.spool_rate, cyl.spool_limit
+    moving = min(max(speed, -limit), limit)
+    if (position >= 1.0 and moving > 0.0) or (position <= -1.0 and moving < 0.0):
+        moving = 0.0
+    acceleration = rate * rate * (asked - position) - 2.0 * cyl.spool_damping * rate * moving
+    # Past the speed limit the drive pushes no further.
+    if (speed > limit and acceleration > 0.0) or (speed < -limit and acceleration < 0.0):
+        acceleration = 0.0
+    return moving, acceleration
+
+
+@_helper
+def _line_rates(p_s, p_t, drawn, returned, pump, world):  # type: ignore[no-untyped-def]
+    """Rates of supply and tank pressure for the flows drawn and returned, Pa/s."""
+    drawn, returned = max(drawn, 0.0), max(returned, 0.0)
+    target, back = 0.0, world.tank_resistance * returned * returned
+    if pump:
+        target = world.supply - world.droop * drawn - world.droop_quadratic * drawn * drawn
+        back += world.tank
+    return (max(target, 0.0) - p_s) / world.droop_lag, (back - p_t) / world.tank_lag
+
+
+@_kernel
+def rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, out):  # type: ignore[no-untyped-def]
+    """Right-hand side: d/dt of the state laid out as `Plant` says, into `out`."""
+    n, m, oil = links.shape[0], cyls.shape[0], world[0]
+    q, qd, force = y[:n], y[n : 2 * n], out[n : 2 * n]
+    equations_of_motion(q, qd, links, frames, cyls, world, jac, matrix, bias)
+    for i in range(n):
+        out[i] = qd[i]
+        force[i] = -bias[i]
+        if links[i].stopped == 1:
+            force[i] += _stop_force(q[i], qd[i], links[i].lower, links[i].upper)
+    s = 2 * n + 5 * m
+    p_s, p_t, drawn, returned = y[s], y[s + 1], 0.0, 0.0
+    for i in range(m):
+        cyl, a = cyls[i], 2 * n + i
+        b, z, p, w = a + m, a + 2 * m, a + 3 * m, a + 4 * m
+        spool = asked[i] if cyl.spool_rate == 0.0 else y[p]
+        signal = min(max(spool + cyl.null, -1.0), 1.0)
+        opening = dead_zone(signal, cyl.deadband, cyl.rounding)
+        q_pa = edge_flow(cyl.c_pa, opening, p_s - y[a], cyl.transition)
+        q_at = edge_flow(cyl.c_at, -opening, y[a] - p_t, cyl.transition)
+        q_pb = edge_flow(cyl.c_pb, -opening, p_s - y[b], cyl.transition)
+        q_bt = edge_flow(cyl.c_bt, opening, y[b] - p_t, cyl.transition)
+        drawn += q_pa + q_pb
+        returned += q_at + q_bt
+        x, v, leak = cyl.x, cyl.v, cyl.leak * (y[a] - y[b])
+        volume_a = max(cyl.dead_a + cyl.area_a * x, SMALLEST_VOLUME_M3)
+        volume_b = max(cyl.dead_b + cyl.area_b * (cyl.full_stroke - x), SMALLEST_VOLUME_M3)
+        net_a = q_pa - q_at - leak - cyl.leak_a * y[a] - cyl.area_a * v
+        net_b = q_pb - q_bt + leak - cyl.leak_b * y[b] + cyl.area_b * v
+        out[a] = _bulk_modulus(y[a], oil) * net_a / volume_a
+        out[b] = _bulk_modulus(y[b], oil) * net_b / volume_b
+        rub, out[z] = _friction(v, y[z], cyl)
+        out[p], out[w] = 0.0, 0.0
+        if cyl.spool_rate > 0.0:
+            out[p], out[w] = _spool_rates(asked[i], y[p], y[w], cyl)
+        stop = _stop_force(x, v, 0.0, cyl.full_stroke)
+        push = y[a] * cyl.area_a - y[b] * cyl.area_b - rub + stop
+        force[cyl.joint] += cyl.lever * push
+    _solve_in_place(matrix, force)
+    out[s], out[s + 1] = _line_rates(p_s, p_t, drawn, returned, pump, oil)
+
+
+@_kernel
+def advance(y, asked, pump, steps, step, links, frames, cyls, world, jac, matrix, bias, work):  # type: ignore[no-untyped-def]
+    """Advance `y` in place by fixed steps of the classical Runge-Kutta method.
+
+    `work` is a (3, size) scratch array. The asked spool positions (m,) hold throughout.
+    """
+    slope, total, probe = work[0], work[1], work[2]
+    size, first = y.shape[0], 2 * links.shape[0]
+    lowest = VAPOUR_PRESSURE_PA - world[0].atmosphere
+    for _ in range(steps):
+        rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
+        for i in range(size):
+            total[i] = slope[i]
+            probe[i] = y[i] + 0.5 * step * slope[i]
+        rates(probe, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
+        for i in range(size):
+            total[i] += 2.0 * slope[i]
+            probe[i] = y[i] + 0.5 * step * slope[i]
+        rates(probe, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
+        for i in range(size):
+            total[i] += 2.0 * slope[i]
+            probe[i] = y[i] + step * slope[i]
+        rates(probe, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
+        for i in range(size):
+            y[i] += step / 6.0 * (total[i] + slope[i])
+        for i in range(first, first + 2 * cyls.shape[0]):
+            y[i] = max(y[i], lowest)
+    for i in range(cyls.shape[0]):
+        # A spool without dynamics stands where it is asked to.
+        if cyls[i].spool_rate == 0.0:
+            y[first + 3 * cyls.shape[0] + i] = asked[i]

@@ -1,0 +1,215 @@
+"""Cycles out of frames under every kind of loss and disorder."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
+from hydro_hw_bridge.codec import Codec, Frame, Readings
+
+Make = Callable[..., Readings]
+
+
+@pytest.fixture
+def assembler(codec: Codec) -> Assembler:
+    return Assembler(codec.cycle_frames, codec.sample_counter)
+
+
+@pytest.fixture
+def frames(codec: Codec, readings: Make) -> Callable[..., list[Frame]]:
+    """The frames of a cycle; the lift pressure tells the cycles apart."""
+
+    def make(counter: int) -> list[Frame]:
+        mark = 500.0 * (counter % 1000)
+        values = readings(
+            counter,
+            positions=(counter % 1000 * 1e-3, counter % 1000 * 1e-3),
+            pressures_pa=(mark, mark, mark, mark, mark, mark),
+        )
+        received = [codec.receive(message) for message in codec.encode_cycle(values)]
+        return [frame for frame in received if frame is not None]
+
+    return make
+
+
+def feed(assembler: Assembler, frames: list[Frame]) -> list[Cycle]:
+    return [cycle for frame in frames if (cycle := assembler.add(frame)) is not None]
+
+
+def assert_unmixed(codec: Codec, cycle: Cycle) -> None:
+    got = codec.readings(cycle.data)
+    assert got.counter == cycle.counter
+    assert set(got.pressures_pa) == {500.0 * (cycle.counter % 1000)}
+    assert got.positions == pytest.approx([cycle.counter % 1000 * 1e-3] * 2, abs=1e-5)
+
+
+Frames = Callable[..., list[Frame]]
+
+
+def test_cycles_come_out_as_sent(assembler: Assembler, frames: Frames, codec: Codec) -> None:
+    start = 2**32 - 20
+    sent = [(start + i) % 2**32 for i in range(40)]
+    cycles = [c for counter in sent for c in feed(assembler, frames(counter))]
+    assert [c.counter for c in cycles] == sent
+    assert {c.kind for c in cycles} == {CycleKind.NEW}
+    assert assembler.counters.complete == 40
+    assert assembler.counters.lost == assembler.counters.incomplete == 0
+    for cycle in cycles:
+        assert_unmixed(codec, cycle)
+
+
+@pytest.mark.parametrize("missing", range(1, 5))
+def test_a_missing_frame_means_no_sample(
+    assembler: Assembler, frames: Frames, missing: int
+) -> None:
+    feed(assembler, frames(1))
+    part = frames(2)
+    del part[missing]
+    assert feed(assembler, part) == []
+    assert len(feed(assembler, frames(3))) == 1
+    assert assembler.counters.incomplete == 1
+    assert assembler.counters.lost == 0
+
+
+def test_a_missing_sync_loses_the_cycle(assembler: Assembler, frames: Frames) -> None:
+    feed(assembler, frames(1))
+    assert feed(assembler, frames(2)[1:]) == []
+    assert [c.counter for c in feed(assembler, frames(3))] == [3]
+    assert assembler.counters.lost == 1
+    assert assembler.counters.out_of_order == 4
+
+
+def test_whole_cycles_lost_are_counted(assembler: Assembler, frames: Frames) -> None:
+    feed(assembler, frames(10))
+    feed(assembler, frames(30))
+    assert assembler.counters.lost == 19
+
+
+def test_corrupt_frames_update_nothing(assembler: Assembler, frames: Frames) -> None:
+    part = frames(1)
+    bad = replace(part[2], intact=False, data=bytes(8))
+    assert feed(assembler, [part[0], bad, *part[1:2], *part[3:]]) == []
+    assert assembler.counters.corrupt == 1
+    assert len(feed(assembler, [part[2]])) == 1
+
+
+def test_a_sync_whose_alive_counter_is_not_its_sample_counter_is_corrupt(
+    assembler: Assembler, frames: Frames
+) -> None:
+    part = frames(1)
+    wrong = replace(part[0], alive=2)
+    assert feed(assembler, [wrong, *part[1:]]) == []
+    assert assembler.counters.corrupt == 1
+    assert assembler.counter is None
+
+
+def test_frames_before_the_first_sync_are_not_used(assembler: Assembler, frames: Frames) -> None:
+    assert feed(assembler, frames(1)[1:]) == []
+    assert assembler.counters.out_of_order == 4
+
+
+def test_a_repeated_cycle_is_accepted_once_and_counted(
+    assembler: Assembler, frames: Frames, codec: Codec
+) -> None:
+    first = feed(assembler, frames(5))
+    again = feed(assembler, frames(5)) + feed(assembler, frames(5))
+    assert [c.kind for c in first + again] == [CycleKind.NEW, CycleKind.REPEAT, CycleKind.REPEAT]
+    assert again[0].data == first[0].data
+    assert assembler.counters.complete == 1
+    assert assembler.counters.repeated == 2
+    assert feed(assembler, frames(6))[0].kind is CycleKind.NEW
+    assert_unmixed(codec, again[0])
+
+
+def test_a_repeated_cycle_does_not_change_what_was_accepted(
+    assembler: Assembler, frames: Frames, codec: Codec
+) -> None:
+    first = feed(assembler, frames(5))[0]
+    other = [replace(f, data=g.data) for f, g in zip(frames(5), frames(21), strict=True)]
+    other[0] = frames(5)[0]
+    again = feed(assembler, other)[0]
+    assert again.data == first.data
+    assert_unmixed(codec, again)
+
+
+def test_two_tries_make_one_sample(assembler: Assembler, frames: Frames) -> None:
+    part = frames(5)
+    assert feed(assembler, part[:3]) == []
+    cycles = feed(assembler, [part[0], *part[3:], *part[1:3]])
+    assert [c.kind for c in cycles] == [CycleKind.NEW]
+    assert assembler.counters.complete == 1
+    assert assembler.counters.incomplete == 0
+    assert assembler.counters.repeated == 0
+
+
+def test_a_frame_twice_is_a_duplicate(assembler: Assembler, frames: Frames) -> None:
+    part = frames(5)
+    cycles = feed(assembler, [part[0], part[1], part[1], *part[2:], part[4]])
+    assert len(cycles) == 1
+    assert assembler.counters.duplicates == 2
+
+
+def test_data_frames_in_any_order_after_the_sync(assembler: Assembler, frames: Frames) -> None:
+    part = frames(5)
+    assert len(feed(assembler, [part[0], *reversed(part[1:])])) == 1
+
+
+def test_a_late_cycle_is_dropped_whole(assembler: Assembler, frames: Frames, codec: Codec) -> None:
+    feed(assembler, frames(40))
+    feed(assembler, frames(41)[:2])
+    # 16 cycles back: the alive counters are those of the present cycle.
+    assert feed(assembler, frames(25)) == []
+    assert assembler.counters.out_of_order == 5
+    cycle = feed(assembler, frames(42))[0]
+    assert_unmixed(codec, cycle)
+    assert assembler.counters.incomplete == 1
+    assert assembler.counters.restarts == 0
+
+
+def test_two_cycles_in_a_row_from_the_past_are_a_restart(
+    assembler: Assembler, frames: Frames, codec: Codec
+) -> None:
+    feed(assembler, frames(1000))
+    assert feed(assembler, frames(0)) == []
+    cycles = feed(assembler, frames(1)) + feed(assembler, frames(2))
+    assert [c.kind for c in cycles] == [CycleKind.RESTART, CycleKind.NEW]
+    assert assembler.counters.restarts == 1
+    assert assembler.counters.lost == 0
+    assert_unmixed(codec, cycles[0])
+
+
+def test_a_restarted_lockstep_device_repeats_its_first_cycle(
+    assembler: Assembler, frames: Frames
+) -> None:
+    feed(assembler, frames(1000))
+    feed(assembler, frames(0))
+    assert [c.kind for c in feed(assembler, frames(0))] == [CycleKind.RESTART]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_disorder_ever_gives_a_mixed_sample(
+    assembler: Assembler, frames: Frames, codec: Codec, seed: int
+) -> None:
+    rng = random.Random(seed)
+    stream: list[Frame] = []
+    for counter in range(100):
+        for frame in frames(counter):
+            fate = rng.random()
+            if fate < 0.05:
+                continue
+            stream.append(replace(frame, intact=False) if fate < 0.08 else frame)
+            if fate > 0.95:
+                stream.append(frame)
+    for _ in range(30):
+        i = rng.randrange(len(stream) - 8)
+        stream[i], stream[i + rng.randrange(8)] = stream[i + rng.randrange(8)], stream[i]
+    accepted = []
+    for cycle in feed(assembler, stream):
+        assert_unmixed(codec, cycle)
+        if cycle.kind is CycleKind.NEW:
+            accepted.append(cycle.counter)
+    assert accepted == sorted(set(accepted))
+    assert len(accepted) > 30

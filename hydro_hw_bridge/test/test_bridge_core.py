@@ -1,0 +1,312 @@
+"""The bridge's state machine without bus and ROS: real time, lockstep, valve states, restarts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import can
+import pytest
+from hydro_hw_bridge.bridge_core import NOTHING, BridgeCore, Step
+from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.gate import GateLimits, GateState
+
+Make = Callable[..., Readings]
+NAMES = ("lift_valve", "tilt_valve")
+LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
+NOW = 1_700_000_000_500_000_000
+PERIOD = 2_000_000
+
+
+class Bench:
+    """A core, and the device and the controller at its ends."""
+
+    def __init__(self, codec: Codec, readings: Make, *, lockstep: bool) -> None:
+        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep)
+        self.codec = codec
+        self.readings = readings
+        self.early: list[Step] = []
+
+    def cycle(self, counter: int, **changes: Any) -> Step:
+        steps = []
+        for message in self.codec.encode_cycle(self.readings(counter, **changes)):
+            frame = self.codec.receive(message)
+            assert frame is not None
+            steps.append(self.core.receive(frame, NOW))
+        self.early = [step for step in steps[:-1] if step is not NOTHING]
+        return steps[-1]
+
+    def start(self) -> None:
+        self.core.activate()
+        self.core.ready = True
+
+    def command(self, counter: int, lift: float, tilt: float = 0.0) -> Step:
+        zero = self.core.clock.zero_stamp_ns
+        assert zero is not None
+        return self.core.command(zero + counter * PERIOD, NAMES, (lift, tilt))
+
+    def sent(self, message: can.Message | None) -> CommandFrame:
+        assert message is not None
+        frame = self.codec.receive(message)
+        assert frame is not None
+        assert frame.intact
+        return self.codec.decode_command(frame)
+
+
+@pytest.fixture
+def real_time(codec: Codec, readings: Make) -> Bench:
+    return Bench(codec, readings, lockstep=False)
+
+
+@pytest.fixture
+def lockstep(codec: Codec, readings: Make) -> Bench:
+    return Bench(codec, readings, lockstep=True)
+
+
+@pytest.mark.parametrize("name", ["real_time", "lockstep"])
+def test_inactive_reads_and_never_sends(name: str, request: pytest.FixtureRequest) -> None:
+    bench = request.getfixturevalue(name)
+    for counter in range(3, 10):
+        step = bench.cycle(counter)
+        assert step.answer is None
+        assert step.sample.counter == counter
+        assert step.sample.stamp_ns == bench.core.clock.zero_stamp_ns + counter * PERIOD
+        stated = counter - 1 if bench.core.lockstep else counter
+        if stated >= 3:
+            assert [s.voltages for s in step.valve_states] == [(0.0, 0.0)]
+            since = step.sample.stamp_ns - step.valve_states[0].stamp_ns
+            assert since == (counter - stated) * PERIOD
+        assert bench.command(counter, 1.0) is NOTHING
+    assert bench.core.commands.not_driving == 7
+
+
+def test_samples_carry_one_stamp_from_the_first_cycle_on(real_time: Bench) -> None:
+    assert real_time.cycle(3).sample.stamp_ns == NOW  # type: ignore[union-attr]
+    assert real_time.cycle(7).sample.stamp_ns == NOW + 4 * PERIOD  # type: ignore[union-attr]
+
+
+def test_real_time_tells_the_device_zero_while_it_waits(real_time: Bench) -> None:
+    real_time.cycle(3)
+    real_time.core.activate()
+    command = real_time.sent(real_time.cycle(4).answer)
+    assert command.answers(4)
+    assert not command.enable
+    assert command.voltages == (0.0, 0.0)
+    assert real_time.command(4, 1.0) is NOTHING  # subscribers are not there yet
+    assert real_time.core.commands.not_driving == 1
+
+
+def test_real_time_sends_each_command_at_once(real_time: Bench) -> None:
+    real_time.cycle(3)
+    real_time.start()
+    real_time.cycle(4)
+    step = real_time.command(4, 1.50012, -0.5)
+    command = real_time.sent(step.answer)
+    assert command.enable
+    assert command.answers(4)
+    assert command.voltages == (1.5, -0.5)
+    assert real_time.cycle(5).answer is None  # the device holds the last one
+    assert real_time.core.commands.accepted == 1
+
+
+def test_valve_state_of_a_cycle_is_what_the_wire_carried(real_time: Bench) -> None:
+    real_time.start()
+    states = [*real_time.cycle(1).valve_states]
+    states += real_time.command(1, 1.0).valve_states  # cycle 1 was answered with 0 V already
+    states += real_time.cycle(2).valve_states
+    states += real_time.command(2, 2.0).valve_states
+    states += real_time.cycle(3).valve_states  # no command for 3: held
+    states += real_time.cycle(4).valve_states
+    states += real_time.command(3, 2.5).valve_states  # late: in force from cycle 4 on
+    states += real_time.cycle(5).valve_states
+    zero = real_time.core.clock.zero_stamp_ns or 0
+    counters = [(state.stamp_ns - zero) // PERIOD for state in states]
+    assert counters == [1, 2, 3, 4]
+    assert [state.voltages[0] for state in states] == [0.0, 2.0, 2.0, 2.5]
+    assert states[0].spools == pytest.approx((0.1, -0.2))
+
+
+def test_real_time_silence_of_the_controller_ends_at_zero(real_time: Bench) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    real_time.command(1, 1.0)
+    for counter in range(2, 7):
+        assert real_time.cycle(counter).answer is None
+        assert real_time.early == []
+    answers = [real_time.cycle(7).answer]
+    answers += [step.answer for step in real_time.early]
+    assert len(answers) == 2  # at the sync frame already, not only when the cycle is complete
+    for answer in answers:
+        command = real_time.sent(answer)
+        assert not command.enable
+        assert command.voltages == (0.0, 0.0)
+    assert "no command for 12 ms" in real_time.core.gate.reason
+    real_time.cycle(8)
+    assert real_time.command(8, 0.0) is NOTHING
+    assert real_time.core.commands.denied == 1
+
+
+def test_age_counts_on_though_cycles_are_incomplete(real_time: Bench) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    real_time.command(1, 1.0)
+    answers = []
+    for counter in range(2, 9):
+        sync = real_time.codec.encode_cycle(real_time.readings(counter))[0]
+        frame = real_time.codec.receive(sync)
+        assert frame is not None
+        answers.append(real_time.core.receive(frame, NOW).answer)
+    assert [answer is None for answer in answers] == [True] * 5 + [False, True]
+    assert not real_time.sent(answers[5]).enable
+
+
+def test_silence_of_the_device(real_time: Bench, lockstep: Bench) -> None:
+    for bench in (real_time, lockstep):
+        bench.start()
+        bench.cycle(1)
+        bench.command(1, 1.0)
+        assert bench.core.silence(0.049) is NOTHING
+    assert not real_time.sent(real_time.core.silence(0.05).answer).enable
+    assert "nothing from the device for 50 ms" in real_time.core.gate.reason
+    assert lockstep.core.silence(1000.0) is NOTHING
+    assert lockstep.core.gate.state is GateState.DRIVING
+
+
+@pytest.mark.parametrize("name", ["real_time", "lockstep"])
+def test_a_bad_command_stops_at_once(name: str, request: pytest.FixtureRequest) -> None:
+    bench = request.getfixturevalue(name)
+    bench.start()
+    bench.cycle(1)
+    bench.command(1, 1.0)
+    bench.cycle(2)
+    step = bench.command(2, math.nan)
+    command = bench.sent(step.answer)
+    assert not command.enable
+    assert command.voltages == (0.0, 0.0)
+    assert command.answers(2)
+    assert [s.voltages for s in step.valve_states] == [(0.0, 0.0)]
+
+
+def test_a_permissive_that_goes_stops_with_its_own_cycle(real_time: Bench) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    real_time.command(1, 1.0)
+    assert not real_time.sent(real_time.cycle(2, emergency_stop_ok=False).answer).enable
+    assert real_time.core.gate.reason == "emergency stop"
+
+
+def test_lockstep_waits_for_subscribers_and_first_command(lockstep: Bench) -> None:
+    lockstep.cycle(0)
+    lockstep.core.activate()
+    step = lockstep.cycle(0)
+    assert step.answer is None
+    assert step.sample is not None
+    assert step.sample.repeated
+    assert lockstep.command(0, 1.0) is NOTHING
+    lockstep.core.ready = True
+    assert lockstep.cycle(0).answer is None
+    command = lockstep.sent(lockstep.command(0, 1.0).answer)
+    assert command.answers(0)
+    assert command.enable
+
+
+def test_lockstep_repeats_the_sample_until_answered_then_the_answer(lockstep: Bench) -> None:
+    lockstep.start()
+    first = lockstep.cycle(0)
+    again = lockstep.cycle(0)
+    assert again.sample is not None
+    assert first.sample is not None
+    assert again.sample.stamp_ns == first.sample.stamp_ns
+    assert again.sample.readings == first.sample.readings
+    assert again.valve_states == ()
+    answer = lockstep.command(0, 1.0).answer
+    assert lockstep.command(0, 1.0) is NOTHING  # the controller answers repeats alike
+    step = lockstep.cycle(0)
+    assert step.sample is None
+    assert step.answer is answer
+    assert lockstep.core.commands.repeated == 1
+
+
+def test_lockstep_goes_on_while_tripped(lockstep: Bench) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.command(0, 1.0)
+    lockstep.cycle(1)
+    lockstep.core.gate.trip("test")
+    command = lockstep.sent(lockstep.cycle(1).answer)
+    assert command.answers(1)
+    for counter in range(2, 20):
+        command = lockstep.sent(lockstep.cycle(counter).answer)
+        assert command.answers(counter)
+        assert not command.enable
+    assert lockstep.core.gate.clear()[0]
+    assert lockstep.cycle(20).answer is None
+    assert lockstep.sent(lockstep.command(20, 0.5).answer).enable
+
+
+def test_a_controller_that_stops_releases_in_lockstep(lockstep: Bench) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.command(0, 1.0)
+    assert not lockstep.sent(lockstep.command(0, 0.0).answer).enable
+    assert lockstep.core.gate.state is GateState.WAITING
+    assert lockstep.cycle(1).answer is None
+
+
+def test_deactivation_sends_zero_and_inactive_nothing(lockstep: Bench) -> None:
+    assert lockstep.core.deactivate() is None
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.command(0, 1.0)
+    lockstep.cycle(1)
+    command = lockstep.sent(lockstep.core.deactivate())
+    assert command.answers(1)
+    assert not command.enable
+    assert lockstep.cycle(1).answer is None
+    assert lockstep.cycle(2).answer is None
+    assert lockstep.core.gate.state is GateState.WAITING
+
+
+def test_a_restarted_device_trips_and_maps_anew(real_time: Bench) -> None:
+    real_time.start()
+    last = real_time.cycle(5000).sample
+    real_time.command(5000, 1.0)
+    assert real_time.cycle(0) is NOTHING
+    step = real_time.cycle(1)
+    assert "restarted" in real_time.core.gate.reason
+    assert not real_time.sent(step.answer).enable
+    assert step.sample is not None
+    assert last is not None
+    assert step.sample.stamp_ns > last.stamp_ns
+    assert step.sample.counter == 1
+    assert real_time.core.gate.clear()[0]
+    real_time.cycle(2)
+    assert real_time.sent(real_time.command(2, 0.5).answer).enable
+
+
+def test_a_restart_while_waiting_needs_no_clearing(lockstep: Bench) -> None:
+    lockstep.start()
+    lockstep.cycle(5000)
+    lockstep.cycle(0)
+    step = lockstep.cycle(0)
+    assert step.sample is not None
+    assert not step.sample.repeated
+    assert lockstep.core.gate.state is GateState.WAITING
+    assert lockstep.sent(lockstep.command(0, 1.0).answer).enable
+
+
+def test_faults_trip_at_once_when_active_and_on_activation_otherwise(real_time: Bench) -> None:
+    real_time.cycle(1)
+    assert real_time.core.fault("second_bridge", "a second bridge is on the bus") is NOTHING
+    assert real_time.core.gate.state is GateState.WAITING
+    real_time.core.activate()
+    assert real_time.core.gate.state is GateState.TRIPPED
+    real_time.core.gate.end_fault("second_bridge")
+    assert real_time.core.gate.clear()[0]
+    real_time.core.ready = True
+    real_time.cycle(2)
+    real_time.command(2, 1.0)
+    step = real_time.core.fault("second_bridge", "a second bridge is on the bus")
+    assert not real_time.sent(step.answer).enable
+    assert real_time.core.fault("second_bridge", "again") is NOTHING

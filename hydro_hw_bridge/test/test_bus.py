@@ -1,0 +1,182 @@
+"""Bus names, and frames between processes over the real multicast interface."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import subprocess
+import sys
+from typing import Any
+
+import can
+import pytest
+from hydro_hw_bridge.bus import Bus, BusName, open_bus, parse_bus
+from hydro_hw_bridge.errors import BridgeError
+
+GROUP = "239.74.163.2"
+PORT = 20_000 + os.getpid() % 20_000
+NAME = f"udp_multicast:{GROUP}:{PORT}"
+
+
+def message(identifier: int = 0x80, data: bytes = b"\x01\x02\x03") -> can.Message:
+    return can.Message(arbitration_id=identifier, is_extended_id=False, data=data)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("can0", BusName("socketcan", "can0")),
+        ("socketcan:vcan1", BusName("socketcan", "vcan1")),
+        (f"udp_multicast:{GROUP}", BusName("udp_multicast", GROUP, 43113)),
+        (f"udp_multicast:{GROUP}:1234", BusName("udp_multicast", GROUP, 1234)),
+        ("pcan:PCAN_USBBUS1", BusName("pcan", "PCAN_USBBUS1")),
+    ],
+)
+def test_bus_names(text: str, expected: BusName) -> None:
+    assert parse_bus(text) == expected
+    assert parse_bus(str(expected)) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        ":",
+        ":can0",
+        "udp_multicast:127.0.0.1:43113",
+        "udp_multicast:ff15::1",
+        "udp_multicast:239.0.0.1:0",
+        "udp_multicast:239.0.0.1:99999",
+        "udp_multicast:239.0.0.1:port",
+    ],
+)
+def test_malformed_bus_names(text: str) -> None:
+    with pytest.raises(BridgeError, match="expected"):
+        parse_bus(text)
+
+
+@pytest.mark.parametrize("text", ["can77", "socketcan:can77", "no_such_interface:0", "kvaser:0"])
+def test_absent_interfaces_are_one_line(text: str) -> None:
+    with pytest.raises(BridgeError) as raised:
+        open_bus(text)
+    assert str(raised.value).startswith("cannot open CAN bus")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_port_taken_by_another_program_is_busy() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("", 0))
+        port = taken.getsockname()[1]
+        with pytest.raises(BridgeError, match="Address already in use"):
+            open_bus(f"udp_multicast:{GROUP}:{port}")
+
+
+def test_frames_stay_on_this_machine() -> None:
+    with open_bus(NAME) as bus, socket.socket(fileno=os.dup(bus._bus.fileno())) as inner:
+        assert inner.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
+        interface = inner.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4)
+        assert interface == socket.inet_aton("127.0.0.1")
+        assert inner.family == socket.AF_INET
+
+
+ECHO = """
+import can, sys
+from hydro_hw_bridge.bus import open_bus
+with open_bus(sys.argv[1], [0x80]) as bus:
+    print("ready", flush=True)
+    for _ in range(200):
+        message = None
+        while message is None:
+            message = bus.receive(5.0)
+        bus.send(can.Message(arbitration_id=0x90, is_extended_id=False, data=message.data[::-1]))
+"""
+
+
+def test_two_processes_exchange_frames() -> None:
+    with open_bus(NAME, [0x90]) as bus:
+        process = subprocess.Popen(
+            [sys.executable, "-c", ECHO, NAME], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            for number in range(200):
+                data = number.to_bytes(4, "little") + b"rest"
+                assert bus.send(message(0x80, data))
+                answer = bus.receive(5.0)
+                assert answer is not None
+                assert answer.arbitration_id == 0x90
+                assert bytes(answer.data) == data[::-1]
+            assert process.wait(5) == 0
+        finally:
+            process.kill()
+            process.wait()
+        assert bus.counters.received == bus.counters.sent == 200
+
+
+def test_only_the_asked_identifiers_are_received() -> None:
+    with open_bus(NAME, [0x80]) as bus, open_bus(NAME) as other:
+        other.send(message(0x81))
+        other.send(message(0x80))
+        received = bus.receive(2.0)
+        assert received is not None
+        assert received.arbitration_id == 0x80
+        assert bus.receive(0.05) is None
+
+
+def test_garbage_on_the_port_is_counted_and_survived() -> None:
+    with open_bus(NAME) as bus, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        loopback = socket.inet_aton("127.0.0.1")
+        stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
+        for garbage in (b"", b"\x00", b"hello" * 100, b"\x81\xa1a\x01", os.urandom(64)):
+            stranger.sendto(garbage, (GROUP, PORT))
+        for _ in range(5):
+            assert bus.receive(2.0) is None
+        assert bus.counters.malformed == 5
+        bus.send(message())
+        assert bus.receive(2.0) is not None
+
+
+class RefusingBus(can.BusABC):
+    """An interface whose send queue is full, or that is gone, as the kernel reports it."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(channel="refusing")
+        self._number = number
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        cause = OSError(self._number, os.strerror(self._number))
+        raise can.CanOperationError("Failed to transmit") from cause
+
+    def _recv_internal(self, timeout: float | None) -> Any:
+        raise can.CanOperationError("Network is down", errno.ENETDOWN)
+
+
+def test_a_full_send_queue_drops_and_counts() -> None:
+    with Bus(BusName("socketcan", "x"), RefusingBus(errno.ENOBUFS)) as bus:
+        assert not bus.send(message())
+        assert not bus.send(message())
+        assert bus.counters.dropped == 2
+        assert bus.counters.send_errors == bus.counters.sent == 0
+
+
+def test_other_send_errors_are_counted_apart() -> None:
+    with Bus(BusName("socketcan", "x"), RefusingBus(errno.ENETDOWN)) as bus:
+        assert not bus.send(message())
+        assert bus.counters.send_errors == 1
+
+
+def test_an_interface_that_goes_away_raises() -> None:
+    with (
+        Bus(BusName("socketcan", "x"), RefusingBus(0)) as bus,
+        pytest.raises(BridgeError, match="socketcan:x: receiving failed: Network is down"),
+    ):
+        bus.receive(0.1)
+
+
+def test_error_frames_are_counted_not_delivered() -> None:
+    with open_bus(NAME) as bus, open_bus(NAME) as other:
+        other.send(can.Message(is_error_frame=True, data=bytes(8)))
+        assert bus.receive(2.0) is None
+        assert bus.counters.error_frames == 1

@@ -1,0 +1,228 @@
+"""Mapping, DBC and calibration files: one line on everything that does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hydro_hw_bridge.calibration import (
+    Calibration,
+    calibrated_mapping,
+    calibration_text,
+    load_calibration,
+)
+from hydro_hw_bridge.codec import Codec, default_mapping
+from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot import Robot
+
+Edit = Callable[[dict[str, Any]], object]
+
+BAD: list[tuple[str, Edit, str]] = [
+    ("schema", lambda m: m.update(schema="other/1"), "expected schema hydro_hw_bridge/mapping/1"),
+    ("unknown key", lambda m: m.update(speed=3), "unknown key 'speed'"),
+    ("no name", lambda m: m.pop("name"), "key 'name' is missing"),
+    ("joint unknown", lambda m: m["joints"].update(slew={"signal": "x"}), "has no 'slew'"),
+    ("joint missing", lambda m: m["joints"].pop("tilt"), "'tilt' of the robot is missing"),
+    (
+        "pressure unknown",
+        lambda m: m["pressures"].update({"lift_cylinder/c": {}}),
+        "has no 'lift_cylinder/c'",
+    ),
+    ("pressure missing", lambda m: m["pressures"].pop("tilt_cylinder/b"), "tilt_cylinder/b"),
+    ("valve unknown", lambda m: m["valves"].update(grab={}), "has no 'grab'"),
+    ("valve missing", lambda m: m["valves"].pop("lift_valve"), "'lift_valve' of the robot"),
+    (
+        "signal unknown",
+        lambda m: m["joints"]["lift"].update(signal="ENCODERS.Lift"),
+        "no signal 'ENCODERS.Lift' in xs031.dbc",
+    ),
+    (
+        "signal twice",
+        lambda m: m["joints"]["lift"].update(signal="ENCODERS.TiltEncoder"),
+        "signal 'ENCODERS.TiltEncoder' is used more than once",
+    ),
+    (
+        "signal in the wrong frame",
+        lambda m: m["joints"]["lift"].update(signal="VALVE_COMMAND.CommandCrc"),
+        "should be in a frame of role sync or cycle",
+    ),
+    (
+        "signal under the protection",
+        lambda m: m["joints"]["lift"].update(signal="ENCODERS.EncodersCrc"),
+        "overlaps the protection",
+    ),
+    (
+        "counter too short",
+        lambda m: m["sync"].update(counter="SYNC.SyncAlive"),
+        "should have 32 bits",
+    ),
+    ("sign", lambda m: m["joints"]["lift"].update(sign=2), "'sign' should be 1 or -1"),
+    ("scale", lambda m: m["joints"]["lift"].update(scale=0), "'scale' should be a number above 0"),
+    (
+        "reference",
+        lambda m: m["pressures"]["supply"].update(reference="vacuum"),
+        "gauge or absolute",
+    ),
+    (
+        "no reference",
+        lambda m: m["pressures"]["supply"].pop("reference"),
+        "'reference' is missing",
+    ),
+    ("role", lambda m: m["frames"]["SYNC"].update(role="boss"), "should be one of sync, cycle"),
+    ("no sync", lambda m: m["frames"]["SYNC"].update(role="cycle"), "one frame of role sync"),
+    (
+        "two claims",
+        lambda m: m["frames"]["ENCODERS"].update(role="claim"),
+        "expected one frame of role claim",
+    ),
+    (
+        "identifiers",
+        lambda m: m["frames"]["SYNC"].update(e2e_profile_2=[1, 2, 3]),
+        "'e2e_profile_2' should be 16 numbers",
+    ),
+    (
+        "identifier range",
+        lambda m: m["frames"]["SYNC"]["e2e_profile_2"].__setitem__(3, 256),
+        "integers from 0 to 255, found 256",
+    ),
+    (
+        "protection",
+        lambda m: m["frames"]["SYNC"].update(protection="hope"),
+        "found 'protection: hope'",
+    ),
+    (
+        "frame unknown",
+        lambda m: m["frames"].update(EXTRA={"role": "cycle", "protection": "none"}),
+        "no frame 'EXTRA'",
+    ),
+    (
+        "no permissive",
+        lambda m: m["sync"]["status"].pop("pump_on"),
+        "key 'pump_on' is missing",
+    ),
+    (
+        "voltage does not fit",
+        lambda m: m["valves"]["lift_valve"]["command"].update(scale=0.5),
+        "10 V of valve 'lift_valve' does not fit",
+    ),
+    ("load", lambda m: m.update(bitrate=500000), "expected at most 50 % bus load"),
+]
+
+
+def edited(codec: Codec, folder: Path, edit: Edit) -> Path:
+    content = yaml.safe_load(codec.mapping.source.read_text(encoding="utf-8"))
+    edit(content)
+    path = folder / "bad.mapping.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("edit", "text"), [b[1:] for b in BAD], ids=[b[0] for b in BAD])
+def test_bad_mapping_is_one_clear_line(
+    codec: Codec, robot: Robot, tmp_path: Path, edit: Edit, text: str
+) -> None:
+    path = edited(codec, tmp_path, edit)
+    with pytest.raises(BridgeError) as raised:
+        Codec.load(codec.mapping.dbc, path, robot)
+    assert text in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert raised.value.exit_code == 2
+
+
+def test_unprotected_frames_and_unmeasured_supply_are_allowed(
+    codec: Codec, robot: Robot, tmp_path: Path, readings: Callable[..., Any]
+) -> None:
+    def edit(mapping: dict[str, Any]) -> None:
+        for frame in mapping["frames"].values():
+            frame.pop("e2e_profile_2")
+            frame["protection"] = "none"
+        mapping["pressures"].pop("supply")
+        mapping.pop("oil_temperature")
+        mapping["valves"]["tilt_valve"].pop("spool")
+
+    plain = Codec.load(codec.mapping.dbc, edited(codec, tmp_path, edit), robot)
+    assert "supply" not in plain.pressure_names
+    values = readings(70000, pressures_pa=(1e6, 2e6, 3e6, 4e6, 1e6), oil_temperature_c=None)
+    frames = [plain.receive(message) for message in plain.encode_cycle(values)]
+    assert [frame.alive for frame in frames if frame] == [None] * 5
+    got = plain.readings({frame.name: frame.data for frame in frames if frame})
+    assert got.pressures_pa == values.pressures_pa
+    assert got.oil_temperature_c is None
+    assert got.spools[1] != got.spools[1]
+    command = plain.receive(plain.encode_command(70000, (1.0, 2.0), False))
+    assert command is not None
+    assert plain.decode_command(command).answers(70000)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (None, "no DBC file"),
+        ("this is no dbc", "not a valid DBC"),
+        ('VERSION ""\nBU_: A\n', "no frame 'SYNC' (known: none)"),
+    ],
+)
+def test_bad_dbc_is_one_clear_line(
+    codec: Codec, robot: Robot, tmp_path: Path, text: str | None, message: str
+) -> None:
+    path = tmp_path / "bad.dbc"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(BridgeError) as raised:
+        Codec.load(path, codec.mapping.source, robot)
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "a: [", "\x00"])
+def test_garbage_mapping(robot: Robot, tmp_path: Path, text: str) -> None:
+    path = tmp_path / "garbage.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BridgeError) as raised:
+        Codec.load(None, path, robot)
+    assert str(path) in str(raised.value)
+
+
+def test_a_robot_without_a_shipped_mapping() -> None:
+    with pytest.raises(BridgeError, match="no mapping is shipped for robot 'unknown'"):
+        default_mapping("unknown")
+
+
+def calibration() -> Calibration:
+    return Calibration("c", "xs031", "xs031", {"supply": 1e3}, {"lift": 0.1}, {"lift_valve": -1})
+
+
+def test_calibration_file_round_trip(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(calibration_text(calibration(), {"date": "today"}), encoding="utf-8")
+    assert load_calibration(path) == calibration()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "x"}, "expected schema hydro_hw_bridge/calibration/1"),
+        ({"valve_sign": {"lift_valve": 0.5}}, "should be 1 or -1, found 0.5"),
+        ({"pressure_zero_pa": [1]}, "should be a mapping of names to numbers"),
+    ],
+)
+def test_bad_calibration_file(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+    content = yaml.safe_load(calibration_text(calibration(), {})) | change
+    path = tmp_path / "c.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    with pytest.raises(BridgeError, match=message):
+        load_calibration(path)
+    with pytest.raises(BridgeError, match="no calibration file"):
+        load_calibration(tmp_path / "absent.yaml")
+
+
+def test_a_calibration_of_another_machine_is_refused(codec: Codec) -> None:
+    other = Calibration("c", "xs031", "other", {}, {}, {})
+    with pytest.raises(BridgeError, match="expected one of mapping 'xs031', found mapping"):
+        calibrated_mapping(codec.mapping, other)
+    strange = Calibration("c", "xs031", "xs031", {}, {"wrist": 0.1}, {})
+    with pytest.raises(BridgeError, match="no joint 'wrist'"):
+        calibrated_mapping(codec.mapping, strange)

@@ -1,0 +1,85 @@
+"""Device counters as stamps: one mapping, wraps, restarts."""
+
+from __future__ import annotations
+
+import pytest
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.sample_clock import SampleClock
+from hypothesis import given
+from hypothesis import strategies as st
+
+PERIOD = 2_000_000
+NOW = 1_700_000_000_123_456_789
+
+
+def test_counter_zero_is_where_the_first_cycle_puts_it() -> None:
+    clock = SampleClock(PERIOD)
+    clock.start(500, NOW)
+    assert clock.zero_stamp_ns == NOW - 1_000_000_000
+    assert clock.stamp_ns(clock.extend(500)) == NOW
+
+
+@given(st.lists(st.integers(1, 1000), max_size=50), st.integers(0, 2**32 - 1))
+def test_intervals_are_exact_over_gaps_and_wraps(gaps: list[int], first: int) -> None:
+    clock = SampleClock(PERIOD)
+    clock.start(first, NOW)
+    counter, cycles = first, 0
+    for gap in gaps:
+        counter = (counter + gap) % 2**32
+        cycles += gap
+        stamp = clock.stamp_ns(clock.extend(counter))
+        assert stamp == NOW + cycles * PERIOD
+        assert clock.counter_of(stamp) == first + cycles
+
+
+def test_a_ros_clock_that_steps_changes_nothing() -> None:
+    """The clock is asked once: a later time is not even an input of a stamp."""
+    clock = SampleClock(PERIOD)
+    clock.start(0, NOW)
+    before = clock.stamp_ns(clock.extend(1))
+    after = clock.stamp_ns(clock.extend(2))
+    assert after - before == PERIOD
+
+
+def test_earlier_counters_extend_backwards() -> None:
+    clock = SampleClock(PERIOD)
+    clock.start(3, NOW)
+    assert clock.extend(2**32 - 1) == -1
+    assert clock.extend(3) == 3
+
+
+@pytest.mark.parametrize("offset", [1, -1, PERIOD // 2, PERIOD - 1])
+def test_other_stamps_are_of_no_cycle(offset: int) -> None:
+    clock = SampleClock(PERIOD)
+    assert clock.counter_of(NOW) is None
+    clock.start(7, NOW)
+    assert clock.counter_of(NOW) == 7
+    assert clock.counter_of(NOW + offset) is None
+
+
+def test_lockstep_puts_counter_zero_on_a_whole_second() -> None:
+    clock = SampleClock(PERIOD, whole_seconds=True)
+    clock.start(3, NOW)
+    assert clock.zero_stamp_ns is not None
+    assert clock.zero_stamp_ns % 1_000_000_000 == 0
+    assert 0 <= NOW - clock.stamp_ns(3) < 1_000_000_000
+
+
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("step_ns", [-3_600_000_000_000, 0, 1, 3_600_000_000_000])
+def test_after_a_restart_stamps_go_on_upwards(whole: bool, step_ns: int) -> None:
+    clock = SampleClock(PERIOD, whole_seconds=whole)
+    clock.start(1000, NOW)
+    last = clock.stamp_ns(clock.extend(5000))
+    clock.start(2, NOW + step_ns)
+    first = clock.stamp_ns(clock.extend(2))
+    assert first >= last + PERIOD or (whole and first > last)
+    if step_ns > 1_000_000_000:
+        assert abs(first - NOW - step_ns) <= 1_000_000_000
+
+
+def test_use_before_start_and_a_period_of_nothing() -> None:
+    with pytest.raises(BridgeError, match="not started"):
+        SampleClock(PERIOD).stamp_ns(1)
+    with pytest.raises(BridgeError, match="above 0 ns, found 0"):
+        SampleClock(0)

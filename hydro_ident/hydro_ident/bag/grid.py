@@ -1,0 +1,185 @@
+"""Joining topics by stamp: duplicates, gaps, contiguous stretches, latched spans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.series import Series
+
+#: An interval of more than this many periods is a gap.
+_GAP_PERIODS = 1.5
+#: A command this far from 0 V asks for motion; the applied voltage may follow it this many
+#: cycles later. A shorter disagreement is delay, not a latch.
+_COMMANDED_V = 1e-3
+_FOLLOW_CYCLES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Cycles that are missing between two stamps.
+
+    Attributes
+    ----------
+    after_ns, before_ns : int
+        Stamps of the last cycle before and of the first behind the gap.
+    missing : int
+        Number of cycles that should lie between them.
+    """
+
+    after_ns: int
+    before_ns: int
+    missing: int
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A series in order of its stamps, each stamp once.
+
+    Attributes
+    ----------
+    series : Series
+    stamp_ns : (U,) int64 array
+        Strictly increasing.
+    row : (U,) int array
+        Row of `series` per stamp: the first message that carried it.
+    duplicates : int
+        Messages whose stamp had been there before.
+    disordered : int
+        Messages with a stamp older than that of a message before.
+    """
+
+    series: Series
+    stamp_ns: IntArray
+    row: IntArray
+    duplicates: int
+    disordered: int
+
+    @staticmethod
+    def of(series: Series) -> Topic:
+        """Sort and thin out a series."""
+        stamp_ns, row = np.unique(series.stamp_ns, return_index=True)
+        first = np.sort(row)
+        ordered = series.stamp_ns[first]
+        disordered = int(np.sum(ordered < np.maximum.accumulate(ordered)))
+        duplicates = len(series) - len(stamp_ns)
+        return Topic(series, stamp_ns, row.astype(np.int64), duplicates, disordered)
+
+    def values(self, field: str) -> FloatArray:
+        """A field in order of the stamps, (U, k)."""
+        return self.series.fields[field][self.row]
+
+
+def join(
+    grid: IntArray, topic: Topic | None, names: Sequence[str] | None, field: str
+) -> FloatArray | None:
+    """One field of a topic on the grid.
+
+    Parameters
+    ----------
+    grid : (N,) int64 array
+    topic : Topic or None
+    names : sequence of str, or None
+        Entries wanted, in order; None for types without names: every column.
+    field : str
+
+    Returns
+    -------
+    (N, k) array or None
+        NaN where an entry or a stamp is missing; None where there is no value at all.
+    """
+    if topic is None or field not in topic.series.fields:
+        return None
+    values = topic.series.fields[field]
+    at = np.minimum(np.searchsorted(topic.stamp_ns, grid), len(topic.stamp_ns) - 1)
+    there = topic.stamp_ns[at] == grid
+    rows = topic.row[at[there]]
+    if names is None:
+        columns, wanted = list(range(values.shape[1])), list(range(values.shape[1]))
+    else:
+        known = topic.series.names
+        wanted = [i for i, name in enumerate(names) if name in known]
+        columns = [known.index(names[i]) for i in wanted]
+    joined = np.full((len(grid), len(names) if names is not None else len(columns)), np.nan)
+    joined[np.ix_(there, wanted)] = values[np.ix_(rows, columns)]
+    return None if bool(np.isnan(joined).all()) else joined
+
+
+def find_gaps(stamp_ns: IntArray, period_s: float) -> tuple[Gap, ...]:
+    """Where cycles are missing.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Strictly increasing.
+    period_s : float
+
+    Returns
+    -------
+    tuple of Gap
+    """
+    step = np.diff(stamp_ns)
+    wide = np.flatnonzero(step > _GAP_PERIODS * period_s * 1e9)
+    return tuple(
+        Gap(int(stamp_ns[i]), int(stamp_ns[i + 1]), round(step[i] * 1e-9 / period_s) - 1)
+        for i in wide
+    )
+
+
+def contiguous(stamp_ns: IntArray, period_s: float) -> tuple[slice, ...]:
+    """Stretches of cycles with none missing in between.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+    period_s : float
+
+    Returns
+    -------
+    tuple of slice
+    """
+    wide = np.flatnonzero(np.diff(stamp_ns) > _GAP_PERIODS * period_s * 1e9) + 1
+    edges = [0, *(int(i) for i in wide), len(stamp_ns)]
+    return tuple(slice(a, b) for a, b in pairwise(edges) if b > a)
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end (exclusive) of every run of True in a mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def latched_cycles(
+    count: int, applied_v: FloatArray | None, command_v: FloatArray | None
+) -> NDArray[np.bool_]:
+    """Cycles in which the gate held every valve at 0 V although motion was commanded.
+
+    Parameters
+    ----------
+    count : int
+        Number of cycles N.
+    applied_v, command_v : (N, m) array or None
+        From `/valve_state` and `/valve_command`; both are needed to tell.
+
+    Returns
+    -------
+    (N,) bool array
+        True in stretches of exact zeros that last longer than the delay from a command to its
+        application, and in which a command was other than zero.
+    """
+    latched = np.zeros(count, dtype=np.bool_)
+    if applied_v is None or command_v is None:
+        return latched
+    still = np.asarray((np.nan_to_num(applied_v, nan=1.0) == 0.0).all(axis=1), dtype=np.bool_)
+    asked = np.asarray(np.any(np.abs(np.nan_to_num(command_v)) > _COMMANDED_V, axis=1))
+    for begin, end in runs(still):
+        # The last commands of a zero stretch are those that end it.
+        denied = np.flatnonzero(asked[begin : max(begin, end - _FOLLOW_CYCLES)])
+        if len(denied) >= _FOLLOW_CYCLES:
+            latched[begin + int(denied[0]) : end] = True
+    return latched

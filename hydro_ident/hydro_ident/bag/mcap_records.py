@@ -1,0 +1,246 @@
+"""The records of one MCAP file in file order, as far as they can be read.
+
+The format (https://mcap.dev/spec) is a magic, then records of opcode (1 byte), length (8 bytes)
+and body; messages, channels and schemas may sit inside chunks, compressed. Reading straight
+through needs no index and ends well wherever the file was cut off. Sizes are checked before
+anything is allocated.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from hydro_ident.bag.chunks import ChunkError, decompress_chunk
+from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
+from hydro_ident.errors import BagError
+
+MAGIC = b"\x89MCAP0\r\n"
+#: No honest writer makes larger records or chunks; a corrupt length is caught here.
+MAX_RECORD_BYTES = 1 << 29
+#: Messages outside chunks are handed on in blocks of about this size.
+_BLOCK_BYTES = 1 << 20
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+METADATA, DATA_END = 0x0C, 0x0F
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQII")
+_SHORT_PAIR = struct.Struct("<HH")
+
+
+class McapFile:
+    """One MCAP file, read once from the front by `blocks`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    channels : dict of int to Channel
+        Filled while reading.
+    metadata : dict of str to dict
+        Metadata records by name, filled while reading.
+    health : FileHealth
+        Complete once `blocks` is exhausted.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.health = FileHealth(path)
+        self.channels: dict[int, Channel] = {}
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._data_crc = 0
+
+    def blocks(self) -> Iterator[MessageBlock]:
+        """The messages in file order within each channel, block by block.
+
+        Yields
+        ------
+        MessageBlock
+
+        Raises
+        ------
+        BagError
+            The file cannot be opened or is no MCAP file.
+        """
+        try:
+            with open(self.path, "rb") as stream:
+                self.health.size_bytes = os.fstat(stream.fileno()).st_size
+                self._read_magic(stream)
+                yield from self._records(stream)
+        except OSError as error:
+            raise BagError(f"{self.path}: cannot be read: {error.strerror}") from error
+
+    def _read_magic(self, stream: IO[bytes]) -> None:
+        magic = stream.read(len(MAGIC))
+        if magic != MAGIC:
+            what = "an empty file" if not magic else f"bytes {magic.hex(' ')}"
+            raise BagError(f"{self.path}: expected an MCAP file, found {what}")
+        self._data_crc = zlib.crc32(magic)
+        self.health.read_bytes = len(MAGIC)
+
+    def _records(self, stream: IO[bytes]) -> Iterator[MessageBlock]:
+        loose = bytearray()  # messages outside chunks
+        health = self.health
+        while True:
+            head = stream.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                self._cut("in the head of a record" if head else "between records")
+                break
+            opcode, length = _HEAD.unpack(head)
+            left = health.size_bytes - health.read_bytes - _HEAD.size
+            if length > MAX_RECORD_BYTES and length <= left:
+                health.losses.append(
+                    f"record of {length} bytes at byte {health.read_bytes}: more than"
+                    f" {MAX_RECORD_BYTES}, everything behind it left out"
+                )
+                break
+            if length > left:
+                self._cut(f"inside a record of {length} bytes")
+                if opcode == CHUNK:
+                    yield from self._chunk(stream.read(left), truncated=True)
+                break
+            body = stream.read(length)
+            if opcode == DATA_END:
+                self._data_end(body, stream)
+                break
+            self._data_crc = zlib.crc32(body, zlib.crc32(head, self._data_crc))
+            if opcode == MESSAGE:
+                loose += head + body
+                if len(loose) >= _BLOCK_BYTES:
+                    yield from self._messages(bytes(loose))
+                    loose.clear()
+            elif opcode == CHUNK:
+                yield from self._chunk(body, truncated=False)
+            else:
+                self._note(opcode, body)
+            health.read_bytes += _HEAD.size + length
+        if loose:
+            yield from self._messages(bytes(loose))
+
+    def _cut(self, where: str) -> None:
+        health = self.health
+        rest = health.size_bytes - health.read_bytes
+        tail = f", the last {rest} bytes are no complete record" if rest else ""
+        health.losses.append(f"cut off {where} at byte {health.read_bytes}{tail}")
+
+    def _data_end(self, body: bytes, stream: IO[bytes]) -> None:
+        health = self.health
+        crc = int.from_bytes(body[:4], "little")
+        health.data_checksum = crc == self._data_crc
+        if crc and not health.data_checksum:
+            health.losses.append("checksum of the data section does not match: bytes changed")
+        health.read_bytes = stream.tell()
+        stream.seek(-len(MAGIC), os.SEEK_END)
+        health.complete = stream.read() == MAGIC
+        if not health.complete:
+            health.losses.append("cut off behind the data: all messages are there")
+        health.read_bytes = health.size_bytes
+
+    def _note(self, opcode: int, body: bytes) -> None:
+        """Take in a record that is neither message nor chunk; unknown ones are skipped."""
+        try:
+            if opcode == HEADER:
+                self.health.profile, at = _string(body, 0)
+                self.health.library, _ = _string(body, at)
+            elif opcode == SCHEMA:
+                (schema,) = struct.unpack_from("<H", body, 0)
+                name, at = _string(body, 2)
+                encoding, at = _string(body, at)
+                text, _ = _string(body, at)
+                self._schemas[schema] = name, encoding, text
+            elif opcode == CHANNEL:
+                self._note_channel(body)
+            elif opcode == METADATA:
+                name, at = _string(body, 0)
+                self.metadata.setdefault(name, {}).update(_mapping(body, at))
+        except (struct.error, UnicodeDecodeError, ValueError) as error:
+            self.health.losses.append(
+                f"record of kind {opcode} at byte {self.health.read_bytes} is malformed ({error})"
+            )
+
+    def _note_channel(self, body: bytes) -> None:
+        channel, schema = _SHORT_PAIR.unpack_from(body, 0)
+        topic, at = _string(body, 4)
+        encoding, at = _string(body, at)
+        metadata = _mapping(body, at)
+        name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
+        self.channels.setdefault(
+            channel, Channel(topic, name, encoding, schema_encoding, text, metadata)
+        )
+
+    def _chunk(self, body: bytes, *, truncated: bool) -> Iterator[MessageBlock]:
+        health = self.health
+        try:
+            chunk = decompress_chunk(body, MAX_RECORD_BYTES, truncated=truncated)
+        except ChunkError as error:
+            health.losses.append(f"chunk at byte {health.read_bytes} left out: {error}")
+            return
+        health.chunks += 1
+        health.checked_chunks += chunk.checked
+        health.compression.add(chunk.compression)
+        yield from self._messages(chunk.data, truncated=truncated)
+
+    def _messages(self, data: bytes, *, truncated: bool = False) -> Iterator[MessageBlock]:
+        """Sort the messages of a buffer by channel."""
+        found: dict[int, list[tuple[int, int, int, int]]] = {}
+        at, end = 0, len(data)
+        head, message = _HEAD.unpack_from, _MESSAGE.unpack_from
+        while at + 9 <= end:
+            opcode, length = head(data, at)
+            at += 9
+            if length > end - at:
+                break
+            if opcode == MESSAGE and length >= 22:
+                channel, _, log_ns, publish_ns = message(data, at)
+                row = (at + 22, length - 22, log_ns, publish_ns)
+                try:
+                    found[channel].append(row)
+                except KeyError:
+                    found[channel] = [row]
+            else:
+                self._note(opcode, data[at : at + length])
+            at += length
+        if at != end and not truncated:
+            self.health.losses.append("a chunk ends inside a record: the rest of it left out")
+        for channel, rows in found.items():
+            if channel not in self.channels:
+                self.health.losses.append(
+                    f"{len(rows)} messages of channel {channel}, which no record describes"
+                )
+                continue
+            yield _block(self.channels[channel], data, rows)
+
+
+def _block(channel: Channel, data: bytes, rows: list[tuple[int, int, int, int]]) -> MessageBlock:
+    # Times are unsigned in the file; ROS time is signed, and a wrapped one is seen as negative.
+    columns = np.array(rows, dtype=np.uint64).astype(np.int64).T
+    return MessageBlock(channel, data, columns[0], columns[1], columns[2], columns[3])
+
+
+def _string(body: bytes, at: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", body, at)
+    end = at + 4 + length
+    if end > len(body):
+        raise ValueError(f"a string of {length} bytes where {len(body) - at - 4} are left")
+    return body[at + 4 : end].decode("utf-8"), end
+
+
+def _mapping(body: bytes, at: int) -> dict[str, str]:
+    (size,) = struct.unpack_from("<I", body, at)
+    at, end = at + 4, at + 4 + size
+    pairs: dict[str, str] = {}
+    while at < end:
+        key, at = _string(body, at)
+        pairs[key], at = _string(body, at)
+    return pairs

@@ -1,0 +1,91 @@
+"""What the reading of an MCAP file yields: channels, blocks of messages, the file's health."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A channel of one file: its topic, type and what its writer offered.
+
+    Attributes
+    ----------
+    topic, message_type, encoding, schema_encoding : str
+        `encoding` is the messages' (cdr), `schema_encoding` the definition's (ros2msg).
+    definition : str
+        Text of the schema.
+    metadata : mapping of str to str
+        `offered_qos_profiles` and the like.
+    """
+
+    topic: str
+    message_type: str
+    encoding: str
+    schema_encoding: str
+    definition: str
+    metadata: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class MessageBlock:
+    """Messages of one channel that lie in one buffer.
+
+    Attributes
+    ----------
+    channel : Channel
+    data : bytes
+        The buffer (a decompressed chunk, or a piece of the file).
+    offset, length : (N,) arrays
+        Where each serialised message lies in `data`.
+    log_ns, publish_ns : (N,) arrays
+    """
+
+    channel: Channel
+    data: bytes
+    offset: IntArray
+    length: IntArray
+    log_ns: IntArray
+    publish_ns: IntArray
+
+
+@dataclass(slots=True)
+class FileHealth:
+    """What was found out about one file while reading it.
+
+    Attributes
+    ----------
+    path : Path
+    profile, library : str
+        Of the header.
+    size_bytes, read_bytes : int
+        Size of the file, and how far it could be read.
+    chunks, checked_chunks : int
+        Chunks read, and those that carried a checksum.
+    compression : set of str
+        "none", "lz4", "zstd" as met.
+    complete : bool
+        The file ends as the format asks; False for a file cut off.
+    data_checksum : bool
+        The data section carried a checksum, and it held.
+    losses : list of str
+        Each loss in words.
+    """
+
+    path: Path
+    profile: str = ""
+    library: str = ""
+    size_bytes: int = 0
+    read_bytes: int = 0
+    chunks: int = 0
+    checked_chunks: int = 0
+    compression: set[str] = field(default_factory=set)
+    complete: bool = False
+    data_checksum: bool = False
+    losses: list[str] = field(default_factory=list)

@@ -1,0 +1,199 @@
+"""`player`: plays a bag back onto its topics, for machines without rosbag2.
+
+The recorded bytes are published as they are, at the intervals at which they were received.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydro_model.command import run_command
+
+from hydro_ident.bag.definitions import message_class_of
+from hydro_ident.bag.mcap_types import Channel
+from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.bag.signals import stop_on_signals
+from hydro_ident.errors import BagError
+from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
+
+_LEAST_SLEEP_S = 0.0005
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `player` executable."""
+    return run_command("player", _run, arguments)
+
+
+def _rate(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"expected a rate above 0, found {text}")
+    return value
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="player", description="Play a bag (directory or .mcap file) back onto its topics."
+    )
+    parser.add_argument("bag", type=Path)
+    parser.add_argument("--rate", type=_rate, default=1.0, help="times real time (default 1)")
+    parser.add_argument("--loop", action="store_true", help="start again at the end")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="play these only")
+    parser.add_argument(
+        "--delay", type=float, default=1.0, help="s until the first message (default 1)"
+    )
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    from rclpy.utilities import remove_ros_args
+
+    options = _parser().parse_args(remove_ros_args(["player", *arguments])[1:])
+    channels = chosen_channels(bag_channels(options.bag), options.topics, options.bag)
+
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    with stop_on_signals() as stop:
+        rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            player = Player(channels)
+            print(f"playing {len(channels)} topics of {options.bag}", flush=True)
+            _sleep(options.delay, stop)
+            while not stop:
+                player.play(options.bag, options.rate, stop)
+                if not options.loop:
+                    break
+            player.finish()
+        finally:
+            rclpy.try_shutdown()
+    print(f"played {player.count} messages", flush=True)
+    return 0
+
+
+def _sleep(seconds: float, stop: Sequence[bool]) -> None:
+    """Sleep, but no longer than until a signal."""
+    due_s = time.monotonic() + seconds
+    while not stop and (left_s := due_s - time.monotonic()) > _LEAST_SLEEP_S:
+        time.sleep(min(left_s, 0.1))
+
+
+def chosen_channels(
+    channels: Sequence[Channel], topics: Collection[str] | None, bag: Path
+) -> list[Channel]:
+    """The channels that are played.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        Of the bag.
+    topics : collection of str, or None
+        None for all.
+    bag : Path
+        For messages.
+
+    Returns
+    -------
+    list of Channel
+
+    Raises
+    ------
+    BagError
+        A topic that the bag does not hold.
+    """
+    there = {channel.topic: channel for channel in channels}
+    absent = [topic for topic in topics or () if topic not in there]
+    if absent:
+        raise BagError(f"{bag}: expected a topic {absent[0]}, found {', '.join(sorted(there))}")
+    return [there[topic] for topic in (topics if topics else there)]
+
+
+class Player:
+    """A publisher per channel.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+
+    Raises
+    ------
+    BagError
+        A message type that is not installed.
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        from rclpy.node import Node
+        from rclpy.qos_overriding_options import QoSOverridingOptions
+
+        self.count = 0
+        self._node = Node("player")
+        self._publishers: dict[str, Any] = {}
+        for channel in channels:
+            try:
+                message_class = message_class_of(channel.message_type)
+            except LookupError as error:
+                raise BagError(f"topic {channel.topic}: {error}") from error
+            self._publishers[channel.topic] = self._node.create_publisher(
+                message_class,
+                channel.topic,
+                _profile(channel),
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+
+    def play(self, bag: Path, rate: float, stop: Sequence[bool]) -> None:
+        """Publish every message once, at its time.
+
+        Parameters
+        ----------
+        bag : Path
+        rate : float
+        stop : sequence
+            Ends early once it is no longer empty.
+        """
+        begin_s, first_ns = time.monotonic(), None
+        for channel, log_ns, data in messages(bag):
+            publisher = self._publishers.get(channel.topic)
+            if publisher is None:
+                continue
+            if first_ns is None:
+                first_ns = log_ns
+            due_s = begin_s + (log_ns - first_ns) * 1e-9 / rate
+            _sleep(due_s - time.monotonic(), stop)
+            if stop:
+                return
+            publisher.publish(data)
+            self.count += 1
+
+    def finish(self) -> None:
+        """Wait until subscribers have confirmed the last messages."""
+        from rclpy.duration import Duration
+
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=1.0))
+
+
+def _profile(channel: Channel) -> Any:
+    """What the recorded publisher offered, as far as the contract's QoS leaves it open."""
+    from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+    profile = reliable(LIVE_DEPTH)
+    offered = _first_offer(channel)
+    if offered.get("durability") in ("transient_local", 1):
+        profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    if offered.get("reliability") in ("best_effort", 2):
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
+    return profile
+
+
+def _first_offer(channel: Channel) -> dict[str, Any]:
+    try:
+        offers = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
+    except yaml.YAMLError:
+        return {}
+    first = offers[0] if isinstance(offers, list) and offers else None
+    return first if isinstance(first, dict) else {}

@@ -1,0 +1,56 @@
+"""What the project keeps in its bags beside the messages: robot, files, version, note."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from hydro_model.robot import Robot
+
+from hydro_ident.errors import BagError
+
+_MAX_ATTACHMENT_BYTES = 4_000_000
+
+
+def project_metadata(robot: Robot, note: str, attachments: Sequence[str]) -> dict[str, str]:
+    """What the project keeps in its bags beside the messages.
+
+    Parameters
+    ----------
+    robot : Robot
+    note : str
+    attachments : sequence of str
+        `KEY=FILE`.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    BagError
+        An attachment that is not `KEY=FILE`, or a file that cannot be read as text.
+    """
+    try:
+        software = version("hydro_ident")
+    except PackageNotFoundError:
+        software = "unknown"
+    metadata = {"robot": robot.name, "software": f"hydro_ident {software}", "note": note}
+    if robot.source is not None:
+        metadata["robot_file"] = _text_of(robot.source)
+    for attachment in attachments:
+        key, _, file = attachment.partition("=")
+        if not key or not file:
+            raise BagError(f"expected --attach KEY=FILE, found '{attachment}'")
+        metadata[key] = _text_of(Path(file))
+    return metadata
+
+
+def _text_of(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MAX_ATTACHMENT_BYTES:
+            raise BagError(f"{path}: larger than {_MAX_ATTACHMENT_BYTES} bytes")
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BagError(f"{path}: cannot be attached: {error}") from error

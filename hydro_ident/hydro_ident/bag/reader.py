@@ -1,0 +1,276 @@
+"""A bag from disk: a rosbag2 directory with MCAP storage, or a bare MCAP file.
+
+Needs neither ROS nor an index. What is damaged or missing is a property of the result, in
+words, beside what could be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import yaml
+
+from hydro_ident.bag.cdr import FIELDS
+from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY, Status, add_statuses
+from hydro_ident.bag.mcap_records import McapFile
+from hydro_ident.bag.mcap_types import FileHealth, MessageBlock
+from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_ident.errors import BagError
+
+METADATA_FILE = "metadata.yaml"
+#: Name of the metadata record (and custom_data of metadata.yaml) of the project's own bags.
+PROJECT_METADATA = "hydro"
+_MAX_METADATA_BYTES = 16_000_000
+
+
+@dataclass(slots=True)
+class TopicInfo:
+    """What a bag holds of one topic.
+
+    Attributes
+    ----------
+    topic, message_type : str
+    count : int
+    first_log_ns, last_log_ns : int
+        Earliest and latest reception.
+    latency_ns : int
+        Largest time from a message's publication to its reception.
+    """
+
+    topic: str
+    message_type: str
+    count: int = 0
+    first_log_ns: int = 0
+    last_log_ns: int = 0
+    latency_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Bag:
+    """A bag that was read.
+
+    Attributes
+    ----------
+    path : Path
+    files : tuple of FileHealth
+        One per MCAP file, in order.
+    topics : mapping of str to TopicInfo
+        Every topic met.
+    series : mapping of str to Series
+        The topics that were asked for and have a type of `cdr.FIELDS`.
+    metadata : mapping of str to str
+        The project's own metadata (robot, mapping, note ...); empty for other people's bags.
+    losses : tuple of str
+        Everything that could not be read, in words; empty for a sound bag.
+    diagnostics : tuple of Status
+        What nodes said about themselves, in file order.
+    """
+
+    path: Path
+    files: tuple[FileHealth, ...]
+    topics: Mapping[str, TopicInfo]
+    series: Mapping[str, Series]
+    metadata: Mapping[str, str]
+    losses: tuple[str, ...]
+    diagnostics: tuple[Status, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of messages of all topics."""
+        return sum(info.count for info in self.topics.values())
+
+    @property
+    def checksummed(self) -> bool:
+        """Every byte of data was under a checksum that held."""
+        return all(
+            f.data_checksum or (f.chunks > 0 and f.checked_chunks == f.chunks) for f in self.files
+        )
+
+
+def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
+    """Read a bag into columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        A rosbag2 directory, or an MCAP file.
+    topics : collection of str, optional
+        Topics to decode; all by default. The others are counted only.
+
+    Returns
+    -------
+    Bag
+
+    Raises
+    ------
+    BagError
+        Nothing there, no bag, or a bag without a single message.
+    """
+    path = Path(path)
+    files, notes, metadata = files_of(path)
+    infos: dict[str, TopicInfo] = {}
+    builders: dict[str, SeriesBuilder] = {}
+    statuses: list[Status] = []
+    healths = []
+    for file in files:
+        for block in file.blocks():
+            _count(infos, block)
+            if topics is None or block.channel.topic in topics:
+                _decode(builders, statuses, block, notes)
+        healths.append(file.health)
+        metadata.update(file.metadata.get(PROJECT_METADATA, {}))
+        notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
+    if not infos:
+        why = f" ({'; '.join(notes)})" if notes else ""
+        raise BagError(f"{path}: no message in this bag{why}")
+    series = {topic: builder.finish() for topic, builder in builders.items()}
+    notes += [
+        f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
+        for s in series.values()
+        if s.malformed
+    ]
+    unique = tuple(dict.fromkeys(notes))
+    return Bag(
+        path,
+        tuple(healths),
+        dict(sorted(infos.items())),
+        series,
+        metadata,
+        unique,
+        tuple(statuses),
+    )
+
+
+def _count(infos: dict[str, TopicInfo], block: MessageBlock) -> None:
+    channel = block.channel
+    first, last = int(block.log_ns.min()), int(block.log_ns.max())
+    latency = int((block.log_ns - block.publish_ns).max())
+    info = infos.get(channel.topic)
+    if info is None:
+        info = TopicInfo(channel.topic, channel.message_type, 0, first, last, latency)
+        infos[channel.topic] = info
+    info.count += len(block.offset)
+    info.first_log_ns = min(info.first_log_ns, first)
+    info.last_log_ns = max(info.last_log_ns, last)
+    info.latency_ns = max(info.latency_ns, latency)
+
+
+def _decode(
+    builders: dict[str, SeriesBuilder],
+    statuses: list[Status],
+    block: MessageBlock,
+    notes: list[str],
+) -> None:
+    channel = block.channel
+    if channel.message_type == DIAGNOSTIC_ARRAY:
+        if malformed := add_statuses(block, statuses):
+            notes.append(f"{channel.topic}: {malformed} messages could not be decoded")
+        return
+    if channel.message_type not in FIELDS:
+        return
+    if channel.encoding != "cdr":
+        notes.append(f"{channel.topic}: expected encoding cdr, found '{channel.encoding}'")
+        return
+    builder = builders.get(channel.topic)
+    if builder is None:
+        builder = SeriesBuilder(channel.topic, channel.message_type)
+        builders[channel.topic] = builder
+    if builder.message_type != channel.message_type:
+        notes.append(
+            f"{channel.topic}: messages of {channel.message_type} beside"
+            f" {builder.message_type}, left out"
+        )
+        return
+    builder.add(block)
+
+
+def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
+    """The files of a bag in order.
+
+    Parameters
+    ----------
+    path : Path
+        A rosbag2 directory, or an MCAP file.
+
+    Returns
+    -------
+    files : list of McapFile
+    notes : list of str
+        What is missing or odd about the directory.
+    metadata : dict of str to str
+        Custom data of metadata.yaml.
+
+    Raises
+    ------
+    BagError
+        Nothing there, or no bag.
+    """
+    if path.is_file():
+        return [McapFile(path)], [], {}
+    if not path.is_dir():
+        raise BagError(f"no bag '{path}': expected a rosbag2 directory or an .mcap file")
+    notes: list[str] = []
+    names, metadata = _listed(path, notes)
+    there = sorted(p.name for p in path.glob("*.mcap"))
+    if names is None:
+        names = there
+        if there:
+            notes.append(f"no {METADATA_FILE} (a recording that was not closed)")
+    missing = [name for name in names if not (path / name).is_file()]
+    notes += [f"{name}: named by {METADATA_FILE}, not there" for name in missing]
+    present = [name for name in names if name not in missing]
+    if not present:
+        raise BagError(f"{path}: expected a rosbag2 directory with .mcap files, found none")
+    return [McapFile(path / name) for name in present], notes, metadata
+
+
+def _listed(path: Path, notes: list[str]) -> tuple[list[str] | None, dict[str, str]]:
+    """File names and custom data of metadata.yaml; None where there is no usable one."""
+    file = path / METADATA_FILE
+    if not file.is_file():
+        return None, {}
+    information = _information(file, notes)
+    if information is None:
+        return None, {}
+    storage = information.get("storage_identifier", "mcap")
+    if storage != "mcap":
+        raise BagError(f"{path}: expected MCAP storage, found '{storage}'")
+    if information.get("compression_mode"):
+        raise BagError(
+            f"{path}: expected chunk compression, found whole {information['compression_mode']}"
+            "s compressed by rosbag2: play or convert it with rosbag2 first"
+        )
+    listed = information.get("relative_file_paths")
+    custom = information.get("custom_data")
+    metadata = {str(k): str(v) for k, v in custom.items()} if isinstance(custom, dict) else {}
+    if not isinstance(listed, list) or not listed:
+        notes.append(f"{METADATA_FILE} names no files: every .mcap file of the directory taken")
+        return None, metadata
+    # Names only: a bag never reaches outside its own directory.
+    return [PurePosixPath(str(name)).name for name in listed], metadata
+
+
+def _information(file: Path, notes: list[str]) -> dict[str, Any] | None:
+    try:
+        if file.stat().st_size > _MAX_METADATA_BYTES:
+            raise ValueError(f"larger than {_MAX_METADATA_BYTES} bytes")
+        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        information = data["rosbag2_bagfile_information"]
+        if not isinstance(information, dict):
+            raise TypeError("rosbag2_bagfile_information is no mapping")
+    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError, RecursionError) as error:
+        why = " ".join(str(error).split())
+        notes.append(f"{METADATA_FILE} is not usable ({why}): every .mcap file taken")
+        return None
+    return information
+
+
+def log_span_ns(bag: Bag) -> tuple[int, int]:
+    """Earliest and latest reception of any message of a bag, ns."""
+    firsts = [info.first_log_ns for info in bag.topics.values()]
+    lasts = [info.last_log_ns for info in bag.topics.values()]
+    return int(np.min(firsts)), int(np.max(lasts))

@@ -1,0 +1,147 @@
+"""`Recording`: one run as aligned arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from hydro_model.robot import Robot
+from numpy.typing import NDArray
+
+from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.channels import Loss
+from hydro_ident.bag.grid import Gap, contiguous, runs
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recorded run on the grid of its cycles, N cycles of n joints, m cylinders and valves.
+
+    Columns follow `robot.joints`, `robot.cylinders` and `robot.valves`. A quantity that was not
+    recorded at all is None; an entry that is missing from a recorded topic is a column of NaN,
+    and a cycle without a sample of an optional topic a row of NaN.
+
+    Attributes
+    ----------
+    path : Path
+    robot : Robot
+    stamp_ns : (N,) int64 array
+        Strictly increasing.
+    period_s : float
+        Median interval.
+    q : (N, n) array
+        rad or m.
+    stroke : (N, m) array or None
+        Measured strokes, m.
+    effort : (N, n) array or None
+        Measured joint torques, N m (N).
+    p_a, p_b : (N, m) array or None
+        Chamber pressures, Pa gauge.
+    supply, tank : (N,) array or None
+        Pa gauge; None: the robot file's constants hold.
+    valve_v : (N, m) array or None
+        V at the valves: from `/valve_state`, else from `/valve_command`.
+    valve_source : str
+        The topic that `valve_v` is from, or empty.
+    command_v : (N, m) array or None
+        V asked for, from `/valve_command`.
+    spool : (N, m) array or None
+        Measured spool position in [-1, 1].
+    latched : (N,) bool array
+        Cycles in which the gate held the valves at 0 V against the command.
+    q_ref, qd_ref, force_ref : (N, n) array or None
+        `/joint_reference`: what the controller followed, and the required piston force, N.
+    tip_ref : (N, 3) array or None
+        m.
+    temperature_stamp_ns : (T,) int64 array or None
+    temperature_c : (T,) array or None
+        Oil temperature at its own stamps, degrees Celsius.
+    losses : tuple of Loss
+        Channels that this bag cannot give, each with its reason.
+    gaps : tuple of Gap
+        Where cycles are missing.
+    duplicates : mapping of str to int
+        Messages dropped per topic because their stamp had been there before.
+    notes : tuple of str
+        Damage and irregularities, in words.
+    metadata : mapping of str to str
+        The project's own metadata of the bag.
+    """
+
+    path: Path
+    robot: Robot
+    stamp_ns: IntArray
+    period_s: float
+    q: FloatArray
+    stroke: FloatArray | None
+    effort: FloatArray | None
+    p_a: FloatArray | None
+    p_b: FloatArray | None
+    supply: FloatArray | None
+    tank: FloatArray | None
+    valve_v: FloatArray | None
+    valve_source: str
+    command_v: FloatArray | None
+    spool: FloatArray | None
+    latched: BoolArray
+    q_ref: FloatArray | None
+    qd_ref: FloatArray | None
+    force_ref: FloatArray | None
+    tip_ref: FloatArray | None
+    temperature_stamp_ns: IntArray | None
+    temperature_c: FloatArray | None
+    losses: tuple[Loss, ...]
+    gaps: tuple[Gap, ...]
+    duplicates: Mapping[str, int]
+    notes: tuple[str, ...]
+    metadata: Mapping[str, str]
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of each cycle from the first, (N,) s."""
+        seconds: FloatArray = (self.stamp_ns - self.stamp_ns[0]) * 1e-9
+        return seconds
+
+    @property
+    def duration_s(self) -> float:
+        """From the first cycle to the last, s."""
+        return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9
+
+    @property
+    def segments(self) -> tuple[slice, ...]:
+        """Contiguous stretches of cycles, none missing in between."""
+        return contiguous(self.stamp_ns, self.period_s)
+
+    def usable_segments(self, *, valves: bool = False, shortest: int = 2) -> tuple[slice, ...]:
+        """Contiguous stretches in which the recorded columns are finite and nothing is latched.
+
+        Parameters
+        ----------
+        valves : bool
+            Ask for a valve voltage in every cycle, too.
+        shortest : int
+            Shortest stretch in cycles.
+
+        Returns
+        -------
+        tuple of slice
+        """
+        needed = [self.q, self.p_a, self.p_b, *((self.valve_v,) if valves else ())]
+        usable = ~self.latched
+        for values in needed:
+            if values is not None:
+                recorded = ~np.isnan(values).all(axis=0)
+                usable &= np.isfinite(values[:, recorded]).all(axis=1)
+        pieces = (
+            slice(segment.start + begin, segment.start + end)
+            for segment in self.segments
+            for begin, end in runs(usable[segment])
+        )
+        return tuple(s for s in pieces if s.stop - s.start >= shortest)

@@ -1,0 +1,278 @@
+"""`recorder`: records the topics of the contract into a bag, for machines without rosbag2.
+
+Raw bytes go from the middleware to the file; nothing is decoded on the way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hydro_model.command import run_command
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, message_class_of
+from hydro_ident.bag.metadata import OfferedQos
+from hydro_ident.bag.provenance import project_metadata
+from hydro_ident.bag.signals import stop_on_signals
+from hydro_ident.bag.writer import BagWriter, bag_directory
+from hydro_ident.errors import BagError, IdentError
+from hydro_msgs_docs.topics import (
+    BASE_PARAMETERS,
+    MESSAGE_TYPES,
+    RECORDER_DEPTH,
+    latched,
+    reliable,
+)
+
+#: After a wake-up messages are left to gather this long: fewer wake-ups, the same log times.
+_GATHER_S = 0.004
+FLUID_PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
+
+
+class RecordError(IdentError):
+    """A recording that could not go on (exit code 1)."""
+
+    exit_code = 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `recorder` executable."""
+    return run_command("recorder", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="recorder",
+        description="Record topics into OUT/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
+    )
+    parser.add_argument("--out", type=Path, default=Path(), help="where the bag's directory goes")
+    parser.add_argument("--name", default="run", help="last part of the directory's name")
+    parser.add_argument("--robot", default="xs031", help="robot file or shipped robot")
+    parser.add_argument("--note", default="", help="the operator's note, kept in the bag")
+    parser.add_argument(
+        "--attach",
+        action="append",
+        default=[],
+        metavar="KEY=FILE",
+        help="keep a text file in the bag's metadata, e.g. mapping=xs031.mapping.yaml",
+    )
+    parser.add_argument(
+        "--topics",
+        nargs="+",
+        metavar="TOPIC[:TYPE]",
+        help="record these only; TYPE (package/msg/Name) for topics outside the contract",
+    )
+    parser.add_argument("--compression", choices=("zstd", "lz4", "none"), default="zstd")
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    from rclpy.utilities import remove_ros_args
+
+    options = _parser().parse_args(remove_ros_args(["recorder", *arguments])[1:])
+    robot = load_robot(options.robot)
+    topics = wanted_topics(options.topics, robot)
+    metadata = project_metadata(robot, options.note, options.attach)
+    for topic, message_type in topics.items():
+        _check_topic(topic, message_type)
+    writer = BagWriter(
+        bag_directory(options.out, options.name), metadata, compression=options.compression
+    )
+    return _record(writer, topics, arguments)
+
+
+def wanted_topics(asked: Sequence[str] | None, robot: Robot) -> dict[str, str]:
+    """Topics to record and their types.
+
+    Parameters
+    ----------
+    asked : sequence of str, or None
+        `TOPIC` of the contract or `TOPIC:TYPE`; None for everything of the contract.
+    robot : Robot
+        Its cylinders name the `/pressure` topics.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    BagError
+        A topic whose type is neither known nor given.
+    """
+    pressures = {
+        f"/pressure/{c.name}/{s}": FLUID_PRESSURE_TYPE for c in robot.cylinders for s in "ab"
+    }
+    known = {**MESSAGE_TYPES, **pressures}
+    if asked is None:
+        return known
+    topics = {}
+    for entry in asked:
+        name, _, kind = entry.partition(":")
+        topic = name if name.startswith("/") else f"/{name}"
+        if not kind and topic not in known:
+            raise BagError(
+                f"unknown topic {topic}: expected one of {', '.join(known)}, or TOPIC:TYPE"
+            )
+        topics[topic] = kind or known[topic]
+    return topics
+
+
+def _check_topic(topic: str, message_type: str) -> None:
+    from rclpy.exceptions import InvalidTopicNameException
+    from rclpy.validate_full_topic_name import validate_full_topic_name
+
+    try:
+        validate_full_topic_name(topic)
+        message_class_of(message_type)
+    except InvalidTopicNameException as error:
+        raise BagError(f"'{topic}' is no topic name: {' '.join(str(error).split())}") from error
+    except LookupError as error:
+        raise BagError(str(error)) from error
+
+
+def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[str]) -> int:
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    with stop_on_signals() as stop:
+        rclpy.init(args=["recorder", *arguments], signal_handler_options=SignalHandlerOptions.NO)
+        started = time.monotonic()
+        try:
+            recorder = Recorder(writer, topics)
+            print(f"recording {len(topics)} topics to {writer.directory}", flush=True)
+            recorder.spin(stop)
+        except OSError as error:
+            raise RecordError(f"{writer.directory}: recording ended: {error.strerror}") from error
+        finally:
+            _close(writer)
+            rclpy.try_shutdown()
+    print(summary(writer, recorder.lost, time.monotonic() - started), flush=True)
+    return 0
+
+
+def _close(writer: BagWriter) -> None:
+    try:
+        writer.close()
+    except OSError as error:
+        print(f"recorder: {writer.directory}: not closed: {error.strerror}", file=sys.stderr)
+
+
+def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
+    """What was recorded, a line per topic."""
+    counts = {topic: count for topic, count in sorted(writer.counts.items()) if count}
+    lines = [f"recorded {sum(counts.values())} messages in {seconds:.1f} s: {writer.directory}"]
+    for topic, count in counts.items():
+        gone = f"  {lost[topic]} LOST before the recorder" if lost.get(topic) else ""
+        lines.append(f"  {count:9d}  {topic}{gone}")
+    return "\n".join(lines)
+
+
+@dataclass(slots=True)
+class _Source:
+    """One subscribed topic."""
+
+    topic: str
+    message_type: str
+    message_class: Any
+    hot: Any
+    announced: bool = False
+    sequence: int = 0
+
+
+class Recorder:
+    """The node: one raw subscription per topic, drained into a `BagWriter`.
+
+    Parameters
+    ----------
+    writer : BagWriter
+    topics : mapping of str to str
+        Topic -> message type.
+
+    Attributes
+    ----------
+    lost : dict of str to int
+        Messages per topic that publishers numbered but the middleware did not deliver.
+    """
+
+    def __init__(self, writer: BagWriter, topics: Mapping[str, str]) -> None:
+        from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+        from rclpy.node import Node
+
+        self._writer = writer
+        self.lost: dict[str, int] = {}
+        self._node = Node("recorder")
+        self._sources = []
+        for topic, message_type in topics.items():
+            qos = latched if topic == BASE_PARAMETERS else reliable
+            message_class = message_class_of(message_type)
+            hot = HotSubscription(self._node, message_class, topic, qos(RECORDER_DEPTH), raw=True)
+            self._sources.append(_Source(topic, message_type, message_class, hot))
+        self._wait = HotWait(self._node, *(source.hot for source in self._sources))
+
+    def spin(self, stop: Sequence[bool]) -> None:
+        """Record until `stop` is no longer empty; what has arrived by then is kept.
+
+        Parameters
+        ----------
+        stop : sequence
+        """
+        while not stop:
+            if self._wait.wait(0.1):
+                self._drain()
+                time.sleep(_GATHER_S)
+            self._writer.flush_older_than(time.time_ns())
+        self._drain()
+
+    def _drain(self) -> None:
+        for source in self._sources:
+            subscription = source.hot.subscription
+            handle = subscription.handle
+            with handle:
+                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
+                    self._keep(source, taken[0], taken[1])
+
+    def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> None:
+        if not source.announced:
+            self._announce(source)
+        sequence = info.get("publication_sequence_number") or 0
+        # A publisher that starts anew counts from the beginning: no loss.
+        if source.sequence and sequence > source.sequence + 1:
+            missing = sequence - source.sequence - 1
+            self.lost[source.topic] = self.lost.get(source.topic, 0) + missing
+        source.sequence = sequence
+        log_ns = info.get("received_timestamp") or time.time_ns()
+        self._writer.write(source.topic, data, log_ns, info.get("source_timestamp") or log_ns)
+
+    def _announce(self, source: _Source) -> None:
+        source.announced = True
+        # Discovery is complete for this topic only now: scripts and operators wait for it.
+        print(f"receiving {source.topic}", flush=True)
+        endpoints = self._node.get_publishers_info_by_topic(source.topic)
+        qos = [_offered(e.qos_profile) for e in endpoints]
+        known = source.message_type in TYPE_HASHES
+        hashes = [str(e.topic_type_hash) for e in endpoints]
+        self._writer.add_topic(
+            source.topic,
+            source.message_type,
+            qos=qos or [OfferedQos()],
+            text=None if known else definition_of_class(source.message_class),
+            type_hash=hashes[0] if hashes else None,
+        )
+
+
+def _offered(profile: Any) -> OfferedQos:
+    """Discovery carries neither history nor depth: rosbag2 writes them as unknown and 0, too."""
+    return OfferedQos(
+        depth=int(profile.depth),
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        history=profile.history.name.lower(),
+    )

@@ -1,0 +1,216 @@
+"""A bag as aligned arrays: what identification, tracking and diagnosis start from.
+
+The grid is that of the recorded cycles: the stamps that `/joint_states` and, where it was
+recorded, `/chamber_pressures` have in common. Every other topic is joined to it by stamp.
+Nothing is resampled or filled in: a cycle that is not there is a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydro_model.robot import Robot
+
+from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
+from hydro_ident.bag.channels import find_losses
+from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles
+from hydro_ident.bag.reader import Bag, read_bag
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.series import Series
+from hydro_ident.errors import BagError
+from hydro_msgs_docs.topics import (
+    CHAMBER_PRESSURES,
+    DIAGNOSTICS,
+    JOINT_REFERENCE,
+    JOINT_STATES,
+    OIL_TEMPERATURE,
+    TIP_REFERENCE,
+    VALVE_COMMAND,
+    VALVE_STATE,
+)
+
+_TYPES = {
+    JOINT_STATES: JOINT_STATE,
+    CHAMBER_PRESSURES: JOINT_STATE,
+    VALVE_COMMAND: JOINT_STATE,
+    VALVE_STATE: JOINT_STATE,
+    JOINT_REFERENCE: JOINT_STATE,
+    TIP_REFERENCE: POINT_STAMPED,
+    OIL_TEMPERATURE: TEMPERATURE,
+}
+#: What `read_bag` has to decode for `recording_of`.
+RECORDING_TOPICS = (*_TYPES, DIAGNOSTICS)
+
+__all__ = ["RECORDING_TOPICS", "Recording", "read_recording", "recording_of"]
+
+
+def read_recording(path: str | Path, robot: Robot) -> Recording:
+    """Read a bag onto the grid of its cycles.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory or MCAP file.
+    robot : Robot
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    BagError
+        No bag; no `/joint_states`; none of the robot's joints in it; no cycle that
+        `/joint_states` and `/chamber_pressures` share.
+    """
+    return recording_of(read_bag(path, RECORDING_TOPICS), robot)
+
+
+def recording_of(bag: Bag, robot: Robot) -> Recording:
+    """As `read_recording`, from a bag that was read already."""
+    topics = {name: _topic(bag, name) for name in _TYPES}
+    joints, pressures = topics[JOINT_STATES], topics[CHAMBER_PRESSURES]
+    if joints is None:
+        there = ", ".join(bag.topics)
+        raise BagError(f"{bag.path}: expected a topic {JOINT_STATES}, found {there}")
+    _check_robot(bag, joints.series, robot)
+    grid = _grid(bag, joints, pressures)
+    period_s = _period_s(joints.stamp_ns, robot)
+    temperature = topics[OIL_TEMPERATURE]
+    recording = Recording(
+        path=bag.path,
+        robot=robot,
+        stamp_ns=grid,
+        period_s=period_s,
+        **_joint_columns(grid, joints, robot),
+        **_pressure_columns(grid, pressures, robot),
+        **_valve_columns(grid, topics[VALVE_STATE], topics[VALVE_COMMAND], robot),
+        **_reference_columns(grid, topics[JOINT_REFERENCE], topics[TIP_REFERENCE], robot),
+        temperature_stamp_ns=None if temperature is None else temperature.stamp_ns,
+        temperature_c=None if temperature is None else temperature.values("temperature")[:, 0],
+        losses=(),
+        gaps=find_gaps(grid, period_s),
+        duplicates={n: t.duplicates for n, t in topics.items() if t is not None and t.duplicates},
+        notes=(*bag.losses, *_irregular(topics)),
+        metadata=bag.metadata,
+    )
+    return _with_losses(recording)
+
+
+def _joint_columns(grid: IntArray, joints: Topic, robot: Robot) -> dict[str, Any]:
+    q = join(grid, joints, robot.joint_names, "position")
+    return {
+        "q": q if q is not None else np.full((len(grid), robot.dof), np.nan),
+        "stroke": join(grid, joints, [c.name for c in robot.cylinders], "position"),
+        "effort": join(grid, joints, robot.joint_names, "effort"),
+    }
+
+
+def _pressure_columns(grid: IntArray, pressures: Topic | None, robot: Robot) -> dict[str, Any]:
+    """Absolute on the topic, gauge from here on: the one place of this conversion."""
+
+    def gauge(names: list[str]) -> FloatArray | None:
+        values = join(grid, pressures, names, "effort")
+        return None if values is None else values - robot.atmospheric_pressure_pa
+
+    supply, tank = gauge(["supply"]), gauge(["tank"])
+    return {
+        "p_a": gauge([f"{c.name}/a" for c in robot.cylinders]),
+        "p_b": gauge([f"{c.name}/b" for c in robot.cylinders]),
+        "supply": None if supply is None else supply[:, 0],
+        "tank": None if tank is None else tank[:, 0],
+    }
+
+
+def _valve_columns(
+    grid: IntArray, state: Topic | None, command: Topic | None, robot: Robot
+) -> dict[str, Any]:
+    state_v, command_v = (join(grid, t, robot.valve_names, "effort") for t in (state, command))
+    applied = state_v if state_v is not None else command_v
+    source = VALVE_STATE if state_v is not None else VALVE_COMMAND
+    return {
+        "valve_v": applied,
+        "valve_source": source if applied is not None else "",
+        "command_v": command_v,
+        "spool": join(grid, state, robot.valve_names, "position"),
+        "latched": latched_cycles(len(grid), state_v, command_v),
+    }
+
+
+def _reference_columns(
+    grid: IntArray, reference: Topic | None, tip: Topic | None, robot: Robot
+) -> dict[str, Any]:
+    names = robot.joint_names
+    return {
+        "q_ref": join(grid, reference, names, "position"),
+        "qd_ref": join(grid, reference, names, "velocity"),
+        "force_ref": join(grid, reference, names, "effort"),
+        "tip_ref": join(grid, tip, None, "point"),
+    }
+
+
+def _with_losses(recording: Recording) -> Recording:
+    return replace(
+        recording,
+        losses=find_losses(
+            recording.robot,
+            q=recording.q,
+            stroke=recording.stroke,
+            effort=recording.effort,
+            chambers=(recording.p_a, recording.p_b),
+            sources=(recording.supply, recording.tank),
+            valve_v=recording.valve_v,
+            valve_source=recording.valve_source,
+        ),
+    )
+
+
+def _topic(bag: Bag, name: str) -> Topic | None:
+    series = bag.series.get(name)
+    if series is not None and series.message_type != _TYPES[name]:
+        raise BagError(
+            f"{bag.path}: expected {_TYPES[name]} on {name}, found {series.message_type}"
+        )
+    if series is None and name in bag.topics:
+        found = bag.topics[name].message_type
+        raise BagError(f"{bag.path}: expected {_TYPES[name]} on {name}, found {found}")
+    return None if series is None or not len(series) else Topic.of(series)
+
+
+def _check_robot(bag: Bag, joints: Series, robot: Robot) -> None:
+    if not set(joints.names) & set(robot.joint_names):
+        raise BagError(
+            f"{bag.path}: expected joints of robot {robot.name}"
+            f" ({', '.join(robot.joint_names)}) in {JOINT_STATES},"
+            f" found {', '.join(joints.names) or 'no names'}"
+        )
+
+
+def _grid(bag: Bag, joints: Topic, pressures: Topic | None) -> IntArray:
+    if pressures is None:
+        return joints.stamp_ns
+    grid = np.intersect1d(joints.stamp_ns, pressures.stamp_ns, assume_unique=True)
+    if not len(grid):
+        raise BagError(
+            f"{bag.path}: expected {CHAMBER_PRESSURES} with the stamps of {JOINT_STATES},"
+            " found none in common"
+        )
+    return grid
+
+
+def _period_s(stamp_ns: IntArray, robot: Robot) -> float:
+    if len(stamp_ns) < 2:
+        return 1.0 / robot.sensors.rate_hz
+    return float(np.median(np.diff(stamp_ns))) * 1e-9
+
+
+def _irregular(topics: Mapping[str, Topic | None]) -> list[str]:
+    return [
+        f"{name}: {topic.disordered} messages with a stamp older than the one before"
+        for name, topic in topics.items()
+        if topic is not None and topic.disordered
+    ]

@@ -1,0 +1,168 @@
+"""One topic of a bag as columns, built up block by block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from hydro_ident.bag.cdr import (
+    FIELDS,
+    JOINT_STATE,
+    ByteArray,
+    CdrError,
+    FloatArray,
+    IntArray,
+    Layout,
+    layout_of,
+)
+from hydro_ident.bag.mcap_types import MessageBlock
+
+#: Layouts kept per topic; a topic with more is decoded all the same, only slower.
+_KEPT_LAYOUTS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """The messages of one topic as columns, in file order.
+
+    Attributes
+    ----------
+    topic, message_type : str
+    stamp_ns, log_ns : (N,) int64 arrays
+        Header stamp, and when the recorder received the message.
+    names : tuple of str
+        Column names of JointState topics: every name met, in order of appearance.
+    fields : mapping of str to (N, k) array
+        JointState: k = len(names), NaN where a message does not carry an entry, and only
+        fields that some message filled. PointStamped: `point`, k = 3. Others k = 1.
+    malformed : int
+        Messages that could not be decoded.
+    malformed_why : str
+        What was wrong with the first of them.
+    """
+
+    topic: str
+    message_type: str
+    stamp_ns: IntArray
+    log_ns: IntArray
+    names: tuple[str, ...]
+    fields: Mapping[str, FloatArray]
+    malformed: int = 0
+    malformed_why: str = ""
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def column(self, name: str, field_name: str) -> FloatArray | None:
+        """Values of one entry, (N,), or None where no message carries it."""
+        if name not in self.names or field_name not in self.fields:
+            return None
+        values: FloatArray = self.fields[field_name][:, self.names.index(name)]
+        return None if bool(np.isnan(values).all()) else values
+
+
+@dataclass(slots=True)
+class _Piece:
+    row: IntArray
+    stamp_ns: IntArray
+    names: tuple[str, ...]
+    fields: dict[str, FloatArray]
+
+
+@dataclass(slots=True)
+class SeriesBuilder:
+    """Collects the messages of one topic into a `Series`.
+
+    Parameters
+    ----------
+    topic, message_type : str
+        The type is one of `hydro_ident.bag.cdr.FIELDS`.
+    """
+
+    topic: str
+    message_type: str
+    _layouts: list[Layout] = field(default_factory=list)
+    _pieces: list[_Piece] = field(default_factory=list)
+    _log_ns: list[IntArray] = field(default_factory=list)
+    _count: int = 0
+    _malformed: int = 0
+    _why: str = ""
+
+    def add(self, block: MessageBlock) -> None:
+        """Decode a block of messages."""
+        buffer = np.frombuffer(block.data, dtype=np.uint8)
+        left = np.arange(len(block.offset))
+        for layout in self._layouts:
+            left = self._take(layout, buffer, block, left)
+        while len(left):
+            first = int(left[0])
+            begin = int(block.offset[first])
+            message = block.data[begin : begin + int(block.length[first])]
+            try:
+                layout = layout_of(message, self.message_type)
+            except CdrError as error:
+                self._malformed += 1
+                self._why = self._why or str(error)
+                left = left[1:]
+                continue
+            if len(self._layouts) < _KEPT_LAYOUTS:
+                self._layouts.append(layout)
+            left = self._take(layout, buffer, block, left)
+        self._log_ns.append(block.log_ns)
+        self._count += len(block.offset)
+
+    def _take(
+        self, layout: Layout, buffer: ByteArray, block: MessageBlock, left: IntArray
+    ) -> IntArray:
+        """Decode those of the messages `left` that have this layout; returns the others."""
+        fits = block.length[left] >= layout.size
+        if not fits.any():
+            return left
+        candidates = left[fits]
+        rows = sliding_window_view(buffer, layout.size)[block.offset[candidates]]
+        matches = layout.matches(rows)
+        if not matches.all():
+            rows = rows[matches]
+        taken = candidates[matches]
+        if len(taken):
+            fields = {
+                name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
+            }
+            piece = _Piece(taken + self._count, layout.stamp_ns(rows), layout.names, fields)
+            self._pieces.append(piece)
+        return left if not len(taken) else np.setdiff1d(left, taken, assume_unique=True)
+
+    def finish(self) -> Series:
+        """The columns of everything added."""
+        names = tuple(dict.fromkeys(n for piece in self._pieces for n in piece.names))
+        widths = {name: kind for name, kind in FIELDS[self.message_type] if kind != "names"}
+        if self.message_type == JOINT_STATE:
+            filled = {name for piece in self._pieces for name in piece.fields}
+            widths = {name: len(names) for name in widths if name in filled}
+        stamp_ns = np.zeros(self._count, dtype=np.int64)
+        read = np.zeros(self._count, dtype=np.bool_)
+        fields = {n: np.full((self._count, int(k)), np.nan) for n, k in widths.items()}
+        for piece in self._pieces:
+            stamp_ns[piece.row] = piece.stamp_ns
+            read[piece.row] = True
+            named = np.array([names.index(n) for n in piece.names], dtype=np.int64)
+            for name, values in piece.fields.items():
+                columns = named if len(names) else np.arange(values.shape[1])
+                fields[name][piece.row[:, None], columns] = values
+        log_ns = np.concatenate(self._log_ns) if self._log_ns else np.zeros(0, dtype=np.int64)
+        if not read.all():
+            stamp_ns, log_ns = stamp_ns[read], log_ns[read]
+            fields = {name: values[read] for name, values in fields.items()}
+        return Series(
+            self.topic,
+            self.message_type,
+            stamp_ns,
+            log_ns,
+            names,
+            fields,
+            self._malformed,
+            self._why,
+        )

@@ -1,0 +1,102 @@
+"""`compare_tracking`: several runs of one path in one table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hydro_model.command import run_command
+
+if TYPE_CHECKING:
+    from hydro_ident.metrics import Tracking
+
+#: A run faster than its reference by more than this share is void: rho rewards oscillation.
+SPEED_EXCESS = 0.10
+_HEADS = ("RMSE mm", "max error mm", "max speed m/s", "rho s")
+_KEYS = ("rmse_mm", "max_error_mm", "max_speed_m_s", "rho_s")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="compare_tracking",
+        description="Tip tracking of several runs, side by side: by the rig's true tip and by"
+        " the encoders. A run whose largest speed exceeds the reference's by more than"
+        f" {SPEED_EXCESS:.0%} is void.",
+    )
+    p.add_argument(
+        "runs", nargs="+", metavar="NAME=BAG,TRUTH", help="a name, a bag and the rig's side file"
+    )
+    p.add_argument("--robot", required=True, help="robot whose kinematics give the tip")
+    p.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
+    return p
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Body of the command; returns its exit code."""
+    options = parser().parse_args(arguments)
+    from hydro_model.robot_files import load_robot
+
+    from hydro_ident.bag.reader import read_bag
+    from hydro_ident.bag.recording import RECORDING_TOPICS
+    from hydro_ident.commands.output import write_json
+    from hydro_ident.commands.tracking import tracking_of
+
+    robot = load_robot(options.robot)
+    rows = {}
+    for text in options.runs:
+        name, bag, truth = _parts(text)
+        rows[name] = tracking_of(read_bag(bag, RECORDING_TOPICS), robot, truth)
+    if options.json is not None:
+        write_json(options.json, as_dict(rows))
+    print(table(rows))
+    return 0
+
+
+def _parts(text: str) -> tuple[str, Path, Path]:
+    from hydro_ident.errors import IdentError
+
+    name, _, files = text.partition("=")
+    bag, _, truth = files.partition(",")
+    if not (name and bag and truth):
+        raise IdentError(f"expected NAME=BAG,TRUTH, found '{text}'")
+    return name, Path(bag), Path(truth)
+
+
+def as_dict(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, Any]:
+    """The rows by the true tip, and under `encoders` the same by the encoders."""
+
+    def figures(row: Tracking) -> dict[str, float]:
+        return {key: getattr(row, key) for key in _KEYS}
+
+    true = {name: figures(row["truth"]) for name, row in rows.items()}
+    return {**true, "encoders": {n: figures(row["encoders"]) for n, row in rows.items()}}
+
+
+def is_void(row: Tracking) -> bool:
+    """Whether a run was faster than its reference allows."""
+    return row.max_speed_m_s > (1.0 + SPEED_EXCESS) * row.reference_speed_m_s
+
+
+def table(rows: Mapping[str, Mapping[str, Tracking]]) -> str:
+    """The table for the terminal."""
+    width = max(len(name) for name in rows) + 2
+    lines = []
+    for source, title in (("truth", "true tip"), ("encoders", "by encoders")):
+        lines.append(f"{title:{width + 2}}" + "".join(f"{head:>15}" for head in _HEADS))
+        for name, row in rows.items():
+            values = "".join(f"{getattr(row[source], key):15.4f}" for key in _KEYS)
+            lines.append(f"  {name:{width}}{values}" + ("  VOID" if is_void(row[source]) else ""))
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Entry point."""
+    return run_command("compare_tracking", run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""`hydro_ident excite`: an experiment within the robot's limits, as files the controller plays."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hydro_model.command import run_command
+
+if TYPE_CHECKING:
+    from hydro_model.robot import FloatArray, Robot
+
+    from hydro_ident.experiment import Design
+
+EXCITATION_FILE, VALIDATION_FILE = "excitation.yaml", "validation.yaml"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="excite",
+        description="Design an identification run and a validation run within the joint, stroke,"
+        " speed and flow limits of a robot, as path files that the controller plays.",
+    )
+    p.add_argument("--robot", required=True, help="robot file or the name of a shipped robot")
+    p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the files")
+    p.add_argument(
+        "--duration", type=float, default=64.0, metavar="S", help="of the run (default: 64)"
+    )
+    start = p.add_mutually_exclusive_group()
+    start.add_argument(
+        "--start-tip",
+        nargs=3,
+        type=float,
+        metavar=("X", "Y", "Z"),
+        help="tip position at start and end, m (default: the shipped path's first corner)",
+    )
+    start.add_argument(
+        "--start-joints", nargs="+", type=float, metavar="Q", help="joint positions, rad or m"
+    )
+    return p
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Body of the command; returns its exit code."""
+    options = parser().parse_args(arguments)
+    import numpy as np
+    from hydro_model.robot_files import load_robot
+
+    from hydro_ident.errors import IdentError
+    from hydro_ident.experiment import (
+        design_excitation,
+        design_validation,
+        path_text,
+        start_pose,
+    )
+    from hydro_ident.results import write_together
+
+    robot = load_robot(options.robot)
+    if options.start_joints is not None:
+        start = np.array(options.start_joints, dtype=float)
+        if start.shape != (robot.dof,):
+            raise IdentError(f"expected {robot.dof} joint positions, found {start.size}")
+    else:
+        start = start_pose(robot, None if options.start_tip is None else options.start_tip)
+    with tempfile.TemporaryDirectory() as folder:
+        excitation = design_excitation(robot, start, options.duration, Path(folder))
+        validation = design_validation(robot, start, 0.5 * options.duration, Path(folder))
+
+    def fill(fresh: Path) -> None:
+        for file, design, text in (
+            (EXCITATION_FILE, excitation, "to identify from"),
+            (VALIDATION_FILE, validation, "another motion, to score predictions on"),
+        ):
+            comment = f"A run of robot {robot.name} {text}, by hydro_ident excite."
+            (fresh / file).write_text(path_text(design.content, comment), encoding="utf-8")
+
+    write_together(options.out, fill, own=())
+    print(_text(robot, excitation, options.out / EXCITATION_FILE))
+    print(_text(robot, validation, options.out / VALIDATION_FILE))
+    return 0
+
+
+def _text(robot: Robot, design: Design, file: Path) -> str:
+    check = design.check
+    lines = [
+        f"{file}: {check.duration_s:.1f} s, condition number of the regressor"
+        f" {design.condition:.1f}"
+    ]
+    for i, joint in enumerate(robot.joints):
+        unit = "m" if joint.prismatic else "rad"
+        lines.append(
+            f"  {joint.name}: {check.lower[i]:.3f} to {check.upper[i]:.3f} {unit},"
+            f" up to {check.peak_velocity[i]:.3f} {unit}/s"
+        )
+    for i, cylinder in enumerate(robot.cylinders):
+        lines.append(f"  {cylinder.name}: {_cylinder_text(check.flow_share, design, i)}")
+    return "\n".join(lines)
+
+
+def _cylinder_text(share: FloatArray, design: Design, i: int) -> str:
+    check = design.check
+    return (
+        f"{check.stroke_lower_m[i]:.3f} to {check.stroke_upper_m[i]:.3f} m,"
+        f" up to {check.peak_piston_velocity_m_s[i]:.3f} m/s,"
+        f" {100.0 * share[i]:.0f} % of the valve's flow"
+    )
+
+
+def main() -> int:
+    """Entry point."""
+    return run_command("excite", run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""`tracking`: how well the tip followed its reference."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hydro_model.command import run_command
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+from hydro_ident.bag.reader import Bag, read_bag
+from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
+from hydro_ident.commands.output import write_json
+from hydro_ident.errors import BagError
+from hydro_ident.inspection import robot_of
+from hydro_ident.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_msgs_docs.topics import TIP_REFERENCE
+
+_DEFAULT_ROBOT = "xs031"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `tracking` executable."""
+    return run_command("tracking", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tracking",
+        description="Tip RMSE, largest error, largest speed and rho = largest error / largest"
+        " speed over the span in which the tip reference moves.",
+    )
+    parser.add_argument("bag", type=Path, help="rosbag2 directory or .mcap file")
+    parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
+    parser.add_argument("--truth", type=Path, help="side file of the simulated rig (.npz)")
+    parser.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    bag = read_bag(options.bag, RECORDING_TOPICS)
+    robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
+    rows = tracking_of(bag, robot, options.truth)
+    if options.json is not None:
+        write_json(options.json, _as_dict(options.bag, rows))
+    print(_text(rows))
+    return 0
+
+
+def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, Tracking]:
+    """Tracking figures of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+    robot : Robot
+    truth : Path, optional
+        Side file of the simulated rig.
+
+    Returns
+    -------
+    dict of str to Tracking
+        `encoders`, and `truth` where a side file is given.
+
+    Raises
+    ------
+    BagError
+        No tip reference, or a joint without a position.
+    NotEnoughDataError
+        The reference or the tip never moves.
+    """
+    from hydro_model.kinematics import tip_position
+
+    from hydro_ident.truth_file import true_tip_m
+
+    recording = recording_of(bag, robot)
+    reference = _reference(recording)
+    absent = [j for i, j in enumerate(robot.joint_names) if np.isnan(recording.q[:, i]).all()]
+    if absent:
+        raise BagError(f"{bag.path}: expected positions of {', '.join(absent)}, found none")
+    stamps = recording.stamp_ns
+    tip_m = np.asarray(tip_position(robot, recording.q))
+    rows = {"encoders": tracking(stamps, tip_m, reference, half_width=ENCODER_HALF_WIDTH)}
+    if truth is not None:
+        tip_m = true_tip_m(truth, bag, recording)
+        rows["truth"] = tracking(stamps, tip_m, reference, half_width=TRUTH_HALF_WIDTH)
+    return rows
+
+
+def _reference(recording: Recording) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if recording.tip_ref is None:
+        raise BagError(
+            f"{recording.path}: expected {TIP_REFERENCE} on the cycles' stamps, found none"
+        )
+    return recording.tip_ref
+
+
+def _as_dict(path: Path, rows: dict[str, Tracking]) -> dict[str, Any]:
+    """The best known tip at the top level, the encoders' beside it."""
+    best = rows.get("truth", rows["encoders"])
+    return {
+        "schema": "hydro_ident/tracking/1",
+        "bag": str(path),
+        "source": "truth" if "truth" in rows else "encoders",
+        **asdict(best),
+        **{name: asdict(row) for name, row in rows.items()},
+    }
+
+
+def _text(rows: dict[str, Tracking]) -> str:
+    heads = ("RMSE mm", "max error mm", "max speed m/s", "rho s", "reference m/s")
+    lines = [f"{'tip from':10s}" + "".join(f"{head:>15s}" for head in heads)]
+    for name, row in rows.items():
+        values = (
+            row.rmse_mm,
+            row.max_error_mm,
+            row.max_speed_m_s,
+            row.rho_s,
+            row.reference_speed_m_s,
+        )
+        lines.append(f"{name:10s}" + "".join(f"{value:15.4f}" for value in values))
+    return "\n".join(lines)

@@ -1,0 +1,309 @@
+"""Identification of a robot from recordings: the pure core of `identify` and of its node.
+
+Paper III-A (base parameters, viscous friction) and III-B (bulk modulus, valve edges), with the
+errata of both. A stage that fails is rejected and said; the robot file's own numbers then stay
+in the model, and the verdict is `partly_identified`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from hydro_model.robot import FloatArray, Robot
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.errors import IdentError
+from hydro_ident.estimate.chambers import (
+    INVERSE_BULK,
+    Chamber,
+    WindowSettings,
+    chamber_rows,
+    chambers_of,
+    column_names,
+)
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
+from hydro_ident.estimate.inertial import (
+    ForceModel,
+    InertialFit,
+    fit_inertial,
+    force_model,
+    force_rows,
+    measured_force,
+)
+from hydro_ident.estimate.listed_effects import OVER_BULK, ListedEffects
+from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.scores import ChannelScore, HoldOut, score
+from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.identified_robot import identified_robot
+from hydro_ident.parameters import Parameter, listed_value, parameter_list
+
+IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Choices of the estimators.
+
+    Attributes
+    ----------
+    filters : FilterSettings
+    windows : WindowSettings
+    """
+
+    filters: FilterSettings = field(default_factory=FilterSettings)
+    windows: WindowSettings = field(default_factory=WindowSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What was identified, how well it predicts, and what could not be done.
+
+    Attributes
+    ----------
+    verdict : str
+        `identified`, `partly_identified` or `not_enough_data`.
+    given : Robot
+        The robot that identification started from.
+    robot : Robot or None
+        The identified robot; None with the verdict `not_enough_data`.
+    parameters : tuple of Parameter
+    channels : tuple of ChannelScore
+    problems : tuple of str
+        Why the verdict is not `identified`, a line each.
+    notes : tuple of str
+        Channels lost, effects held, how channels were scored.
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    settings : Settings
+    """
+
+    verdict: str
+    given: Robot
+    robot: Robot | None
+    parameters: tuple[Parameter, ...]
+    channels: tuple[ChannelScore, ...]
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+    inertial: InertialFit | None
+    hydraulic: HydraulicFit | None
+    settings: Settings
+
+
+def identify(
+    robot: Robot,
+    training: Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    settings: Settings | None = None,
+) -> Identification:
+    """Identify a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its geometry and its list of effects are used, its numbers only for comparison.
+    training : sequence of Recording
+        At least one.
+    validation : sequence of Recording
+        Whole recordings to score on; without them every fifth block of `training` is held out.
+    settings : Settings, optional
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    IdentError
+        No recording was given.
+    RobotError
+        The robot lists an effect that is not in the catalogue.
+    """
+    if not training:
+        raise IdentError("expected at least one recording to identify from, found none")
+    settings = settings or Settings()
+    effects = ListedEffects.of(robot)
+    traces = [effects.with_signal_laws(t) for t in traces_of(training)]
+    checks = [effects.with_signal_laws(t) for t in traces_of(validation)] or traces
+    split = HoldOut(every=0) if validation else _hold_out(training)
+    model = _force_model(robot, effects, traces)
+    inertial = fit_inertial(model, traces, settings.filters, split.training)
+    hydraulic = fit_hydraulics(
+        robot, traces, settings.windows, effects.chamber_columns, split.training
+    )
+    verdict, problems = _verdict(robot, inertial, hydraulic)
+    found = None
+    if verdict != NOT_ENOUGH and inertial is not None:
+        found = identified_robot(robot, inertial, hydraulic)
+    scores = _force_scores(inertial, robot, checks, split, settings)
+    scores += _flow_scores(hydraulic, robot, effects, checks, split)
+    return Identification(
+        verdict=verdict,
+        given=robot,
+        robot=found,
+        parameters=parameter_list(robot, inertial, hydraulic),
+        channels=tuple(scores),
+        problems=problems,
+        notes=_notes(training, effects, validation),
+        inertial=inertial,
+        hydraulic=hydraulic,
+        settings=settings,
+    )
+
+
+def _hold_out(recordings: Sequence[Recording]) -> HoldOut:
+    return HoldOut.of({r.path.name: max(r.duration_s, 1e-3) for r in recordings})
+
+
+def _force_model(robot: Robot, effects: ListedEffects, traces: Sequence[Trace]) -> ForceModel:
+    wet = any(np.isfinite(t.p_a).any() or np.isfinite(t.p_b).any() for t in traces)
+    dry = any(np.isfinite(t.joint_torque).any() for t in traces)
+    return force_model(robot, dry and not wet, effects.force_names, effects.force_columns)
+
+
+def _verdict(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> tuple[str, tuple[str, ...]]:
+    if inertial is None:
+        text = (
+            "no force channel: identification needs every joint angle with both chamber"
+            " pressures of a cylinder (or a joint torque), for longer than the filters' edges"
+        )
+        return NOT_ENOUGH, (text,)
+    base = [name for name in inertial.missing if name in inertial.model.base.names]
+    problems = []
+    if inertial.missing:
+        problems.append(_motion_problem(robot, inertial))
+    if base or (inertial.missing and inertial.still):
+        return NOT_ENOUGH, tuple(problems)
+    problems += _hydraulic_problems(robot, inertial, hydraulic)
+    return (PARTLY if problems else IDENTIFIED), tuple(problems)
+
+
+def _motion_problem(robot: Robot, inertial: InertialFit) -> str:
+    text = f"the data do not determine {', '.join(inertial.missing)}"
+    still = [robot.joint_names[j] for j in inertial.still]
+    if still:
+        return f"{text}: {', '.join(still)} did not move; drive every joint through its range"
+    return f"{text}: too little motion; use a run of `excite`"
+
+
+def _hydraulic_problems(
+    robot: Robot, inertial: InertialFit, hydraulic: HydraulicFit | None
+) -> list[str]:
+    if inertial.model.torque or not robot.valves:
+        return []
+    fitted = {c.cylinder: c for c in hydraulic.cylinders} if hydraulic else {}
+    problems = []
+    for valve in robot.valves:
+        name = valve.cylinder
+        why = fitted[name].rejected if name in fitted else "no flow channel was recorded"
+        if why:
+            problems.append(f"hydraulics of {name} rejected, the robot file's kept: {why}")
+    return problems
+
+
+def _notes(
+    training: Sequence[Recording], effects: ListedEffects, validation: Sequence[Recording]
+) -> tuple[str, ...]:
+    notes = [
+        f"{recording.path.name}: {loss.channel} lost: {loss.reason}"
+        for recording in (*training, *validation)
+        for loss in recording.losses
+    ]
+    for recording in (*training, *validation):
+        notes += [f"{recording.path.name}: {note}" for note in recording.notes]
+        if recording.gaps:
+            notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
+    notes += [f"effect {name} taken as listed, not fitted" for name in effects.held]
+    if not validation:
+        notes.append("scores are of every fifth block of the bags, which was kept from the fit")
+    return tuple(notes)
+
+
+def _force_scores(
+    fit: InertialFit | None,
+    robot: Robot,
+    traces: Sequence[Trace],
+    split: HoldOut,
+    settings: Settings,
+) -> list[ChannelScore]:
+    if fit is None:
+        return []
+    model = fit.model
+    before = _given_theta(model, robot)
+    still = fit.still if split.every else ()
+    pieces = []
+    for trace in traces:
+        rows = force_rows(model, trace, settings.filters, still)
+        if rows is not None:
+            chosen = split.held_out(rows)
+            pieces.append((chosen, chosen.x @ before, chosen.x @ fit.fit.theta))
+    measured = [t for t in traces if np.isfinite(t.q).all()]
+    floors = force_noise(model, measured, settings.filters) if pieces else np.zeros(robot.dof)
+    units = dict(zip(model.channels, model.units, strict=True))
+    scores = [
+        score(name, units[name], pieces, column, float(floors[column]))
+        for column, name in enumerate(model.channels)
+        if any(np.isfinite(measured_force(model, t)[:, column]).any() for t in measured)
+    ]
+    return [s for s in scores if s is not None]
+
+
+def _given_theta(model: ForceModel, robot: Robot) -> FloatArray:
+    base = model.base.combination @ robot.link_inertia.ravel()
+    friction = [cylinder.viscous_friction for cylinder in robot.cylinders]
+    listed = [listed_value(robot, name) for name in model.effect_names]
+    return np.array([*base, *friction, *listed])
+
+
+def _flow_scores(
+    fit: HydraulicFit | None,
+    robot: Robot,
+    effects: ListedEffects,
+    traces: Sequence[Trace],
+    split: HoldOut,
+) -> list[ChannelScore]:
+    if fit is None:
+        return []
+    found = {c.cylinder: c for c in fit.cylinders}
+    scores = []
+    for chamber in chambers_of(robot):
+        result = found.get(chamber.cylinder.name)
+        if result is None or chamber.side not in [c.chamber.side for c in result.chambers]:
+            continue
+        pieces = []
+        for trace in traces:
+            listed, extra = effects.chamber_columns(chamber, trace)
+            names = column_names(chamber, listed)
+            given, fitted = (
+                split.held_out(chamber_rows(chamber, trace, delay, fit.windows, extra))
+                for delay in (robot.command_delay_s, fit.delay_s)
+            )
+            theta = np.array([result.value(name)[0] for name in names])
+            # The same windows at either delay: only the flow columns differ.
+            before = given.x @ _given_chamber(robot, chamber, names)
+            pieces.append((fitted, before, fitted.x @ theta))
+        if not any(rows.time_s.size for rows, _, _ in pieces):
+            continue
+        inverse_bulk = result.value(INVERSE_BULK)[0]
+        floor = flow_noise(robot, chamber, traces, fit.windows, inverse_bulk)
+        scores.append(score(chamber.channel, "m^3/s", pieces, 0, floor))
+    return [s for s in scores if s is not None]
+
+
+def _given_chamber(robot: Robot, chamber: Chamber, names: Sequence[str]) -> FloatArray:
+    inverse = 1.0 / chamber.cylinder.bulk_modulus_pa
+    values = []
+    for name in names:
+        if name == INVERSE_BULK:
+            values.append(inverse)
+        elif name in chamber.edges:
+            values.append(float(getattr(chamber.valve, name)))
+        else:
+            plain = name.removesuffix(OVER_BULK)
+            value = listed_value(robot, f"{chamber.cylinder.name}.{plain}")
+            values.append(value * inverse if name != plain else value)
+    return np.array(values)

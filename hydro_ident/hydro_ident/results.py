@@ -1,0 +1,197 @@
+"""Result files of identification, written together or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from hydro_ident.errors import IdentError
+from hydro_ident.identification import Identification
+from hydro_ident.parameters import Parameter
+
+SCHEMA = "hydro_ident/identification/1"
+RESULT_FILE, REPORT_FILE = "result.json", "report.html"
+MODEL_FILE, CONTROLLER_FILE = "model.yaml", "controller.yaml"
+#: Everything the command may write: what a run leaves out is removed with the old result.
+OWN_FILES = (RESULT_FILE, REPORT_FILE, MODEL_FILE, CONTROLLER_FILE)
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a result comes from.
+
+    Attributes
+    ----------
+    command : str
+    version : str
+        Of hydro_ident.
+    robot : str
+        The robot that was given, as given.
+    bags, validation : mapping of str to str
+        Bag name and the SHA-256 of its files.
+    """
+
+    command: str
+    version: str
+    robot: str
+    bags: Mapping[str, str]
+    validation: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the result file and the model file."""
+        return {
+            "command": self.command,
+            "version": self.version,
+            "robot": self.robot,
+            "bags": [{"name": k, "sha256": v} for k, v in self.bags.items()],
+            "validation": [{"name": k, "sha256": v} for k, v in self.validation.items()],
+        }
+
+
+def provenance(
+    command: str, robot: str, bags: Sequence[Path], validation: Sequence[Path]
+) -> Provenance:
+    """Provenance of a run: hashes the bags."""
+    try:
+        version = metadata.version("hydro_ident")
+    except metadata.PackageNotFoundError:
+        version = "unknown"
+    hashes = [{path.name: bag_sha256(path) for path in paths} for paths in (bags, validation)]
+    return Provenance(command, version, robot, hashes[0], hashes[1])
+
+
+def bag_sha256(path: Path) -> str:
+    """SHA-256 over the MCAP files of a bag in name order, or over a bare file."""
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    try:
+        for file in files:
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+    except OSError as error:
+        raise IdentError(f"{path}: cannot be read: {error.strerror}") from error
+    return digest.hexdigest()
+
+
+def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
+    """The content of result.json.
+
+    Parameters
+    ----------
+    found : Identification
+    origin : Provenance
+
+    Returns
+    -------
+    dict
+        The contract's keys; `problems`, `notes`, `method` and `provenance` are added.
+    """
+    settings = found.settings
+    return {
+        "schema": SCHEMA,
+        "verdict": found.verdict,
+        "robot": found.given.name,
+        "parameters": [_parameter_dict(p) for p in found.parameters],
+        "channels": {c.name: c.summary() for c in found.channels},
+        "problems": list(found.problems),
+        "notes": list(found.notes),
+        "method": {
+            "force": "least squares, each channel weighted by its residual",
+            "flow": "integrated mass balance per chamber, chambers combined by information",
+            "covariance": "Newey-West over the residuals' correlation time",
+            "differentiation_hz": settings.filters.differentiation_hz,
+            "parallel_filter_hz": settings.filters.parallel_hz,
+            "filter_order": settings.filters.order,
+            "window_s": settings.windows.length_s,
+        },
+        "provenance": origin.as_dict(),
+    }
+
+
+def _parameter_dict(p: Parameter) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "name": p.name,
+        "value": p.value,
+        "std": _finite(p.std),
+        "ci95": [_finite(bound) for bound in p.ci95],
+        "unit": p.unit,
+        "datasheet": p.datasheet,
+        "identifiable": p.identifiable,
+    }
+    if p.combination:
+        row["combination"] = dict(p.combination)
+    return row
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def result_json(found: Identification, origin: Provenance) -> str:
+    """result.json as text: the same input gives the same text."""
+    return json.dumps(result_dict(found, origin), indent=1, allow_nan=False) + "\n"
+
+
+def write_together(
+    folder: Path, fill: Callable[[Path], None], own: Sequence[str] = OWN_FILES
+) -> None:
+    """Write a folder's files so that a failure leaves what was there before.
+
+    Everything is written into a new folder beside it first. A new `folder` is then that folder
+    renamed; into one that exists, the files are moved one by one, and those of `own` that this
+    run did not write are removed, so that no old model stands beside a new verdict.
+
+    Parameters
+    ----------
+    folder : Path
+    fill : callable
+        Writes the files into the folder it is given.
+    own : sequence of str
+        Names that belong to one result.
+
+    Raises
+    ------
+    IdentError
+        The folder cannot be written.
+    """
+    folder = folder.absolute()
+    if folder.exists() and not folder.is_dir():
+        raise IdentError(f"{folder}: expected a folder to write into, found a file")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    except OSError as error:
+        raise IdentError(f"{folder}: cannot be written: {error.strerror}") from error
+    try:
+        fill(fresh)
+        _move(fresh, folder, own)
+    except OSError as error:
+        raise IdentError(f"{folder}: cannot be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _move(fresh: Path, folder: Path, own: Sequence[str]) -> None:
+    # mkdtemp makes private folders; results are as readable as anything else the user writes.
+    mask = os.umask(0)
+    os.umask(mask)
+    fresh.chmod(0o777 & ~mask)
+    if not folder.exists():
+        fresh.rename(folder)
+        return
+    written = {file.name for file in fresh.iterdir()}
+    for name in sorted(written):
+        os.replace(fresh / name, folder / name)
+    for name in own:
+        if name not in written:
+            (folder / name).unlink(missing_ok=True)

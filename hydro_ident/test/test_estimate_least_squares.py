@@ -1,0 +1,96 @@
+"""Weighted least squares: exact on exact data, and intervals that hold under autocorrelation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hydro_ident.errors import IdentError
+from hydro_ident.estimate.least_squares import (
+    Rows,
+    collinearity,
+    integrated_correlation,
+    weighted_least_squares,
+)
+from scipy.signal import lfilter
+
+THETA = np.array([2.0e3, -3.0e-7])
+
+
+def _regressors(rng: np.random.Generator, count: int, channels: int = 1) -> np.ndarray:
+    slow = lfilter([0.05], [1.0, -0.95], rng.normal(size=(count, channels)), axis=0)
+    return np.stack([slow, 1e9 * np.roll(slow, count // 3, axis=0)], axis=2)
+
+
+def _rows(x: np.ndarray, noise: np.ndarray | float = 0.0) -> Rows:
+    return Rows(x @ THETA + noise, x, np.arange(x.shape[0]) * 0.02, "bag#0")
+
+
+def test_exact_data_give_the_parameters_across_ten_orders_of_magnitude() -> None:
+    fit = weighted_least_squares([_rows(_regressors(np.random.default_rng(0), 500, 2))])
+    assert np.allclose(fit.theta, THETA, rtol=1e-9)
+
+
+def test_channels_weigh_by_their_own_residual() -> None:
+    rng = np.random.default_rng(1)
+    x = _regressors(rng, 4000, 2)
+    noise = rng.normal(size=(4000, 2)) * np.array([1.0, 100.0])
+    fit = weighted_least_squares([_rows(x, noise)])
+    quiet = weighted_least_squares([_rows(x[:, :1], noise[:, :1])])
+    assert fit.channel_std == pytest.approx([1.0, 100.0], rel=0.05)
+    assert fit.std == pytest.approx(quiet.std, rel=0.1)
+
+
+def test_gaps_in_one_channel_leave_the_others_alone() -> None:
+    rng = np.random.default_rng(2)
+    rows = _rows(_regressors(rng, 500, 2))
+    rows.y[100:400, 1] = np.nan
+    fit = weighted_least_squares([rows])
+    assert np.allclose(fit.theta, THETA, rtol=1e-9)
+    assert fit.rows == 2 * 500 - 300
+
+
+def test_white_noise_gives_the_textbook_standard_errors() -> None:
+    rng = np.random.default_rng(3)
+    x = _regressors(rng, 5000)
+    fit = weighted_least_squares([_rows(x, rng.normal(size=(5000, 1)))])
+    flat = x.reshape(-1, 2)
+    textbook = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
+    assert fit.std == pytest.approx(textbook, rel=0.25)
+
+
+def test_intervals_hold_where_residuals_are_strongly_autocorrelated() -> None:
+    covered_iid, covered, runs = 0, 0, 60
+    for seed in range(runs):
+        rng = np.random.default_rng(100 + seed)
+        x = _regressors(rng, 3000)
+        noise = lfilter([1.0], [1.0, -0.95], rng.normal(size=(3000, 1)), axis=0)
+        fit = weighted_least_squares([_rows(x, noise)])
+        flat = x.reshape(-1, 2)
+        iid = fit.channel_std[0] * np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
+        error = np.abs(fit.theta - THETA)
+        covered += int(np.sum(error < 1.96 * fit.std))
+        covered_iid += int(np.sum(error < 1.96 * iid))
+    assert covered / (2 * runs) > 0.85
+    assert covered_iid / (2 * runs) < 0.60
+
+
+def test_collinearity_names_what_cannot_be_told_apart() -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 1000))
+    factors = collinearity(np.stack([a, 1e-9 * b, 3.0 * a + 1e-5 * b, np.zeros(1000)], axis=1))
+    assert factors[0] > 1e4
+    assert factors[2] > 1e4
+    assert np.isinf(factors[3])
+    assert collinearity(np.stack([a, b], axis=1)) == pytest.approx([1.0, 1.0], abs=0.01)
+
+
+def test_correlation_time_of_an_autoregression() -> None:
+    rng = np.random.default_rng(5)
+    noise = lfilter([1.0], [1.0, -0.9], rng.normal(size=200_000))
+    assert integrated_correlation(noise) == pytest.approx(19.0, rel=0.15)
+    assert integrated_correlation(rng.normal(size=200_000)) == pytest.approx(1.0, abs=0.1)
+
+
+def test_too_few_rows_are_refused() -> None:
+    with pytest.raises(IdentError, match="2 rows cannot determine 2 parameters"):
+        weighted_least_squares([_rows(_regressors(np.random.default_rng(0), 2))])

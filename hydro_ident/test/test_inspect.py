@@ -1,0 +1,158 @@
+"""`inspect` and the health of signals: each irregularity is found, a healthy run has none."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recording import recording_of
+from hydro_ident.commands.inspect import main
+from hydro_ident.health import find_irregularities
+from hydro_ident.inspection import inspect_bag
+
+N = 1500
+
+
+@pytest.fixture
+def kinds_of(write_bag, robot):
+    """(signal, kind) of what is found in a run."""
+
+    def found(columns, **options) -> set[tuple[str, str]]:
+        recording = recording_of(read_bag(write_bag(columns, **options)), robot)
+        return {(f.signal, f.kind) for f in find_irregularities(recording)}
+
+    return found
+
+
+def test_a_healthy_run_has_no_findings(kinds_of, run_columns) -> None:
+    assert kinds_of(run_columns(N)) == set()
+
+
+@pytest.mark.parametrize(
+    ("topic", "field", "column", "change", "expected"),
+    [
+        ("/chamber_pressures", "effort", 0, lambda v: v[0], ("lift_cylinder/a", "stuck")),
+        ("/joint_states", "position", 1, lambda v: v[0], ("tilt", "stuck")),
+        ("/chamber_pressures", "effort", 3, lambda v: v * 0 + 2.6e7, ("tilt_cylinder/b", "sat")),
+        ("/chamber_pressures", "effort", 4, lambda v: v - 6e6, ("supply", "range")),
+        ("/joint_states", "position", 0, lambda v: v + 4.0, ("lift", "limit")),
+        (
+            "/joint_states",
+            "position",
+            0,
+            lambda v: np.where(v == v[9], np.inf, v),
+            ("lift", "not"),
+        ),
+        ("/valve_state", "effort", 1, lambda v: v * 0 + 10.0, ("tilt_valve", "saturated")),
+    ],
+)
+def test_each_irregularity_is_found(
+    kinds_of, run_columns, topic, field, column, change, expected
+) -> None:
+    columns = run_columns(N)
+    values = columns[topic][1][field]
+    values[:, column] = change(values[:, column].copy())
+    found = kinds_of(columns)
+    assert any(s == expected[0] and k.startswith(expected[1]) for s, k in found), found
+
+
+def test_an_encoder_at_rest_with_its_valve_closed_is_not_stuck(kinds_of, run_columns) -> None:
+    columns = run_columns(N)
+    columns["/joint_states"][1]["position"][:, 0] = 0.8
+    for topic in ("/valve_state", "/valve_command"):
+        columns[topic][1]["effort"][:, 0] = 0.01
+    assert kinds_of(columns) == set()
+
+
+def test_gaps_and_latches_are_found(kinds_of, run_columns) -> None:
+    columns = run_columns(N)
+    columns["/joint_states"][1]["position"][300:310] = np.nan
+    columns["/valve_state"] = (
+        columns["/valve_state"][0],
+        {"effort": columns["/valve_command"][1]["effort"].copy()},
+    )
+    columns["/valve_state"][1]["effort"][700:900] = 0.0
+    assert kinds_of(columns) == {("cycles", "gap"), ("valves", "latched")}
+
+
+def test_the_record_of_a_bag(write_bag, run_columns, robot) -> None:
+    columns = run_columns(N)
+    del columns["/valve_state"]
+    path = write_bag(
+        columns, metadata={"robot": "xs031", "note": "cold oil", "mapping": "x" * 999}
+    )
+    inspection = inspect_bag(read_bag(path), robot)
+    assert inspection.cycles == N
+    assert inspection.rate_hz == pytest.approx(500.0)
+    assert inspection.duration_s == pytest.approx(2.998)
+    assert inspection.messages == 5 * N
+    assert inspection.checksummed
+    assert inspection.compression == ["zstd"]
+    assert inspection.metadata == {"robot": "xs031", "note": "cold oil", "mapping": "999 bytes"}
+    assert inspection.channels == [
+        f"{joint}/{kind}" for joint in ("lift", "tilt") for kind in ("force", "flow_a", "flow_b")
+    ]
+    topics = {topic.topic: topic for topic in inspection.topics}
+    assert topics["/joint_states"].rate_hz == pytest.approx(500.0)
+    assert topics["/joint_states"].missing == 0
+    ranges = {r.signal: r for r in inspection.ranges}
+    q = columns["/joint_states"][1]["position"][:, 0]
+    assert (ranges["lift position"].low, ranges["lift position"].high) == (q.min(), q.max())
+    assert ranges["supply"].unit == "Pa gauge"
+    assert ranges["supply"].mean == pytest.approx(5e6 - 101325.0, rel=1e-3)
+
+
+def test_the_command_prints_and_writes_json(tmp_path, write_bag, run_columns, capsys) -> None:
+    path = write_bag(run_columns(N), metadata={"robot": "xs031"}, repeat={"/joint_states": 2})
+    assert main([str(path), "--json", str(tmp_path / "i.json")]) == 0
+    out = capsys.readouterr().out
+    assert "1500 cycles at 500.00 Hz" in out
+    assert "checksums hold" in out
+    assert "nothing irregular" not in out  # its channels are listed instead
+    assert "DAMAGE" not in out
+    data = json.loads((tmp_path / "i.json").read_text())
+    assert data["schema"] == "hydro_ident/inspection/1"
+    topics = {topic["topic"]: topic for topic in data["topics"]}
+    assert topics["/joint_states"]["duplicates"] == 2
+    assert data["damage"] == []
+
+
+def test_a_bag_cut_off_is_said(write_bag, run_columns, capsys) -> None:
+    path = write_bag(run_columns(N), metadata={"robot": "xs031"})
+    (file,) = path.glob("*.mcap")
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 2 // 3])
+    assert main([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "DAMAGE" in out
+    assert "cut off" in out
+
+
+def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsys) -> None:
+    assert main([str(write_bag(run_columns(20)))]) == 0
+    out = capsys.readouterr().out
+    assert "give --robot" in out
+    assert "/chamber_pressures" in out
+
+
+def test_bad_input_is_one_line_and_exit_2(tmp_path, write_bag, run_columns, capsys) -> None:
+    columns = run_columns(20)
+    columns["/joint_states"] = (("boom", "arm"), columns["/joint_states"][1])
+    other = str(write_bag(columns))
+    (tmp_path / "folder").mkdir()
+    for arguments, text in (
+        ([str(tmp_path / "nowhere")], "no bag"),
+        ([str(tmp_path / "folder")], "expected a rosbag2 directory"),
+        ([other, "--robot", "nothing"], "no robot file"),
+        ([other, "--robot", "xs031"], "found boom, arm"),
+        ([other, "--json", str(tmp_path / "no" / "x.json")], "cannot be written"),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert text in error
+    with pytest.raises(SystemExit) as usage:
+        main([])
+    assert usage.value.code == 2

@@ -1,0 +1,154 @@
+"""The player as a process over DDS: the recorded bytes, on their topics, at their intervals."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hydro_ident.bag.player import chosen_channels, main
+from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.errors import BagError
+
+DOMAIN = 46
+N = 400
+
+
+@pytest.fixture
+def node(monkeypatch) -> Iterator[Any]:
+    import rclpy
+    from rclpy.node import Node
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = Node("player_test", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def _play(path: Path, *arguments: str) -> subprocess.Popen[str]:
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(DOMAIN),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    code = "import sys; from hydro_ident.bag.player import main; sys.exit(main())"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(path), *arguments],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+@pytest.mark.ros
+def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) -> None:
+    from geometry_msgs.msg import PointStamped
+    from hydro_msgs_docs.hot_loop import HotSubscription
+    from sensor_msgs.msg import JointState
+
+    from hydro_msgs_docs.topics import RECORDER_DEPTH, reliable
+
+    path = write_bag(run_columns(N))
+    types = {"/joint_states": JointState, "/tip_reference": PointStamped}
+    subscriptions = {
+        topic: HotSubscription(node, kind, topic, reliable(RECORDER_DEPTH), raw=True)
+        for topic, kind in types.items()
+    }
+    other = HotSubscription(node, JointState, "/valve_state", reliable(RECORDER_DEPTH), raw=True)
+    begin = time.monotonic()
+    process = _play(path, "--topics", *types, "--rate", "2", "--delay", "2")
+    out, _ = process.communicate(timeout=60)
+    elapsed_s = time.monotonic() - begin
+    assert process.returncode == 0, out
+    assert f"played {2 * N} messages" in out
+    # 0.798 s of log time at twice real time: never faster.
+    assert elapsed_s >= 2.0 + 0.399
+    expected: dict[str, list[bytes]] = {topic: [] for topic in types}
+    for channel, _, data in messages(path):
+        if channel.topic in expected:
+            expected[channel.topic].append(data)
+    for topic, subscription in subscriptions.items():
+        received = []
+        while (data := subscription.take()) is not None:
+            received.append(data)
+        assert len(received) == N
+        assert [a[: len(b)] for a, b in zip(received, expected[topic], strict=True)] == expected[
+            topic
+        ]
+    assert other.take() is None
+
+
+@pytest.mark.ros
+def test_latched_topics_reach_who_comes_later(node, tmp_path) -> None:
+    from hydro_ident.bag.cdr import JOINT_STATE
+    from hydro_ident.bag.metadata import OfferedQos
+    from hydro_ident.bag.writer import BagWriter
+    from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+    from sensor_msgs.msg import JointState
+
+    from hydro_msgs_docs.topics import latched
+
+    with BagWriter(tmp_path / "bag") as writer:
+        qos = OfferedQos(depth=1, durability="transient_local")
+        writer.add_topic("/base_parameters", JOINT_STATE, qos=[qos])
+        writer.add_topic("/joint_states", JOINT_STATE)
+        writer.write_stamped("/base_parameters", 1, {"effort": [2.5]}, names=["a.mcx"])
+        # Something that lies far ahead keeps the player up.
+        writer.write_stamped("/joint_states", 10**10 * 6, {"position": [1.0]}, names=["lift"])
+    process = _play(tmp_path / "bag", "--delay", "0")
+    try:
+        time.sleep(2.5)
+        late = HotSubscription(node, JointState, "/base_parameters", latched())
+        assert HotWait(node, late).wait(15.0)
+        message = late.take()
+        assert message is not None
+        assert list(message.effort) == [2.5]
+    finally:
+        process.terminate()
+        process.communicate(timeout=20)
+    assert process.returncode == 0
+
+
+def test_what_is_played(write_bag, run_columns) -> None:
+    path = write_bag(run_columns(5))
+    channels = bag_channels(path)
+    assert len(chosen_channels(channels, None, path)) == 6
+    (one,) = chosen_channels(channels, ["/tip_reference"], path)
+    assert one.message_type == "geometry_msgs/msg/PointStamped"
+    with pytest.raises(BagError, match="expected a topic /tf, found /chamber_pressures"):
+        chosen_channels(channels, ["/tf"], path)
+
+
+def test_messages_come_in_order_of_reception(write_bag, run_columns) -> None:
+    log_ns = np.array([log_ns for _, log_ns, _ in messages(write_bag(run_columns(250)))])
+    assert (np.diff(log_ns) >= 0).all()
+    assert len(log_ns) == 1500
+
+
+def test_bad_input_is_one_line(tmp_path, write_bag, run_columns, capsys) -> None:
+    path = str(write_bag(run_columns(5)))
+    (tmp_path / "folder").mkdir()
+    for arguments, text in (
+        ([str(tmp_path / "nowhere")], "no bag"),
+        ([str(tmp_path / "folder")], "expected a rosbag2 directory"),
+        ([path, "--topics", "/tf"], "expected a topic /tf"),
+    ):
+        assert main(arguments) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert text in error
+    for bad in ("0", "-1", "nan", "x"):
+        with pytest.raises(SystemExit) as usage:
+            main([path, "--rate", bad])
+        assert usage.value.code == 2
+        capsys.readouterr()

@@ -1,0 +1,238 @@
+"""The recorder as a process over DDS: everything is kept, a kill costs at most 0.3 s."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hydro_ident.bag.provenance import project_metadata
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recorder import main, wanted_topics
+from hydro_ident.errors import BagError
+from hydro_model.robot_files import load_robot
+
+DOMAIN = 46
+START_NS = 10**18
+CYCLE_TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
+
+
+@pytest.fixture
+def node(monkeypatch) -> Iterator[Any]:
+    import rclpy
+    from rclpy.node import Node
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = Node("recorder_test", context=context)
+    yield node
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def recorder(tmp_path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts the recorder and waits until it records; what it says goes to `said.txt`."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(DOMAIN),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        code = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
+        with open(tmp_path / "said.txt", "w") as said:
+            process = subprocess.Popen(
+                [sys.executable, "-c", code, "--out", str(tmp_path), "--name", "t", *arguments],
+                env=environment,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+        started.append(process)
+        _wait_for(lambda: "recording" in _said(tmp_path), tmp_path)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+def _said(folder: Path) -> str:
+    return (folder / "said.txt").read_text()
+
+
+def _wait_for(condition: Callable[[], bool], folder: Path) -> None:
+    deadline = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < deadline, _said(folder)
+        time.sleep(0.05)
+
+
+def _wait_until_received(folder: Path, publishers: Mapping[str, Any]) -> None:
+    """Publish with stamp 0 until the recorder says that it receives every topic."""
+    from hydro_msgs_docs.messages import joint_state
+
+    def received() -> bool:
+        for publisher in publishers.values():
+            publisher.publish(joint_state(0, ["lift", "tilt"], position=[0.0, 0.0]))
+        return all(f"receiving {topic}\n" in _said(folder) for topic in publishers)
+
+    _wait_for(received, folder)
+
+
+def _publishers(node: Any) -> dict[str, Any]:
+    from sensor_msgs.msg import JointState
+
+    from hydro_msgs_docs.topics import reliable
+
+    return {t: node.create_publisher(JointState, t, reliable()) for t in CYCLE_TOPICS}
+
+
+def _publish(publishers: Mapping[str, Any], count: int, period_s: float = 0.002) -> None:
+    from hydro_msgs_docs.messages import joint_state
+
+    begin = time.monotonic()
+    for k in range(count):
+        message = joint_state(START_NS + 2_000_000 * k, ["lift", "tilt"], position=[k, -k])
+        for publisher in publishers.values():
+            publisher.publish(message)
+        time.sleep(max(0.0, begin + (k + 1) * period_s - time.monotonic()))
+
+
+def _only_bag(folder: Path) -> Path:
+    (path,) = folder.glob("*_t")
+    return path
+
+
+@pytest.mark.ros
+def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
+    from hydro_msgs_docs.messages import joint_state
+    from sensor_msgs.msg import JointState
+
+    from hydro_msgs_docs.topics import latched
+
+    base = node.create_publisher(JointState, "/base_parameters", latched())
+    base.publish(joint_state(5, ["tilt_link.mcx"], effort=[1.5], velocity=[0.1]))
+    (tmp_path / "map.yaml").write_text("a: 1\n")
+    attach = f"mapping={tmp_path / 'map.yaml'}"
+    process = recorder("--note", "cold oil", "--attach", attach)
+    publishers = _publishers(node)
+    _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 1000)
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=20) == 0, _said(tmp_path)
+    assert "LOST" not in _said(tmp_path)
+    bag = read_bag(_only_bag(tmp_path))
+    assert bag.losses == ()
+    assert bag.checksummed
+    for topic in CYCLE_TOPICS:
+        series = bag.series[topic]
+        run = series.stamp_ns > 0
+        np.testing.assert_array_equal(
+            series.stamp_ns[run], START_NS + 2_000_000 * np.arange(1000)
+        )
+        np.testing.assert_array_equal(series.fields["position"][run, 1], -np.arange(1000.0))
+        assert (np.diff(series.log_ns) >= 0).all()
+    assert bag.series["/base_parameters"].fields["effort"].tolist() == [[1.5]]
+    assert bag.metadata["robot"] == "xs031"
+    assert bag.metadata["note"] == "cold oil"
+    assert bag.metadata["mapping"] == "a: 1\n"
+    assert bag.metadata["robot_file"].startswith("#") or "cylinders" in bag.metadata["robot_file"]
+    text = (_only_bag(tmp_path) / "metadata.yaml").read_text()
+    assert "transient_local" in text
+    assert text.count("RIHS01_") == len(bag.topics)
+
+
+@pytest.mark.ros
+def test_a_kill_costs_at_most_three_tenths_of_a_second(tmp_path, node, recorder) -> None:
+    process = recorder()
+    publishers = _publishers(node)
+    _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 700)
+    process.kill()
+    killed_ns = time.time_ns()
+    process.wait()
+    bag = read_bag(_only_bag(tmp_path))
+    assert any("not closed" in loss for loss in bag.losses)
+    for topic in CYCLE_TOPICS:
+        assert killed_ns - bag.topics[topic].last_log_ns <= 300_000_000, topic
+        stamps = bag.series[topic].stamp_ns
+        stamps = stamps[stamps > 0]
+        np.testing.assert_array_equal(stamps, START_NS + 2_000_000 * np.arange(len(stamps)))
+
+
+@pytest.mark.ros
+def test_what_arrives_last_is_written_though_nothing_follows(tmp_path, node, recorder) -> None:
+    process = recorder("--topics", "joint_states")
+    publishers = {"/joint_states": _publishers(node)["/joint_states"]}
+    _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 5)
+    time.sleep(0.5)
+    process.kill()
+    process.wait()
+    assert (read_bag(_only_bag(tmp_path)).series["/joint_states"].stamp_ns > 0).sum() == 5
+
+
+@pytest.mark.ros
+def test_sigterm_closes_the_bag(tmp_path, node, recorder) -> None:
+    process = recorder()
+    publishers = _publishers(node)
+    _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 50)
+    process.terminate()
+    assert process.wait(timeout=20) == 0, _said(tmp_path)
+    assert read_bag(_only_bag(tmp_path)).losses == ()
+
+
+def test_bad_usage_is_one_line_and_leaves_nothing(tmp_path, capsys) -> None:
+    (tmp_path / "file").touch()
+    out = ["--out", str(tmp_path)]
+    for arguments, text in (
+        ([*out, "--topics", "/tf"], "unknown topic /tf"),
+        ([*out, "--topics", "/tf:nothing_msgs/msg/Tf"], "no message type 'nothing_msgs/msg/Tf'"),
+        ([*out, "--topics", "/a b:sensor_msgs/msg/JointState"], "is no topic name"),
+        ([*out, "--name", "a/b"], "expected a bag name"),
+        ([*out, "--robot", "nothing"], "no robot file 'nothing'"),
+        ([*out, "--attach", "mapping"], "expected --attach KEY=FILE"),
+        ([*out, "--attach", f"m={tmp_path / 'nowhere'}"], "cannot be attached"),
+        (["--out", str(tmp_path / "file")], "cannot be written"),
+    ):
+        assert main(arguments) == 2, text
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1, error
+        assert text in error
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_topics_and_types() -> None:
+    robot = load_robot("xs031")
+    every = wanted_topics(None, robot)
+    assert every["/pressure/tilt_cylinder/b"] == "sensor_msgs/msg/FluidPressure"
+    assert every["/tip_reference"] == "geometry_msgs/msg/PointStamped"
+    assert wanted_topics(["joint_states", "/log:rcl_interfaces/msg/Log"], robot) == {
+        "/joint_states": "sensor_msgs/msg/JointState",
+        "/log": "rcl_interfaces/msg/Log",
+    }
+    with pytest.raises(BagError, match="expected one of"):
+        wanted_topics(["/nothing"], robot)
+
+
+def test_metadata_names_robot_software_and_note() -> None:
+    metadata = project_metadata(load_robot("xs031"), "warm", [])
+    assert metadata["robot"] == "xs031"
+    assert metadata["software"].startswith("hydro_ident ")
+    assert metadata["note"] == "warm"
+    assert "cylinders:" in metadata["robot_file"]

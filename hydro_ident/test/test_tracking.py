@@ -1,0 +1,186 @@
+"""Tracking figures against closed forms, from encoders and from the rig's side file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
+from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.commands.tracking import main
+from hydro_ident.errors import NotEnoughDataError
+from hydro_ident.metrics import moving_span, speed_m_s, tracking
+from hydro_model.kinematics import tip_position
+from hydro_model.robot_files import load_robot
+from rosbags.typesys import Stores, get_typestore
+
+PERIOD_NS = 2_000_000
+START_NS = 1_700_000_000_000_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def _quintic(count: int) -> np.ndarray:
+    """1 m along x in `count` cycles after 100 at rest, then 100 more at rest; y and z follow."""
+    s = np.linspace(0.0, 1.0, count)
+    x = 10 * s**3 - 15 * s**4 + 6 * s**5
+    x = np.concatenate([np.zeros(100), x, np.ones(100)])
+    return np.column_stack([x, 0.0 * x, 0.0 * x])
+
+
+def test_figures_of_a_constant_offset() -> None:
+    reference = _quintic(1001)
+    stamps = START_NS + PERIOD_NS * np.arange(len(reference))
+    tip = reference + np.array([0.0, 0.003, 0.004])
+    result = tracking(stamps, tip, reference, half_width=1)
+    assert result.rmse_mm == pytest.approx(5.0)
+    assert result.max_error_mm == pytest.approx(5.0)
+    # A quintic over T peaks at 15/8 of its mean speed.
+    assert result.max_speed_m_s == pytest.approx(1.875 / 2.0, rel=1e-5)
+    assert result.reference_speed_m_s == pytest.approx(1.875 / 2.0, rel=1e-5)
+    assert result.rho_s == pytest.approx(5e-3 / (1.875 / 2.0), rel=1e-5)
+    assert result.duration_s == pytest.approx(2.0, abs=0.02)
+    wide = tracking(stamps, tip, reference, half_width=5)
+    assert wide.max_speed_m_s == pytest.approx(1.875 / 2.0, rel=1e-3)
+
+
+def test_a_pure_delay_is_rho() -> None:
+    """Following d seconds late costs an error of d times the speed: rho is about d."""
+    reference = _quintic(2001)
+    stamps = PERIOD_NS * np.arange(len(reference))
+    late = np.vstack([np.repeat(reference[:1], 5, axis=0), reference[:-5]])
+    assert tracking(stamps, late, reference, half_width=1).rho_s == pytest.approx(0.01, rel=1e-3)
+
+
+def test_errors_outside_the_moving_span_do_not_count() -> None:
+    reference = _quintic(501)
+    tip = reference.copy()
+    tip[:90] += 1.0
+    tip[-90:] -= 1.0
+    stamps = PERIOD_NS * np.arange(len(reference))
+    assert tracking(stamps, tip, reference, half_width=1).max_error_mm == 0.0
+    span = moving_span(reference)
+    assert 100 <= span.start < 105
+    assert 596 < span.stop <= 602
+
+
+def test_a_hold_inside_the_motion_counts_and_gaps_keep_speeds_right() -> None:
+    reference = np.vstack([_quintic(501), _quintic(501)[::-1]])
+    tip = reference.copy()
+    tip[700] += [0.0, 0.0, 0.02]
+    stamps = PERIOD_NS * np.arange(len(reference))
+    keep = np.r_[0:300, 320 : len(reference)]
+    full = tracking(stamps, tip, reference, half_width=5)
+    gappy = tracking(stamps[keep], tip[keep], reference[keep], half_width=5)
+    assert full.max_error_mm == gappy.max_error_mm == pytest.approx(20.0)
+    assert gappy.max_speed_m_s <= full.max_speed_m_s * 1.001
+
+
+def test_nothing_to_compare_is_said() -> None:
+    still = np.ones((50, 3))
+    stamps = PERIOD_NS * np.arange(50)
+    with pytest.raises(NotEnoughDataError, match="reference never moves"):
+        tracking(stamps, still, still, half_width=1)
+    with pytest.raises(NotEnoughDataError, match="tip does not move"):
+        tracking(stamps, still, _quintic(101)[100:150], half_width=1)
+    assert len(speed_m_s(stamps[:2], still[:2], 1)) == 0
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """The tip 2 mm beside its reference, encoders 1 mrad off at the second joint."""
+    robot = load_robot("xs031")
+    s = np.linspace(0.0, 1.0, 1000)
+    ramp = 10 * s**3 - 15 * s**4 + 6 * s**5
+    q = np.column_stack([0.6 + 0.4 * ramp, -1.2 + 0.2 * ramp])
+    tip = tip_position(robot, q)
+    path = tmp_path / "bag"
+    with BagWriter(path, {"robot": "xs031"}) as writer:
+        writer.add_topic("/joint_states", JOINT_STATE)
+        writer.add_topic("/tip_reference", POINT_STAMPED)
+        writer.add_topic("/diagnostics", DIAGNOSTIC_ARRAY)
+        for k in range(1000):
+            stamp = START_NS + 500_000_000 + PERIOD_NS * k
+            writer.write_stamped(
+                "/joint_states", stamp, {"position": q[k] + [0.0, 1e-3]}, names=("lift", "tilt")
+            )
+            writer.write_stamped("/tip_reference", stamp, {"point": tip[k] + [0.0, 0.002, 0.0]})
+        writer.write("/diagnostics", _diagnostics(), START_NS + 600_000_000)
+    counters = np.arange(100, 1400)
+    true = np.full((1300, 3), 9.0)
+    true[150:1150] = tip
+    _save_truth(tmp_path / "truth.npz", counters, true)
+    return path
+
+
+def _save_truth(path, counters: np.ndarray, tip: np.ndarray) -> None:
+    """As the rig's side file: named columns, more of them than are needed."""
+    rows = np.column_stack([0.0 * counters, counters, tip])
+    np.savez_compressed(path, names=["time_s", "counter", "tip/x", "tip/y", "tip/z"], rows=rows)
+
+
+def _diagnostics() -> bytes:
+    types = STORE.types
+    time = types["builtin_interfaces/msg/Time"](1_700_000_000, 0)
+    pair = types["diagnostic_msgs/msg/KeyValue"]
+    pairs = [pair("cycles", "12"), pair("sample_zero_stamp_ns", str(START_NS))]
+    status = types["diagnostic_msgs/msg/DiagnosticStatus"](0, "can_bridge", "ok", "hw", pairs)
+    header = types["std_msgs/msg/Header"](time, "")
+    message = types[DIAGNOSTIC_ARRAY](header, [status])
+    return bytes(STORE.serialize_cdr(message, DIAGNOSTIC_ARRAY))
+
+
+def test_the_command_from_encoders_and_truth(tmp_path, bag, capsys) -> None:
+    out = tmp_path / "t.json"
+    assert main([str(bag), "--truth", str(tmp_path / "truth.npz"), "--json", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert data["source"] == "truth"
+    assert data["rmse_mm"] == data["truth"]["rmse_mm"] == pytest.approx(2.0, rel=1e-9)
+    # 1 mrad at an arm of about 2 m, at right angles to the 2 mm.
+    robot = load_robot("xs031")
+    arm = np.linalg.norm(robot.tip_offset_m)
+    expected = np.hypot(2.0, arm) if arm else data["encoders"]["rmse_mm"]
+    assert data["encoders"]["rmse_mm"] == pytest.approx(expected, rel=2e-2)
+    assert data["encoders"]["max_speed_m_s"] == pytest.approx(data["max_speed_m_s"], rel=1e-3)
+    assert set(data["truth"]) >= {"rmse_mm", "max_error_mm", "max_speed_m_s", "rho_s"}
+    assert "rho s" in capsys.readouterr().out
+    assert main([str(bag), "--json", str(out)]) == 0
+    data = json.loads(out.read_text())
+    assert data["source"] == "encoders"
+    assert "truth" not in data
+
+
+def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) -> None:
+    columns = run_columns(20)
+    del columns["/tip_reference"]
+    headless = str(write_bag(columns, name="headless"))
+    frozen = run_columns(20)
+    frozen["/tip_reference"] = ((), {"point": np.ones((20, 3))})
+    one_joint = run_columns(20)
+    one_joint["/joint_states"] = (("lift", "x"), one_joint["/joint_states"][1])
+    (tmp_path / "no.npz").write_bytes(b"nothing")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    _save_truth(tmp_path / "late.npz", np.arange(10) + 10**6, np.zeros((10, 3)))
+    np.savez(tmp_path / "column.npz", names=["counter"], rows=np.zeros((9, 1)))
+    np.savez(
+        tmp_path / "shape.npz", names=["counter", "tip/x", "tip/y", "tip/z"], rows=np.zeros((9, 3))
+    )
+    truth = [str(bag), "--truth"]
+    no_zero = [str(write_bag(run_columns(20), name="nozero")), "--truth"]
+    for arguments, text, code in (
+        ([headless], "expected /tip_reference", 2),
+        ([str(write_bag(frozen, name="frozen"))], "reference never moves", 1),
+        ([str(write_bag(one_joint, name="one"))], "expected positions of tilt", 2),
+        ([*truth, str(tmp_path / "nowhere.npz")], "No such file", 2),
+        ([*truth, str(tmp_path / "no.npz")], "expected the rig's .npz side file", 2),
+        ([*truth, str(tmp_path / "other.npz")], "expected arrays names and rows", 2),
+        ([*truth, str(tmp_path / "shape.npz")], "expected rows of 4 columns", 2),
+        ([*truth, str(tmp_path / "column.npz")], "expected a column tip/x, found counter", 2),
+        ([*truth, str(tmp_path / "late.npz")], "no sample of this file", 2),
+        ([*no_zero, str(tmp_path / "truth.npz")], "sample_zero_stamp_ns", 2),
+    ):
+        assert main(arguments) == code, text
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1, error
+        assert text in error

@@ -1,0 +1,53 @@
+"""Where numba keeps compiled kernels: the user's cache folder, one per state of the sources.
+
+numba's own cache looks at the file a kernel stands in and not at the files of the kernels it calls,
+so after an update it would go on running old code. A folder named after all sources cannot.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from importlib.util import find_spec
+from pathlib import Path
+
+_PACKAGES = ("hydro_model", "hydro_hw_bridge", "hydro_ident")
+_KEPT = 4
+
+
+def source_state(packages: tuple[str, ...] = _PACKAGES) -> str:
+    """A short name that changes with any source file of the packages with kernels."""
+    digest = hashlib.sha256()
+    for package in packages:
+        spec = find_spec(package)
+        for folder in (spec.submodule_search_locations if spec else None) or ():
+            for file in sorted(Path(folder).rglob("*.py")):
+                status = file.stat()
+                digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
+    return digest.hexdigest()[:16]
+
+
+def use_user_cache() -> None:
+    """Point numba at the folder of the sources as they stand, unless the user chose one.
+
+    Has no effect once numba is imported, so `hydro_model` calls it when it is imported itself.
+    """
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydro_model"
+    folder = base / source_state()
+    try:
+        if not folder.is_dir():
+            folder.mkdir(parents=True)
+            _prune(base)
+    except OSError:
+        return  # no home to write to: numba then compiles anew each time
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def _prune(base: Path) -> None:
+    """Forget the caches of all but the newest states of the sources."""
+    folders = sorted(base.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
+    for old in folders[_KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)

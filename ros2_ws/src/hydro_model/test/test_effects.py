@@ -1,0 +1,239 @@
+"""The catalogue: laws against their equations, evaluation, and the robot's list resolved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hydro_model import signals as sig
+from hydro_model.effects import CATALOGUE, Effect, Stage, resolve
+from hydro_model.errors import RobotError
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+from scipy.signal import lti, step
+
+FORCE_AND_FLOW = {
+    "coulomb_friction", "stribeck_friction", "asymmetric_friction", "pressure_dependent_friction",
+    "quadratic_friction", "valve_deadband", "valve_null_bias", "valve_gain_nonlinearity",
+    "valve_spool_lag", "valve_rate_limit", "internal_leakage", "external_leakage", "dead_volume",
+    "entrained_air", "supply_droop", "tank_back_pressure",
+}  # fmt: skip
+EFFECTS = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda e: e.name)
+
+
+def recording(count: int = 200) -> np.ndarray:
+    """Random but physical signals."""
+    rng = np.random.default_rng(3)
+    s = rng.normal(size=(count, sig.SIGNAL_COUNT)) * 0.1
+    s[:, sig.PRESSURE_A] = rng.uniform(0.0, 19e6, count)
+    s[:, sig.PRESSURE_B] = rng.uniform(0.0, 19e6, count)
+    s[:, sig.ATMOSPHERIC_PRESSURE] = 101325.0
+    s[:, sig.SUPPLY_FLOW] = rng.uniform(0.0, 1e-3, count)
+    s[:, sig.RETURN_FLOW] = rng.uniform(0.0, 1e-3, count)
+    return s
+
+
+S = recording()
+V, U = S[:, sig.PISTON_VELOCITY], S[:, sig.VALVE_SIGNAL]
+P_A, P_B = S[:, sig.PRESSURE_A], S[:, sig.PRESSURE_B]
+P_ABS = P_A + 101325.0
+
+#: Name, parameters, stage, what the equation of PHYSICS notes gives.
+EQUATIONS = [
+    ("coulomb_friction", [3e3, 0.01], Stage.FRICTION, 3e3 * np.tanh(V / 0.01)),
+    (
+        "stribeck_friction",
+        [1e3, 0.02, 0.01],
+        Stage.FRICTION,
+        1e3 * np.exp(-((V / 0.02) ** 2)) * np.tanh(V / 0.01),
+    ),
+    (
+        "asymmetric_friction",
+        [500.0, 2e3, 0.01],
+        Stage.FRICTION,
+        500.0 * np.tanh(V / 0.01) ** 2 + 2e3 * V * np.tanh(V / 0.01),
+    ),
+    (
+        "pressure_dependent_friction",
+        [2e-4, 0.01],
+        Stage.FRICTION,
+        2e-4 * (P_A + P_B) * np.tanh(V / 0.01),
+    ),
+    ("quadratic_friction", [5e4], Stage.FRICTION, 5e4 * V * np.abs(V)),
+    ("valve_null_bias", [0.02], Stage.SIGNAL, U + 0.02),
+    (
+        "valve_deadband",
+        [0.05],
+        Stage.SIGNAL,
+        np.sign(U) * np.maximum(np.abs(U) - 0.05, 0.0),
+    ),
+    ("valve_gain_nonlinearity", [0.2], Stage.SIGNAL, U * (1.0 + 0.2 * (np.abs(U) - 1.0))),
+    ("internal_leakage", [2e-13], Stage.FLOW_A, -2e-13 * (P_A - P_B)),
+    ("internal_leakage", [2e-13], Stage.FLOW_B, 2e-13 * (P_A - P_B)),
+    ("external_leakage", [2e-13, 3e-13], Stage.FLOW_A, -2e-13 * P_A),
+    ("external_leakage", [2e-13, 3e-13], Stage.FLOW_B, -3e-13 * P_B),
+    ("dead_volume", [1e-3, 2e-3], Stage.VOLUME_A, np.full(len(S), 1e-3)),
+    ("dead_volume", [1e-3, 2e-3], Stage.VOLUME_B, np.full(len(S), 2e-3)),
+    (
+        "entrained_air",
+        [0.01, 1.3],
+        Stage.COMPLIANCE_A,
+        0.01 / (1.3 * P_ABS) * (101325.0 / P_ABS) ** (1.0 / 1.3),
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "stage", "expected"), EQUATIONS)
+def test_law_is_its_equation(name, values, stage, expected) -> None:
+    np.testing.assert_allclose(CATALOGUE[name].evaluate(S, values, stage), expected, rtol=1e-12)
+
+
+def test_catalogue_has_what_the_contract_names() -> None:
+    assert set(CATALOGUE) >= FORCE_AND_FLOW
+    assert all(name == effect.name for name, effect in CATALOGUE.items())
+
+
+@EFFECTS
+def test_every_effect_is_described(effect: Effect) -> None:
+    assert effect.channel in {"force", "flow", "timing"}
+    for text in (effect.equation, effect.source, effect.separating_experiment):
+        assert len(text) > 5
+    assert effect.looks_like
+    assert len(effect.states) <= sig.MAX_STATES
+    for p in effect.parameters:
+        assert p.unit
+        assert p.text
+        assert p.lower <= p.typical <= p.upper
+
+
+@EFFECTS
+def test_compiled_laws_equal_the_plain_ones(effect: Effect) -> None:
+    for term in effect.terms:
+        if effect.states:
+            continue
+        plain = [term.law(row, effect.typical) for row in S]
+        np.testing.assert_allclose(
+            effect.evaluate(S, effect.typical, term.stage), plain, rtol=1e-13
+        )
+
+
+@EFFECTS
+def test_linear_parameters_are_columns(effect: Effect) -> None:
+    if effect.states:
+        return
+    linear = [i for i, p in enumerate(effect.parameters) if p.linear]
+    for term in effect.terms:
+        columns = effect.columns(S, effect.typical, term.stage)
+        assert columns.shape == (len(S), len(linear))
+        if linear:
+            np.testing.assert_allclose(
+                columns @ effect.typical[linear],
+                effect.evaluate(S, effect.typical, term.stage),
+                rtol=1e-12,
+            )
+
+
+def test_names_of_signals_follow_their_numbers() -> None:
+    for index, name in enumerate(sig.SIGNAL_NAMES):
+        assert getattr(sig, name.upper()) == index
+    assert len(sig.SIGNAL_NAMES) == sig.SIGNAL_COUNT
+
+
+def test_spool_lag_over_a_recording_is_the_second_order_response() -> None:
+    s = np.zeros((200, sig.SIGNAL_COUNT))
+    s[1:, sig.VALVE_SIGNAL] = 0.5
+    out = CATALOGUE["valve_spool_lag"].evaluate(s, [80.0, 0.7], sample_time_s=0.002)
+    omega = 2.0 * np.pi * 80.0
+    system = lti([0.5 * omega**2], [1.0, 1.4 * omega, omega**2])
+    _, expected = step(system, T=np.arange(199) * 0.002)
+    np.testing.assert_allclose(out[1:], expected, atol=1e-5)
+
+
+def test_droop_over_a_recording_follows_the_flow_with_its_lag() -> None:
+    s = np.zeros((200, sig.SIGNAL_COUNT))
+    s[1:, sig.SUPPLY_FLOW] = 1e-3
+    out = CATALOGUE["supply_droop"].evaluate(s, [4e8, 0.05], sample_time_s=0.002)
+    expected = -4e5 * (1.0 - np.exp(-np.arange(199) * 0.002 / 0.05))
+    np.testing.assert_allclose(out[1:], expected, atol=1e-3)
+
+
+def test_rate_limit_over_a_recording_has_its_slope() -> None:
+    s = np.zeros((200, sig.SIGNAL_COUNT))
+    s[1:, sig.VALVE_SIGNAL] = 1.0
+    out = CATALOGUE["valve_rate_limit"].evaluate(s, [20.0, 5e-4], sample_time_s=0.002)
+    assert np.diff(out[2:20]) == pytest.approx(0.04, rel=1e-6)
+    assert out[-1] == pytest.approx(1.0)
+
+
+def test_evaluation_of_states_starts_at_rest_and_keeps_the_input() -> None:
+    s = np.full((10, sig.SIGNAL_COUNT), 0.3)
+    kept = s.copy()
+    lag = CATALOGUE["valve_spool_lag"]
+    np.testing.assert_allclose(lag.evaluate(s, [80.0, 0.7], sample_time_s=0.002), 0.3)
+    np.testing.assert_array_equal(s, kept)
+    assert lag.evaluate(s[:0], [80.0, 0.7], sample_time_s=0.002).shape == (0,)
+    with pytest.raises(RobotError, match="internal states: give sample_time_s"):
+        lag.evaluate(s, [80.0, 0.7])
+
+
+def test_wrong_shapes_and_stages_are_said() -> None:
+    coulomb = CATALOGUE["coulomb_friction"]
+    with pytest.raises(RobotError, match=r"signals of shape \(N, 20\), found \(5,\)"):
+        coulomb.evaluate(np.zeros(5), [1.0, 1.0])
+    with pytest.raises(RobotError, match="expected 2 parameters"):
+        coulomb.evaluate(S, [1.0])
+    with pytest.raises(RobotError, match="has no flow_a law"):
+        coulomb.evaluate(S, [1.0, 1.0], Stage.FLOW_A)
+
+
+ROBOT = load_robot("xs031")
+
+
+def listed(*specs: tuple[str, str, dict[str, float]]):
+    return replace(ROBOT, effects=tuple(EffectSpec(*spec) for spec in specs))
+
+
+@pytest.mark.parametrize("target", ["tilt_cylinder", "tilt_valve", "tilt"])
+def test_target_may_be_cylinder_valve_or_joint(target) -> None:
+    (one,) = resolve(listed(("valve_null_bias", target, {"bias": 0.01})))
+    assert one.cylinder == 1
+    assert one.parameters == pytest.approx([0.01])
+
+
+def test_robot_as_target_means_every_cylinder_or_the_robot() -> None:
+    robot = listed(
+        ("supply_droop", "xs031", {"resistance": 4e8, "time_constant": 0.1}),
+        ("coulomb_friction", "xs031", {"force": 3e3}),
+    )
+    found = [(one.effect.name, one.cylinder) for one in resolve(robot)]
+    assert found == [("coulomb_friction", 0), ("coulomb_friction", 1), ("supply_droop", None)]
+
+
+def test_optional_parameters_get_typical_values() -> None:
+    (one,) = resolve(listed(("coulomb_friction", "lift", {"force": 3e3})))
+    assert one.parameters == pytest.approx([3e3, 0.005])
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (("magic", "lift", {}), "no effect 'magic' in the catalogue .*coulomb_friction"),
+        (("coulomb_friction", "boom", {"force": 1.0}), "unknown target 'boom' .*lift_cylinder"),
+        (("coulomb_friction", "lift", {"mu": 1.0}), "no parameter 'mu' .known: force, velocity"),
+        (("coulomb_friction", "lift", {}), "needs parameter 'force' in N"),
+        (("coulomb_friction", "lift", {"force": -1.0}), "force should be 0 to 100000 N, found -1"),
+        (("supply_droop", "lift", {"resistance": 1.0, "time_constant": 1.0}), "target 'xs031'"),
+    ],
+)
+def test_bad_lists_are_said(spec, message) -> None:
+    with pytest.raises(RobotError, match=message) as caught:
+        resolve(listed(spec))
+    assert "hydraulics.yaml" in str(caught.value)
+
+
+def test_the_same_effect_twice_is_said() -> None:
+    one = ("coulomb_friction", "lift", {"force": 1.0})
+    two = ("coulomb_friction", "lift_cylinder", {"force": 2.0})
+    with pytest.raises(RobotError, match="listed twice for 'lift_cylinder'"):
+        resolve(listed(one, two))

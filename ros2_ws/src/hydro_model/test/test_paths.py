@@ -1,0 +1,230 @@
+"""Paths: boundary conditions, derivatives, files, and what a robot can follow."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from hydro_model.errors import RobotError
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
+from hydro_model.paths_check import check_path, joint_motion, joints_at_tip
+from hydro_model.paths_segments import Quintic, smooth_step
+from hydro_model.robot_files import load_robot
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+ROBOT = load_robot("xs031")
+
+EVERY_KIND = """
+joints: [lift, tilt]
+start: [0.6, -1.5]
+start_delay_s: 0.5
+segments:
+  - {kind: move, to: [0.7, -1.4], duration_s: 2.0}
+  - {kind: hold, duration_s: 0.5}
+  - {kind: cruise, to: [0.8, -1.4], duration_s: 3.0, ramp_s: 0.5}
+  - {kind: staircase, levels: [[0.75, -1.4], [0.7, -1.45]], move_s: 1.0, hold_s: 0.25}
+  - {kind: ladder, travel: [0.05, 0.1], speeds: [0.05, 0.1], ramp_s: 0.3, hold_s: 0.2}
+  - {kind: fourier, duration_s: 10.0, fundamental_hz: 0.2, ramp_s: 2.0,
+     sine: [[0.05, 0.01], [0.02, 0.03]], cosine: [[0.0, 0.02], [0.01, 0.0]]}
+  - {kind: chirp, duration_s: 6.0, amplitude: [0.02, -0.03], from_hz: 0.2, to_hz: 2.0, ramp_s: 1.0}
+"""
+
+
+@pytest.fixture(scope="module")
+def every_kind(tmp_path_factory: pytest.TempPathFactory) -> JointPath:
+    file = tmp_path_factory.mktemp("paths") / "every.yaml"
+    file.write_text(EVERY_KIND)
+    path = load_path(file)
+    assert isinstance(path, JointPath)
+    return path
+
+
+def test_smooth_step_has_flat_ends_and_unit_area() -> None:
+    for end in (0.0, 1.0):
+        assert smooth_step(end) == (end, 0.0, 0.0)
+    s = np.linspace(0.0, 1.0, 1001)
+    assert np.trapezoid([smooth_step(x)[1] for x in s], s) == pytest.approx(1.0, abs=1e-5)
+
+
+finite = st.floats(-3.0, 3.0)
+
+
+@given(st.lists(finite, min_size=6, max_size=6), st.floats(0.2, 20.0))
+@settings(max_examples=50, deadline=None)
+def test_quintic_meets_both_ends(values: list[float], duration: float) -> None:
+    p0, v0, a0, p1, v1, a1 = np.array(values).reshape(6, 1)
+    quintic = Quintic.between((p0, v0, a0), (p1, v1, a1), duration)
+    for t, ends in ((0.0, (p0, v0, a0)), (duration, (p1, v1, a1))):
+        for found, expected in zip(quintic.sample(t), ends, strict=True):
+            np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_rest_to_rest_is_the_minimum_jerk_polynomial() -> None:
+    quintic = Quintic.at_rest([1.0], [3.0], 4.0)
+    position, velocity, _ = quintic.sample(2.0)
+    assert position[0] == pytest.approx(2.0)
+    assert velocity[0] == pytest.approx(1.875 * 2.0 / 4.0)
+
+
+def test_every_segment_is_at_rest_at_its_ends_and_continuous(every_kind: JointPath) -> None:
+    assert np.all(every_kind.sample(0.0)[0] == [0.6, -1.5])
+    for at in every_kind.breaks_s:
+        for before, after in zip(
+            every_kind.sample(at - 1e-9), every_kind.sample(at + 1e-9), strict=True
+        ):
+            np.testing.assert_allclose(before, after, atol=1e-6)
+        np.testing.assert_allclose(every_kind.sample(at)[1], 0.0, atol=1e-9)
+        np.testing.assert_allclose(every_kind.sample(at)[2], 0.0, atol=1e-8)
+
+
+def test_velocity_and_acceleration_are_the_derivatives(every_kind: JointPath) -> None:
+    step = 1e-4
+    times = np.linspace(0.05, every_kind.duration_s - 0.05, 1777)
+    before, after = every_kind.sample_many(times - step), every_kind.sample_many(times + step)
+    _, velocity, acceleration = every_kind.sample_many(times)
+    np.testing.assert_allclose((after[0] - before[0]) / (2 * step), velocity, atol=2e-5)
+    np.testing.assert_allclose((after[1] - before[1]) / (2 * step), acceleration, atol=2e-3)
+
+
+def test_outside_its_time_a_path_rests_at_its_ends(every_kind: JointPath) -> None:
+    start, end = every_kind.sample(-5.0), every_kind.sample(1e6)
+    np.testing.assert_array_equal(start[0], [0.6, -1.5])
+    np.testing.assert_allclose(end[0], every_kind.sample(every_kind.duration_s - 1e-9)[0])
+    assert not np.any([start[1:], end[1:]])
+
+
+def test_a_ladder_reaches_each_speed_and_returns(tmp_path: FilePath) -> None:
+    file = tmp_path / "ladder.yaml"
+    file.write_text(
+        "joints: [lift]\nstart: [0.5]\nsegments:\n"
+        "  - {kind: ladder, travel: [-0.4], speeds: [0.05, 0.2], ramp_s: 0.5, hold_s: 0.1}\n"
+    )
+    path = load_path(file)
+    _, velocity, _ = path.sample_many(np.arange(0.0, path.duration_s, 0.001))
+    assert set(np.unique(np.round(np.abs(velocity), 6))) >= {0.05, 0.2}
+    assert np.abs(velocity).max() == pytest.approx(0.2)
+    np.testing.assert_allclose(path.sample(path.duration_s)[0], [0.5])
+
+
+def test_the_shipped_parallelogram_is_the_papers() -> None:
+    assert list(shipped_paths()) == ["xs031/parallelogram"]
+    path = load_path("xs031/parallelogram")
+    assert isinstance(path, TipPath)
+    assert path.duration_s == pytest.approx(16.8)
+    position, velocity, _ = path.sample_many(np.arange(0.0, 16.8, 0.002))
+    assert np.linalg.norm(velocity, axis=1).max() == pytest.approx(0.716, abs=1e-3)
+    np.testing.assert_allclose(position[0], [2.0, 0.0, -1.2])
+    check = check_path(ROBOT, path, margin=0.2, flow_limit=0.8)
+    # Corners as the inverse kinematics found them lie where the path says.
+    np.testing.assert_allclose(tip_position(ROBOT, check.start_position), position[0], atol=1e-6)
+
+
+def test_joint_motion_follows_the_tip_with_its_derivatives() -> None:
+    path = load_path("xs031/parallelogram")
+    times = np.arange(0.0, 3.0, 0.01)
+    q, qd, qdd = joint_motion(ROBOT, path, times)
+    np.testing.assert_allclose(tip_position(ROBOT, q), path.sample_many(times)[0], atol=1e-6)
+    np.testing.assert_allclose(np.gradient(q, times, axis=0)[2:-2], qd[2:-2], atol=2e-4)
+    np.testing.assert_allclose(np.gradient(qd, times, axis=0)[2:-2], qdd[2:-2], atol=2e-3)
+
+
+def test_inverse_kinematics_stays_inside_the_limits_and_says_what_is_out_of_reach() -> None:
+    q = joints_at_tip(ROBOT, np.array([3.0, 0.0, -0.5]))
+    for joint, value in zip(ROBOT.joints, q, strict=True):
+        assert joint.lower <= value <= joint.upper
+    with pytest.raises(RobotError, match=r"cannot put its tip at \[9.000, .* missed by 5\."):
+        joints_at_tip(ROBOT, np.array([9.0, 0.0, 0.0]))
+    with pytest.raises(RobotError, match="cannot put its tip"):
+        joints_at_tip(ROBOT, np.array([3.0, 0.5, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{kind: move, to: [1.8, -1.5], duration_s: 5.0}", "joint 'lift' goes to 1.8 at 5.00 s"),
+        ("{kind: move, to: [0.6, -2.5], duration_s: 5.0}", "expected at least -2.4"),
+        ("{kind: move, to: [1.6, -1.5], duration_s: 0.5}", "'lift' reaches a speed of 3.7"),
+    ],
+)
+def test_check_names_what_is_exceeded(tmp_path: FilePath, text: str, expected: str) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(f"joints: [lift, tilt]\nstart: [0.6, -1.5]\nsegments: [{text}]\n")
+    with pytest.raises(RobotError, match=expected):
+        check_path(ROBOT, load_path(file))
+
+
+def test_check_knows_what_the_valves_can_pass(tmp_path: FilePath) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text(
+        "joints: [tilt]\nstart: [-2.0]\n"
+        "segments: [{kind: cruise, to: [-0.6], duration_s: 1.5, ramp_s: 0.3}]\n"
+    )
+    path = load_path(file)
+    share = check_path(ROBOT, path, near=np.array([0.6, -2.0])).flow_share
+    assert share[0] == 0.0
+    assert 0.2 < share[1] < 1.5
+    with pytest.raises(RobotError, match="'tilt_cylinder' needs a share of its valve's flow"):
+        check_path(ROBOT, path, near=np.array([0.6, -2.0]), flow_limit=0.2)
+
+
+def test_a_path_of_other_joints_or_another_tip_is_refused(tmp_path: FilePath) -> None:
+    file = tmp_path / "p.yaml"
+    file.write_text("joints: [boom]\nstart: [0]\nsegments: [{kind: hold, duration_s: 1}]\n")
+    with pytest.raises(RobotError, match="no joint 'boom'"):
+        check_path(ROBOT, load_path(file))
+    other = TipPath.through([[2, 0, -1], [3, 0, -1]], [3.0], tip_link="bucket")
+    with pytest.raises(RobotError, match=r"'bucket'.*'tip_link'"):
+        check_path(ROBOT, other)
+
+
+BAD_FILES = {
+    "empty": ("{}", "found the keys none"),
+    "one corner": ("corners_m: [[1, 0, 0]]\ndurations_s: []", "2 corners or more"),
+    "a corner of two": ("corners_m: [[1, 0], [2, 0, 0]]\ndurations_s: [1]", "3 numbers, found 2"),
+    "durations": ("corners_m: [[1, 0, 0], [2, 0, 0]]\ndurations_s: [1, 2]", "1 numbers"),
+    "no time": ("corners_m: [[1, 0, 0], [2, 0, 0]]\ndurations_s: [0]", "above 0 s"),
+    "nan": ("corners_m: [[1, 0, 0], [.nan, 0, 0]]\ndurations_s: [1]", "finite"),
+    "delay": (
+        "start_delay_s: -1\ncorners_m: [[1, 0, 0], [2, 0, 0]]\ndurations_s: [1]",
+        "0 s or more",
+    ),
+    "no joints": ("joints: []\nstart: []\nsegments: []", "distinct names"),
+    "twice": ("joints: [a, a]\nstart: [0, 0]\nsegments: []", "distinct names"),
+    "no segments": ("joints: [a]\nstart: [0]\nsegments: []", "one segment or more"),
+    "kind": ("joints: [a]\nstart: [0]\nsegments: [{kind: leap}]", "one of move, hold"),
+    "ramp": (
+        "joints: [a]\nstart: [0]\n"
+        "segments: [{kind: cruise, to: [1], duration_s: 1.0, ramp_s: 0.6}]",
+        "at most half",
+    ),
+    "ladder": (
+        "joints: [a]\nstart: [0]\n"
+        "segments: [{kind: ladder, travel: [0.1], speeds: [1.0], ramp_s: 1.0, hold_s: 1.0}]",
+        "reached within the travel",
+    ),
+    "fourier": (
+        "joints: [a]\nstart: [0]\nsegments: [{kind: fourier, duration_s: 9, ramp_s: 1,"
+        " fundamental_hz: 0.1, sine: [[1, 2], [3]]}]",
+        "2 numbers, found 1",
+    ),
+    "too long": ("joints: [a]\nstart: [0]\nsegments: [{kind: hold, duration_s: 1e9}]", "at most"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_files_are_one_line(tmp_path: FilePath, case: str) -> None:
+    text, expected = BAD_FILES[case]
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises(RobotError, match=expected) as caught:
+        load_path(file)
+    assert "\n" not in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_a_missing_file_names_the_shipped_ones() -> None:
+    with pytest.raises(RobotError, match=r"no path file 'nowhere'.*xs031/parallelogram"):
+        load_path("nowhere")
