@@ -44,7 +44,7 @@ parameters=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
 for name in mapping dbc calibration; do
   [[ -z ${!name} ]] || parameters+=(-p "$name:=$(realpath "${!name}")")
 done
-gains=${controller:-$(python -c 'from hydro_control import gains_file; print(gains_file())')}
+gains=${controller:-$(python -c 'from hydro_control.gains import shipped_gains; print(shipped_gains())')}
 control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
 [[ -z $path ]] || control+=(-p "path:=$(realpath "$path")")
 

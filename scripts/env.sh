@@ -16,6 +16,8 @@ unset hydro_nounset
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 export RCUTILS_LOGGING_BUFFERED_STREAM=1
+# One thread a process: the products are small, and results do not depend on the core count.
+export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1} OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
 
 # hydro_exe PACKAGE EXECUTABLE: the path that `ros2 run PACKAGE EXECUTABLE` runs.
 hydro_exe() {

@@ -1,0 +1,212 @@
+"""The node class of the controller: parameters, services, trajectories, diagnostics."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from hydro_model.paths import load_path
+from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.lifecycle import LifecycleNode
+from rclpy.parameter import Parameter
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
+
+from hydro_control import parameters
+from hydro_control.core import ControllerCore
+from hydro_control.errors import ControlError
+from hydro_control.hot_path import HotPath
+from hydro_control.trajectory import Waypoint
+from hydro_msgs_docs import topics
+
+_DIAGNOSTICS_S = 1.0
+_LOOK_S = 0.1
+
+
+class ControllerNode(LifecycleNode):
+    """Lifecycle node `controller`.
+
+    Raises
+    ------
+    ControlError, RobotError
+        At construction: a parameter, the robot file or the path file cannot be used.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("controller")
+        parameters.declare(self)
+        self.failure: BaseException | None = None
+        self._hot: HotPath | None = None
+        self._active = False
+        self._core = self._make_core()
+        self._diagnostics = Diagnostics(self, self._core.robot.name)
+        self._said = ""
+        self._said_s = 0.0
+        self._trajectories: list[Any] = []
+        self.add_on_set_parameters_callback(self._on_parameters)
+        self._timer = self.create_timer(_LOOK_S, self._look)
+
+    def _make_core(self) -> ControllerCore:
+        settings = parameters.read(self)
+        path = load_path(settings.path) if settings.path else None
+        robot = load_robot(settings.robot)
+        return ControllerCore(robot, settings.gains, path, settings.start_delay_s)
+
+    def _on_parameters(self, changed: list[Parameter]) -> SetParametersResult:
+        own = {p.name for p in parameters.PARAMETERS}
+        if self._hot is None or not any(p.name in own for p in changed):
+            return SetParametersResult(successful=True)
+        return SetParametersResult(
+            successful=False, reason="parameters are read when configuring: clean up first"
+        )
+
+    def _configure(self) -> None:
+        settings = parameters.read(self)
+        self._core = self._make_core()
+        self._hot = HotPath(self, self._core, settings.required_recorders, self._failed)
+        options = QoSOverridingOptions.with_default_policies()
+        for message_type, topic, callback in (
+            (JointTrajectory, topics.JOINT_TRAJECTORY, self._on_joints),
+            (MultiDOFJointTrajectory, topics.TIP_TRAJECTORY, self._on_tip),
+        ):
+            self._trajectories.append(
+                self.create_subscription(
+                    message_type,
+                    topic,
+                    callback,
+                    topics.reliable(),
+                    qos_overriding_options=options,
+                )
+            )
+
+    def _activate(self) -> None:
+        if self._hot is None:
+            raise ControlError("the controller is not configured")
+        # What is alive now stays; collections while driving then have little to walk.
+        gc.collect()
+        gc.freeze()
+        self._active = True
+        self._hot.start()
+
+    def _deactivate(self) -> None:
+        self.stop_driving()
+
+    def _cleanup(self) -> None:
+        self.stop_driving()
+        if self._hot is not None:
+            self._hot.destroy()
+            self._hot = None
+        while self._trajectories:
+            self.destroy_subscription(self._trajectories.pop())
+
+    on_configure = logged_transition(_configure)
+    on_activate = logged_transition(_activate)
+    on_deactivate = logged_transition(_deactivate)
+    on_cleanup = logged_transition(_cleanup)
+    on_shutdown = logged_transition(_cleanup)
+    on_error = logged_transition(_cleanup)
+
+    def stop_driving(self) -> None:
+        """End at 0 V."""
+        self._active = False
+        if self._hot is not None:
+            self._hot.stop()
+            gc.unfreeze()
+
+    def close(self) -> None:
+        """Give everything back, valves at 0 V first."""
+        self._cleanup()
+        self.destroy_node()
+
+    def _failed(self, error: BaseException) -> None:
+        self.failure = error
+
+    def _on_joints(self, message: Any) -> None:
+        points = [
+            _waypoint(p, (p.positions, p.velocities, p.accelerations)) for p in message.points
+        ]
+        self._request("joint", message, points)
+
+    def _on_tip(self, message: Any) -> None:
+        points = []
+        for p in message.points:
+            place = [_xyz(t.translation) for t in p.transforms[:1]]
+            speed = [_xyz(t.linear) for t in p.velocities[:1]]
+            change = [_xyz(t.linear) for t in p.accelerations[:1]]
+            flat = tuple(part[0] if part else [] for part in (place, speed, change))
+            points.append(_waypoint(p, flat))
+        self._request("tip", message, points)
+
+    def _request(
+        self, space: Literal["tip", "joint"], message: Any, points: list[Waypoint]
+    ) -> None:
+        stamp = message.header.stamp
+        start_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        try:
+            if not self._active:
+                raise ControlError("trajectory refused: the controller is not active")
+            self._core.request_trajectory(space, list(message.joint_names), points, start_ns)
+        except ControlError as error:
+            self.get_logger().error(str(error))
+            return
+        what = f"with {len(points)} points" if points else "to stop"
+        self.get_logger().info(f"{space} trajectory {what} accepted")
+
+    def _look(self) -> None:
+        """Publish `/diagnostics` once a second and when what it says changes."""
+        level, message = self._status()
+        now = time.monotonic()
+        if message != self._said and level != OK:
+            self.get_logger().warn(message)
+        if message != self._said or now - self._said_s >= _DIAGNOSTICS_S:
+            self._said, self._said_s = message, now
+            self._diagnostics.publish(level, message, self._values())
+
+    def _status(self) -> tuple[bytes, str]:
+        if not self._active or self._hot is None:
+            return OK, "inactive" if self._hot is not None else "not configured"
+        last = self._core.last
+        count, lacking = self._hot.malformed
+        if last is not None and last.output.fault:
+            return ERROR, f"0 V: {last.output.fault}"
+        if count:
+            return ERROR, lacking
+        if self._core.message:
+            return WARN, self._core.message
+        if last is not None and last.output.notes:
+            return WARN, f"{self._hot.state}; {'; '.join(last.output.notes)}"
+        return OK, self._hot.state
+
+    def _values(self) -> dict[str, object]:
+        counts = self._core.counts
+        values: dict[str, object] = {
+            "robot": self._core.robot.name,
+            "robot_file": self._core.robot.source,
+            "answered": counts.answered,
+            "repeated": counts.repeated,
+            "missed_stamps": counts.missed,
+            "old_stamps": counts.old,
+            "faults": counts.faults,
+            "refused": counts.refused,
+        }
+        if self._hot is not None:
+            p50, p99, worst = self._hot.loop_times_us()
+            values["malformed"] = self._hot.malformed[0]
+            values["loop_p50_us"] = f"{p50:.0f}"
+            values["loop_p99_us"] = f"{p99:.0f}"
+            values["loop_max_us"] = f"{worst:.0f}"
+        return values
+
+
+def _xyz(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]
+
+
+def _waypoint(point: Any, parts: Sequence[Sequence[float]]) -> Waypoint:
+    time_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+    return Waypoint(time_s, *(np.array(part, dtype=float) for part in parts))

@@ -1,0 +1,297 @@
+"""The controller without ROS: samples in, answers out, one answer per stamp.
+
+What it answers depends on the samples and requests alone, never on a clock, so a recording fed
+to it again gives the same answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from hydro_model.errors import RobotError
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.paths_check import check_path
+from hydro_model.robot import FloatArray, Robot
+
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.law import ControlLaw, Output
+from hydro_control.reference import Plan, ReferencePlayer
+from hydro_control.required_motion import Reference
+from hydro_control.trajectory import Waypoint
+
+_SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What the sensors say at one stamp.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    q : (n,) array
+        Joint positions in the robot's order.
+    p_a, p_b : (m,) array
+        Absolute chamber pressures per cylinder in the robot's order, Pa.
+    p_s, p_t : float or None
+        Absolute supply and tank pressure; None takes the robot file's constants.
+    """
+
+    stamp_ns: int
+    q: FloatArray
+    p_a: FloatArray
+    p_b: FloatArray
+    p_s: float | None
+    p_t: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What follows from a sample.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    output : Output
+    reference : Reference
+    """
+
+    stamp_ns: int
+    output: Output
+    reference: Reference
+
+
+@dataclass(slots=True)
+class Counts:
+    """What happened so far.
+
+    Attributes
+    ----------
+    answered, repeated, missed, old, faults, refused : int
+        Stamps answered; repeats of the newest stamp; stamps that never came; stamps older than
+        the newest; samples answered by 0 V because of a value; references refused.
+    """
+
+    answered: int = 0
+    repeated: int = 0
+    missed: int = 0
+    old: int = 0
+    faults: int = 0
+    refused: int = 0
+
+
+@dataclass(slots=True)
+class _Run:
+    """What lives from the first sample after activation on."""
+
+    first_ns: int
+    player: ReferencePlayer
+    now_s: float
+    q: FloatArray
+    pending: Plan | None = None
+    stop: bool = False
+
+
+@dataclass
+class ControllerCore:
+    """The controller of one robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : Gains
+    path : TipPath or JointPath, optional
+        Played from the first sample on.
+    start_delay_s : float
+        Hold before the path.
+
+    Raises
+    ------
+    ControlError, RobotError
+        The robot cannot be controlled, or not follow the path.
+    """
+
+    robot: Robot
+    gains: Gains
+    path: TipPath | JointPath | None = None
+    start_delay_s: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        self.law = ControlLaw(self.robot, self.gains)
+        self._run: _Run | None = None
+        self._last: Answer | None = None
+        if self.path is not None:
+            check_path(self.robot, self.path)
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Run the law once, so that everything is compiled before the first sample."""
+        middle = np.array([0.5 * (j.lower + j.upper) for j in self.robot.joints])
+        half = 0.5 * (self.robot.supply_pressure_pa + self.robot.tank_pressure_pa)
+        pressures = np.full(len(self.robot.cylinders), half)
+        for space, size in (("joint", self.robot.dof), ("tip", 3)):
+            still = np.zeros(size)
+            position = middle if space == "joint" else tip_position(self.robot, middle)
+            reference = Reference(space, position, still, still)  # type: ignore[arg-type]
+            supply = self.robot.supply_pressure_pa, self.robot.tank_pressure_pa
+            self.law.step(0.0, middle, pressures, pressures, *supply, reference)
+            self.law.reset()
+
+    def restart(self) -> None:
+        """Forget everything: the next sample is the first."""
+        self.law.reset()
+        self._run, self._last = None, None
+        self.message = ""
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the frame that tip positions are in."""
+        return self.robot.joints[0].parent_link
+
+    @property
+    def last(self) -> Answer | None:
+        """The newest answer."""
+        return self._last
+
+    @property
+    def moving(self) -> bool:
+        """A path or trajectory is being played."""
+        run = self._run
+        return run is not None and run.player.moving(run.now_s)
+
+    def answer(self, sample: Sample) -> Answer | None:
+        """Answer a sample.
+
+        Parameters
+        ----------
+        sample : Sample
+
+        Returns
+        -------
+        Answer or None
+            The same object again for the newest stamp, None for an older one.
+        """
+        if self._last is not None and sample.stamp_ns <= self._last.stamp_ns:
+            if sample.stamp_ns < self._last.stamp_ns:
+                self.counts.old += 1
+                return None
+            self.counts.repeated += 1
+            return self._last
+        gauge = self._gauge(sample)
+        reference = self._reference(sample)
+        now_s = 0.0 if self._run is None else self._run.now_s
+        output = self.law.step(now_s, sample.q, *gauge, reference)
+        self._count(sample.stamp_ns, output)
+        self._last = Answer(sample.stamp_ns, output, reference)
+        return self._last
+
+    def _gauge(self, sample: Sample) -> tuple[FloatArray, FloatArray, float, float]:
+        atmosphere, robot = self.robot.atmospheric_pressure_pa, self.robot
+        p_s = robot.supply_pressure_pa if sample.p_s is None else sample.p_s - atmosphere
+        p_t = robot.tank_pressure_pa if sample.p_t is None else sample.p_t - atmosphere
+        return sample.p_a - atmosphere, sample.p_b - atmosphere, p_s, p_t
+
+    def _reference(self, sample: Sample) -> Reference:
+        """The reference at a sample; a pose that is not finite starts nothing."""
+        run = self._run
+        if run is None:
+            if not np.all(np.isfinite(sample.q)):
+                still = np.zeros_like(sample.q)
+                return Reference("joint", sample.q, still, still)
+            run = self._run = self._first(sample)
+        run.now_s = (sample.stamp_ns - run.first_ns) / _SECOND_NS
+        if np.all(np.isfinite(sample.q)):
+            run.q = sample.q
+        if run.stop:
+            run.stop, run.pending = False, None
+            if run.player.moving(run.now_s):
+                run.player.stop(run.now_s)
+        if run.pending is not None:
+            plan, run.pending = run.pending, None
+            if not run.player.moving(run.now_s):
+                run.player.play(plan, run.now_s)
+        return run.player.sample(run.now_s)
+
+    def _first(self, sample: Sample) -> _Run:
+        """Capture the pose, and start the path from it."""
+        player = ReferencePlayer(self.robot, sample.q)
+        if self.path is not None:
+            try:
+                plan = player.plan_path(
+                    self.path, 0.0, sample.q, self.start_delay_s, path_checked=True
+                )
+                player.play(plan, 0.0)
+                self.message = ""
+            except ControlError as error:
+                self.counts.refused += 1
+                self.message = f"path refused, holding: {error}"
+        return _Run(sample.stamp_ns, player, 0.0, sample.q)
+
+    def _count(self, stamp_ns: int, output: Output) -> None:
+        if self._last is not None:
+            apart = (stamp_ns - self._last.stamp_ns) / _SECOND_NS / self.law.dt_s
+            self.counts.missed += max(0, round(apart) - 1)
+        self.counts.answered += 1
+        self.counts.faults += bool(output.fault)
+
+    def wind_down(self) -> FloatArray:
+        """The next voltage on the way to 0 V within the slew limit."""
+        return self.law.wind_down()
+
+    def request_stop(self) -> None:
+        """Come to rest at the next sample. May be called from another thread."""
+        run = self._run
+        if run is not None:
+            run.stop = True
+
+    def request_trajectory(
+        self,
+        space: Literal["tip", "joint"],
+        names: Sequence[str],
+        waypoints: Sequence[Waypoint],
+        start_ns: int = 0,
+    ) -> None:
+        """Play a trajectory from the next sample on. May be called from another thread.
+
+        Parameters
+        ----------
+        space : {"tip", "joint"}
+        names : sequence of str
+        waypoints : sequence of Waypoint
+            Empty: come to rest.
+        start_ns : int
+            Stamp to start at; 0 for now.
+
+        Raises
+        ------
+        ControlError
+            It is refused: why.
+        """
+        run = self._run
+        if run is None:
+            raise self._refusal("no sample has come yet")
+        if not waypoints:
+            run.stop = True
+            return
+        wait_s = (start_ns - run.first_ns) / _SECOND_NS - run.now_s if start_ns else 0.0
+        if wait_s < 0.0:
+            raise self._refusal(f"it should start now or later, found {-wait_s:.3f} s ago")
+        try:
+            run.pending = run.player.plan_trajectory(
+                space, names, waypoints, run.now_s, run.q, wait_s
+            )
+        except (ControlError, RobotError) as error:
+            raise self._refusal(str(error)) from error
+        self.message = ""
+
+    def _refusal(self, why: str) -> ControlError:
+        self.counts.refused += 1
+        self.message = f"trajectory refused: {why}"
+        return ControlError(self.message)

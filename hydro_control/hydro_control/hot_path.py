@@ -1,0 +1,237 @@
+"""The 500 Hz thread of the controller node: sensor messages in, valve command out."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PointStamped
+from hydro_model.robot import FloatArray
+from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.messages import joint_state, set_stamp
+from rclpy.duration import Duration
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+
+from hydro_control.core import Answer, ControllerCore
+from hydro_control.sample_join import SampleJoin
+from hydro_msgs_docs import topics
+
+#: Longest sleep without a message, after which the loop looks whether it should end.
+_IDLE_S = 0.1
+#: How long pressures wait for the joint positions of their stamp.
+_PARTNER_S = 0.02
+#: How long the ramp to 0 V waits for another sample, and the whole of it may last.
+_LAST_SAMPLE_S = 0.05
+_RAMP_S = 0.5
+#: Loop times kept for the percentiles in `/diagnostics`: 10 s of them.
+_KEPT_TIMES = 5000
+
+
+class HotPath:
+    """Subscriptions, publishers and thread of the hot path.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    core : ControllerCore
+    required_recorders : int
+        Subscribers to wait for before the first answer: this many on the reference topics,
+        and one more, the bridge, on `/valve_command`.
+    on_error : callable
+        Told of the exception that ended the thread, from that thread, after the last 0 V.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        core: ControllerCore,
+        required_recorders: int,
+        on_error: Callable[[BaseException], None],
+    ) -> None:
+        self._node, self._core, self._on_error = node, core, on_error
+        qos = topics.reliable()
+        self._joints = HotSubscription(node, JointState, topics.JOINT_STATES, qos)
+        self._pressures = HotSubscription(node, JointState, topics.CHAMBER_PRESSURES, qos)
+        self._wait = HotWait(node, self._pressures)
+        self._partner = HotWait(node, self._joints)
+        self._join = SampleJoin(core.robot)
+        self._command = self._publisher(JointState, topics.VALVE_COMMAND)
+        self._joint_reference = self._publisher(JointState, topics.JOINT_REFERENCE)
+        self._tip_reference = self._publisher(PointStamped, topics.TIP_REFERENCE)
+        self._required = {
+            self._command: required_recorders + 1,
+            self._joint_reference: required_recorders,
+            self._tip_reference: required_recorders,
+        }
+        self._messages = _Messages(core)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._matched = False
+        self._driven = False
+        self._times_s = np.zeros(_KEPT_TIMES)
+        self._ticks = 0
+
+    def _publisher(self, message_type: Any, topic: str) -> Any:
+        options = QoSOverridingOptions.with_default_policies()
+        return self._node.create_publisher(
+            message_type, topic, topics.reliable(), qos_overriding_options=options
+        )
+
+    def destroy(self) -> None:
+        """Give subscriptions and publishers back; after `stop`."""
+        for hot in (self._joints, self._pressures):
+            self._node.destroy_subscription(hot.subscription)
+        for publisher in self._required:
+            self._node.destroy_publisher(publisher)
+
+    def start(self) -> None:
+        """Answer samples from the next one on."""
+        self._core.restart()
+        self._join.clear()
+        self._joints.take_newest()
+        self._pressures.take_newest()
+        self._matched = self._driven = False
+        self._ticks = 0
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._main, name="hot_path")
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread; the last command is 0 V."""
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._stop.set()
+            self._wait.wake()
+            thread.join()
+
+    @property
+    def state(self) -> str:
+        """What it is doing, in words."""
+        if not self._matched:
+            return "waiting for the bridge" + (
+                " and the recorders" if self._required[self._joint_reference] else ""
+            )
+        if self._core.last is None:
+            return "waiting for sensors"
+        return "following" if self._core.moving else "holding"
+
+    @property
+    def malformed(self) -> tuple[int, str]:
+        """Number of messages without a needed name, and what the newest lacked."""
+        return self._join.malformed, self._join.message
+
+    def loop_times_us(self) -> tuple[float, float, float]:
+        """p50, p99 and maximum of the time from wake-up to command, over the last 10 s."""
+        times = self._times_s[: min(self._ticks, _KEPT_TIMES)]
+        if times.size == 0:
+            return 0.0, 0.0, 0.0
+        p50, p99 = np.percentile(times, [50.0, 99.0])
+        return float(p50 * 1e6), float(p99 * 1e6), float(times.max() * 1e6)
+
+    def _main(self) -> None:
+        failure: BaseException | None = None
+        try:
+            while not self._stop.is_set():
+                if self._wait.wait(_IDLE_S):
+                    self._tick()
+        # Whatever went wrong, the valves go to zero first and the node is told after.
+        except Exception as error:  # noqa: BLE001
+            failure = error
+        try:
+            self._to_zero()
+        except Exception as error:  # noqa: BLE001
+            failure = failure or error
+        if failure is not None:
+            self._on_error(failure)
+
+    def _tick(self) -> None:
+        begin = time.perf_counter()
+        sample = self._sample()
+        if sample is None or not self._all_matched():
+            return
+        last = self._core.last
+        answer = self._core.answer(sample)
+        if answer is None:
+            return
+        if answer is not last:
+            self._messages.fill(answer)
+        self._driven = True
+        self._command.publish(self._messages.command)
+        self._times_s[self._ticks % _KEPT_TIMES] = time.perf_counter() - begin
+        self._ticks += 1
+        self._joint_reference.publish(self._messages.joint_reference)
+        self._tip_reference.publish(self._messages.tip_reference)
+
+    def _sample(self) -> Any:
+        """Take all that waits on both topics, and wait a little for a missing partner."""
+        self._take()
+        end = time.monotonic() + _PARTNER_S
+        while self._join.waiting and (left := end - time.monotonic()) > 0.0:
+            self._partner.wait(left)
+            self._take()
+        return self._join.newest()
+
+    def _take(self) -> None:
+        while (message := self._joints.take()) is not None:
+            self._join.add_joints(message)
+        while (message := self._pressures.take()) is not None:
+            self._join.add_pressures(message)
+
+    def _all_matched(self) -> bool:
+        if not self._matched:
+            self._matched = all(
+                publisher.get_subscription_count() >= count
+                for publisher, count in self._required.items()
+            )
+        return self._matched
+
+    def _to_zero(self) -> None:
+        """Ramp to 0 V on the samples that still come; without them go there at once.
+
+        The bridge takes one command per stamp, so every step waits for a stamp of its own.
+        """
+        last = self._core.last
+        if not self._driven or last is None:
+            return
+        end = time.monotonic() + _RAMP_S
+        stamp, voltage = last.stamp_ns, last.output.voltage_v
+        while time.monotonic() < end and self._wait.wait(_LAST_SAMPLE_S):
+            sample = self._sample()
+            if sample is None or sample.stamp_ns <= stamp:
+                continue
+            stamp, voltage = sample.stamp_ns, self._core.wind_down()
+            self._publish_command(stamp, voltage)
+            if not np.any(voltage):
+                break
+        else:
+            self._publish_command(stamp, np.zeros_like(voltage))
+        self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
+
+    def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
+        names = self._core.robot.valve_names
+        self._command.publish(joint_state(stamp, names, effort=voltage_v.tolist()))
+
+
+class _Messages:
+    """The three messages of a cycle, allocated once and filled anew for every answer."""
+
+    def __init__(self, core: ControllerCore) -> None:
+        self.command = joint_state(0, core.robot.valve_names)
+        self.joint_reference = joint_state(0, core.robot.joint_names)
+        self.tip_reference = PointStamped()
+        self.tip_reference.header.frame_id = core.base_frame
+
+    def fill(self, answer: Answer) -> None:
+        """Write an answer into the messages."""
+        output, point = answer.output, self.tip_reference.point
+        for message in (self.command, self.joint_reference, self.tip_reference):
+            set_stamp(message, answer.stamp_ns)
+        self.command.effort = output.voltage_v.tolist()
+        self.joint_reference.position = output.q_d.tolist()
+        self.joint_reference.velocity = output.qd_d.tolist()
+        self.joint_reference.effort = output.required_force_n.tolist()
+        point.x, point.y, point.z = output.tip_d_m.tolist()

@@ -1,0 +1,264 @@
+"""What the controller follows: a hold, a path, a trajectory, a stop. Pure; time is the stamp."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from hydro_model.errors import RobotError
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, Path, TipPath
+from hydro_model.paths_check import check_path, joints_at_tip
+from hydro_model.paths_segments import Hold, Quintic, Segment
+from hydro_model.robot import FloatArray, Robot
+
+from hydro_control.errors import ControlError
+from hydro_control.required_motion import Reference
+from hydro_control.trajectory import Waypoint, segments_through
+
+#: A path may start this far from where the robot stands, and is then approached at this speed.
+APPROACH_LIMIT = {"tip": 0.3, "joint": 0.3}
+APPROACH_SPEED = {"tip": 0.1, "joint": 0.1}
+SHORTEST_APPROACH_S = 0.5
+STOP_S = 0.5
+_CHECK_STEP_S = 0.02
+_APPROACH_CHECKS = 8
+_UNIT = {"tip": "m", "joint": "rad or m"}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A checked motion, ready to be played.
+
+    Attributes
+    ----------
+    space : {"tip", "joint"}
+    path : Path
+        Of the tip, or of all joints of the robot.
+    """
+
+    space: Literal["tip", "joint"]
+    path: Path
+
+
+class ReferencePlayer:
+    """Plays one plan at a time; at rest before and after.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) array
+        Joint positions to hold first.
+    """
+
+    def __init__(self, robot: Robot, q: FloatArray) -> None:
+        self.robot = robot
+        self._plan = _hold("joint", np.array(q, dtype=float))
+        self._start_s = 0.0
+
+    def play(self, plan: Plan, start_s: float) -> None:
+        """Play a plan from a stamp on."""
+        self._plan, self._start_s = plan, start_s
+
+    def moving(self, stamp_s: float) -> bool:
+        """A plan is not played to its end yet."""
+        return stamp_s < self._start_s + self._plan.path.duration_s
+
+    def sample(self, stamp_s: float) -> Reference:
+        """The reference at a stamp."""
+        return Reference(self._plan.space, *self._plan.path.sample(stamp_s - self._start_s))
+
+    def stop(self, stamp_s: float) -> None:
+        """Come to rest within `STOP_S` along the direction of motion."""
+        now = self.sample(stamp_s)
+        end = now.position + 0.5 * STOP_S * now.velocity
+        still = np.zeros_like(end)
+        start = (now.position, now.velocity, now.acceleration)
+        segment = Quintic.between(start, (end, still, still), STOP_S)
+        self.play(Plan(now.space, Path((segment,))), stamp_s)
+
+    def plan_path(
+        self,
+        path: TipPath | JointPath,
+        stamp_s: float,
+        q: FloatArray,
+        delay_s: float = 0.0,
+        *,
+        path_checked: bool = False,
+    ) -> Plan:
+        """A plan of a path, approached from where the reference stands.
+
+        Parameters
+        ----------
+        path : TipPath or JointPath
+        stamp_s : float
+        q : (n,) array
+            Measured joint positions.
+        delay_s : float
+            Hold at the start of the path, the approach included.
+        path_checked : bool
+            Check only the approach: the path itself has been checked before.
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        ControlError
+            A motion is going on, the start is too far away, or the robot cannot follow it.
+        """
+        space: Literal["tip", "joint"] = "tip" if isinstance(path, TipPath) else "joint"
+        at = self._standing(space, stamp_s, q)
+        segments, first = path.segments, path.sample(0.0)[0]
+        if isinstance(path, JointPath):
+            segments, first = _for_all_joints(self.robot, path, at)
+        approach = _approach(space, at, first)
+        wait = path.start_delay_s + delay_s - sum(s.duration_s for s in approach)
+        pause = (Hold(first, wait),) if wait > 0.0 else ()
+        whole = (*approach, *pause, *segments)
+        if not path_checked:
+            self._check(space, whole, q, _CHECK_STEP_S)
+        elif approach:
+            self._check(space, approach, q, approach[0].duration_s / _APPROACH_CHECKS)
+        return Plan(space, Path(whole))
+
+    def plan_trajectory(
+        self,
+        space: Literal["tip", "joint"],
+        names: Sequence[str],
+        waypoints: Sequence[Waypoint],
+        stamp_s: float,
+        q: FloatArray,
+        delay_s: float = 0.0,
+    ) -> Plan:
+        """A plan of a trajectory message.
+
+        Parameters
+        ----------
+        space : {"tip", "joint"}
+        names : sequence of str
+            The joints, or the tip link alone.
+        waypoints : sequence of Waypoint
+        stamp_s : float
+        q : (n,) array
+            Measured joint positions.
+        delay_s : float
+            Hold before it.
+
+        Returns
+        -------
+        Plan
+
+        Raises
+        ------
+        ControlError
+            A name is not the robot's, the trajectory is malformed, a motion is going on, the
+            start is too far away, or the robot cannot follow it.
+        """
+        at = self._standing(space, stamp_s, q)
+        known = (self.robot.tip_link,) if space == "tip" else self.robot.joint_names
+        unknown = [name for name in names if name not in known]
+        if unknown or not names or len(set(names)) != len(names):
+            raise ControlError(
+                f"a trajectory of {space} space should name {', '.join(known)}, each once,"
+                f" found {', '.join(names) or 'no name'}"
+            )
+        if space == "tip":
+            segments = segments_through(at, waypoints)
+            first = segments[0].sample(0.0)[0]
+        else:
+            columns = [self.robot.joint_index(name) for name in names]
+            path = JointPath(segments_through(at[columns], waypoints), joints=tuple(names))
+            segments, first = _for_all_joints(self.robot, path, at)
+        pause = (Hold(at, delay_s),) if delay_s > 0.0 else ()
+        whole = (*pause, *_approach(space, at, first), *segments)
+        self._check(space, whole, q, _CHECK_STEP_S)
+        return Plan(space, Path(whole))
+
+    def _standing(self, space: str, stamp_s: float, q: FloatArray) -> FloatArray:
+        """Where the reference stands in a space; refused while it moves."""
+        if self.moving(stamp_s):
+            left = self._start_s + self._plan.path.duration_s - stamp_s
+            raise ControlError(
+                f"a motion is being played for another {left:.2f} s: wait, or stop it with an"
+                " empty trajectory"
+            )
+        now = self.sample(stamp_s)
+        if now.space == space:
+            return now.position
+        if space == "tip":
+            return np.asarray(tip_position(self.robot, now.position))
+        try:
+            return joints_at_tip(self.robot, now.position, q)
+        except RobotError as error:
+            raise ControlError(f"the present reference has no joint positions: {error}") from error
+
+    def _check(
+        self, space: str, segments: tuple[Segment, ...], q: FloatArray, step_s: float
+    ) -> None:
+        path: TipPath | JointPath
+        if space == "tip":
+            path = TipPath(segments, tip_link=self.robot.tip_link)
+        else:
+            path = JointPath(segments, joints=self.robot.joint_names)
+        try:
+            check_path(self.robot, path, near=q, step_s=step_s)
+        except RobotError as error:
+            raise ControlError(f"the robot cannot follow the path: {error}") from error
+
+
+def _hold(space: Literal["tip", "joint"], position: FloatArray) -> Plan:
+    return Plan(space, Path((Hold(position, 0.0),)))
+
+
+def _approach(space: str, at: FloatArray, first: FloatArray) -> tuple[Segment, ...]:
+    """A quintic to the start of a path, if it is near."""
+    away = first - at
+    distance = float(np.linalg.norm(away) if space == "tip" else np.max(np.abs(away)))
+    if distance == 0.0:
+        return ()
+    if distance > APPROACH_LIMIT[space]:
+        raise ControlError(
+            f"the path starts {distance:.3f} {_UNIT[space]} from where the robot stands,"
+            f" expected at most {APPROACH_LIMIT[space]}"
+        )
+    duration = max(SHORTEST_APPROACH_S, 1.875 * distance / APPROACH_SPEED[space])
+    return (Quintic.at_rest(at.tolist(), first.tolist(), duration),)
+
+
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """A segment of some joints as one of all, the others at rest."""
+
+    segment: Segment
+    base: FloatArray
+    columns: tuple[int, ...]
+    duration_s: float
+    polynomial: bool
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration of all joints at `t`."""
+        whole = (self.base.copy(), np.zeros_like(self.base), np.zeros_like(self.base))
+        columns = list(self.columns)
+        for target, part in zip(whole, self.segment.sample(t), strict=True):
+            target[columns] = part
+        return whole
+
+
+def _for_all_joints(
+    robot: Robot, path: JointPath, at: FloatArray
+) -> tuple[tuple[Segment, ...], FloatArray]:
+    """Segments of all joints in the robot's order, and their first position."""
+    try:
+        columns = tuple(robot.joint_index(name) for name in path.joints)
+    except RobotError as error:
+        raise ControlError(str(error)) from error
+    base = np.array(at, dtype=float)
+    segments: tuple[Segment, ...] = tuple(
+        _Spread(s, base, columns, s.duration_s, s.polynomial) for s in path.segments
+    )
+    whole = replace(path, segments=segments, start_delay_s=0.0)
+    return segments, whole.sample(0.0)[0]

@@ -1,0 +1,168 @@
+"""`send_path FILE`: ask a running controller to play a tip or joint path."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from hydro_model.command import run_command
+
+from hydro_control.errors import ControlError
+
+NAME = "send_path"
+
+
+class SendError(ControlError):
+    """Nobody took the trajectory."""
+
+    exit_code = 1
+
+
+def main() -> int:
+    """The command `send_path`."""
+    return run_command(NAME, run)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Publish a path once as a trajectory message.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+
+    Returns
+    -------
+    int
+        0 where a controller has taken the message; whether it accepts it is in its log and in
+        `/diagnostics`.
+
+    Raises
+    ------
+    RobotError
+        The path file cannot be used.
+    SendError
+        No controller listens within the timeout.
+    """
+    args = _parser().parse_args(arguments)
+    from hydro_model.paths import TipPath, load_path
+
+    path = load_path(args.path)
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from hydro_msgs_docs import topics
+
+    topic = topics.TIP_TRAJECTORY if isinstance(path, TipPath) else topics.JOINT_TRAJECTORY
+    message = tip_message(path) if isinstance(path, TipPath) else joint_message(path)
+    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("send_path", start_parameter_services=False)
+    try:
+        publisher = node.create_publisher(type(message), topic, topics.reliable())
+        _deliver(publisher, message, topic, args.timeout)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    print(f"{topic}: {len(message.points)} points, {path.duration_s:.2f} s")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=NAME, description="Ask a running controller to play a tip or joint path."
+    )
+    parser.add_argument("path", metavar="FILE", help="path file, or a shipped path")
+    parser.add_argument(
+        "--timeout", type=float, default=5.0, metavar="S", help="seconds to wait (default 5)"
+    )
+    return parser
+
+
+def _deliver(publisher: Any, message: Any, topic: str, timeout_s: float) -> None:
+    from rclpy.duration import Duration
+
+    end = time.monotonic() + timeout_s
+    while publisher.get_subscription_count() == 0:
+        if time.monotonic() > end:
+            raise SendError(f"no controller listens on {topic} within {timeout_s:g} s")
+        time.sleep(0.02)
+    publisher.publish(message)
+    if not publisher.wait_for_all_acked(Duration(seconds=timeout_s)):
+        raise SendError(f"the controller did not take the message on {topic}")
+
+
+def joint_message(path: Any) -> Any:
+    """A joint path as `trajectory_msgs/msg/JointTrajectory`.
+
+    Parameters
+    ----------
+    path : hydro_model.paths.JointPath
+
+    Returns
+    -------
+    trajectory_msgs.msg.JointTrajectory
+        With positions, velocities and accelerations, so that quintics give the path back.
+    """
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    from hydro_control.trajectory import waypoints_of
+
+    message = JointTrajectory(joint_names=list(path.joints))
+    for point in waypoints_of(path):
+        message.points.append(
+            JointTrajectoryPoint(
+                positions=point.position.tolist(),
+                velocities=point.velocity.tolist(),
+                accelerations=point.acceleration.tolist(),
+                time_from_start=_duration(point.time_s),
+            )
+        )
+    return message
+
+
+def tip_message(path: Any) -> Any:
+    """A tip path as `trajectory_msgs/msg/MultiDOFJointTrajectory`.
+
+    Parameters
+    ----------
+    path : hydro_model.paths.TipPath
+
+    Returns
+    -------
+    trajectory_msgs.msg.MultiDOFJointTrajectory
+        One transform per point whose translation is the tip's position; its rotation is unused.
+    """
+    from geometry_msgs.msg import Transform, Twist, Vector3
+    from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+    from hydro_control.trajectory import waypoints_of
+
+    def vector(values: Any) -> Any:
+        x, y, z = values.tolist()
+        return Vector3(x=x, y=y, z=z)
+
+    message = MultiDOFJointTrajectory(joint_names=[path.tip_link])
+    message.header.frame_id = path.frame
+    for point in waypoints_of(path):
+        message.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[Transform(translation=vector(point.position))],
+                velocities=[Twist(linear=vector(point.velocity))],
+                accelerations=[Twist(linear=vector(point.acceleration))],
+                time_from_start=_duration(point.time_s),
+            )
+        )
+    return message
+
+
+def _duration(seconds: float) -> Any:
+    from builtin_interfaces.msg import Duration
+
+    whole, part = divmod(round(seconds * 1e9), 1_000_000_000)
+    return Duration(sec=whole, nanosec=part)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

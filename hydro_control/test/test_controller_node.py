@@ -1,0 +1,362 @@
+"""The controller process between scripted sensors and a listening bridge, over DDS."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.gains import Gains
+from hydro_model.cylinder import lever
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.messages import joint_state, stamp_ns
+
+from hydro_msgs_docs import topics
+
+rclpy = pytest.importorskip("rclpy")
+from hydro_control.hot_path import HotPath  # noqa: E402
+
+DOMAIN = 45
+ENVIRONMENT = {
+    **os.environ,
+    "ROS_DOMAIN_ID": str(DOMAIN),
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+}
+ROBOT = load_robot("xs031")
+POSE = np.array([0.6, -1.5])
+PERIOD_NS = 2_000_000
+START_NS = 1_000_000_000_000
+
+
+def run_module(module: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", f"hydro_control.{module}", *arguments]
+    return subprocess.run(
+        command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def resting_pressures() -> list[float]:
+    """Absolute pressures that hold the reference pose, then supply and tank."""
+    torque = inverse_dynamics(ROBOT, POSE, 0 * POSE, 0 * POSE)
+    values = []
+    for i, cylinder in enumerate(ROBOT.cylinders):
+        force = torque[i] / float(lever(cylinder, POSE[i]))
+        p_b = 8e6
+        values += [(force + p_b * cylinder.area_b_m2) / cylinder.area_a_m2, p_b]
+    gauge = [*values, ROBOT.supply_pressure_pa, ROBOT.tank_pressure_pa]
+    return [p + ROBOT.atmospheric_pressure_pa for p in gauge]
+
+
+class Machine:
+    """Sensors that are published by hand, and a bridge that listens."""
+
+    def __init__(self) -> None:
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node("machine", context=self.context)
+        kinds = {"joints": topics.JOINT_STATES, "pressures": topics.CHAMBER_PRESSURES}
+        self.publishers = {
+            name: self.node.create_publisher(_kind(topic), topic, topics.reliable())
+            for name, topic in kinds.items()
+        }
+        self.heard: dict[str, list[Any]] = {}
+        for topic in (topics.VALVE_COMMAND, topics.JOINT_REFERENCE, topics.TIP_REFERENCE):
+            self.listen(topic)
+        self.listen(topics.DIAGNOSTICS)
+        executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        executor.add_node(self.node)
+        self._spinner = threading.Thread(target=self._spin, args=(executor,))
+        self._ended = False
+        self._spinner.start()
+
+    def _spin(self, executor: Any) -> None:
+        while not self._ended:
+            executor.spin_once(timeout_sec=0.02)
+
+    def listen(self, topic: str) -> None:
+        heard = self.heard.setdefault(topic, [])
+        self.node.create_subscription(_kind(topic), topic, heard.append, topics.reliable(1000))
+
+    def transition(self, name: str) -> None:
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
+
+        number = getattr(Transition, f"TRANSITION_{name.upper()}")
+        client = self.node.create_client(ChangeState, "/controller/change_state")
+        assert client.wait_for_service(30.0)
+        request = ChangeState.Request()
+        request.transition.id = number
+        future = client.call_async(request)
+        assert wait_for(future.done, 30.0)
+        assert future.result().success
+
+    def close(self) -> None:
+        self._ended = True
+        self._spinner.join()
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self.context)
+
+    def publish(self, cycle: int, q: Any = POSE, *, pressures_first: bool = False) -> int:
+        stamp = START_NS + cycle * PERIOD_NS
+        sends = [
+            ("joints", joint_state(stamp, ROBOT.joint_names, position=list(q))),
+            ("pressures", joint_state(stamp, ROBOT.pressure_names, effort=resting_pressures())),
+        ]
+        for name, message in reversed(sends) if pressures_first else sends:
+            self.publishers[name].publish(message)
+        return stamp
+
+    def commands(self) -> list[Any]:
+        return list(self.heard[topics.VALVE_COMMAND])
+
+    def answer(self, cycle: int, q: Any = POSE, **options: bool) -> Any:
+        """Publish a cycle and wait for its command, repeating it as a device would."""
+        before = len(self.commands())
+        for _ in range(25):
+            stamp = self.publish(cycle, q, **options)
+            if wait_for(lambda: len(self.commands()) > before, 0.2):
+                command = self.commands()[before]
+                assert stamp_ns(command) == stamp
+                return command
+        raise AssertionError(f"no command for cycle {cycle}")
+
+
+def _kind(topic: str) -> Any:
+    package, _, name = topics.MESSAGE_TYPES[topic].split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def wait_for(true: Callable[[], bool], timeout_s: float = 10.0) -> bool:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.002)
+    return true()
+
+
+@pytest.fixture
+def machine() -> Iterator[Machine]:
+    machine = Machine()
+    yield machine
+    machine.close()
+
+
+@pytest.fixture
+def controller(machine: Machine) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts an active controller with parameters; kills what is left at the end."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*parameters: str, activate: bool = True) -> subprocess.Popen[str]:
+        ros = [part for p in parameters for part in ("-p", p)]
+        command = [sys.executable, "-m", "hydro_control.node", "--ros-args", *ros]
+        process = subprocess.Popen(
+            command, env=ENVIRONMENT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        started.append(process)
+        for transition in ("configure", "activate") if activate else ():
+            machine.transition(transition)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.ros
+def test_one_command_per_stamp_and_repeats_are_identical(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    controller()
+    commands = [machine.answer(k, pressures_first=bool(k % 2)) for k in range(40)]
+    stamps = [stamp_ns(c) for c in commands]
+    assert stamps == sorted(set(stamps))
+    # At rest in balance the valves stay shut.
+    assert max(abs(v) for c in commands for v in c.effort) < 0.02
+    moved = machine.answer(40, POSE + np.array([0.0, 0.002]))
+    again = machine.answer(40, POSE + np.array([0.0, 0.003]))
+    assert again == moved
+    assert list(moved.name) == list(ROBOT.valve_names)
+    assert abs(moved.effort[1]) > 0.01
+    wait_for(lambda: len(machine.heard[topics.TIP_REFERENCE]) > 41)
+    reference = machine.heard[topics.JOINT_REFERENCE][-1]
+    assert stamp_ns(reference) == stamp_ns(moved)
+    np.testing.assert_allclose(reference.position, POSE, atol=1e-12)
+    assert len(reference.effort) == 2
+    assert machine.heard[topics.TIP_REFERENCE][-1].header.frame_id == "base_link"
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["term", "int"])
+def test_a_signal_ends_at_zero_volts(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]], number: int
+) -> None:
+    process = controller()
+    for k in range(5):
+        machine.answer(k)
+    assert any(machine.answer(k, POSE - 0.02).effort[0] for k in range(5, 8))
+    # Configured anew, it answers as before.
+    for transition in ("deactivate", "cleanup", "configure", "activate"):
+        machine.transition(transition)
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0], 2.0)
+    assert any(machine.answer(k, POSE + 0.02 * (k % 2)).effort[0] for k in range(8, 11))
+    process.send_signal(number)
+    assert process.wait(10) == 0
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0], 2.0)
+
+
+@pytest.mark.ros
+def test_deactivation_ramps_to_zero_while_samples_come(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    controller("slew_limit_v_s:=100.0")
+    cycle = 0
+    while abs(machine.answer(cycle, POSE if cycle == 0 else POSE - 0.05).effort[0]) < 1.0:
+        cycle += 1
+    transition = threading.Thread(
+        target=run_module, args=("lifecycle_command", "deactivate", "controller")
+    )
+    transition.start()
+    while transition.is_alive():
+        cycle += 1
+        machine.publish(cycle, POSE - 0.05)
+        time.sleep(0.004)
+    transition.join()
+    voltage = np.array([c.effort for c in machine.commands()])
+    assert np.abs(np.diff(voltage, axis=0)).max() <= 0.2 + 1e-9
+    assert voltage[-1].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.ros
+def test_values_that_are_no_numbers_give_zero_volts(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    controller()
+    machine.answer(0)
+    machine.answer(1, POSE - 0.02)
+    assert list(machine.answer(2, [np.nan, -1.5]).effort) == [0.0, 0.0]
+
+    def said() -> list[str]:
+        return [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
+
+    assert wait_for(lambda: any("joint position [nan, -1.5]" in text for text in said()), 3.0)
+
+
+class FailingCore(ControllerCore):
+    """A controller whose law breaks down at the tenth sample."""
+
+    def answer(self, sample: Sample) -> Answer | None:
+        if self.counts.answered == 9:
+            raise ZeroDivisionError("a defect")
+        return super().answer(sample)
+
+
+@pytest.mark.ros
+def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(machine: Machine) -> None:
+    node = rclpy.create_node("hot", context=machine.context)
+    told: list[BaseException] = []
+    hot = HotPath(node, FailingCore(ROBOT, Gains()), 0, told.append)
+    hot.start()
+    for k in range(9):
+        last = machine.answer(k, POSE - 0.001 * k)
+    assert any(last.effort)
+    machine.publish(9)
+    assert wait_for(lambda: bool(told), 5.0)
+    assert isinstance(told[0], ZeroDivisionError)
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0], 2.0)
+    hot.stop()
+    hot.destroy()
+    node.destroy_node()
+
+
+@pytest.mark.ros
+def test_waits_for_the_recorders(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    controller("required_recorders:=1")
+    for _ in range(5):
+        machine.publish(0)
+        time.sleep(0.05)
+    assert machine.commands() == []
+    heard = len(machine.heard[topics.JOINT_REFERENCE])
+    for topic in (topics.VALVE_COMMAND, topics.JOINT_REFERENCE, topics.TIP_REFERENCE):
+        machine.listen(topic)
+    assert heard == 0
+    machine.answer(0)
+
+
+@pytest.mark.ros
+def test_a_sent_path_is_played_and_a_far_one_refused(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    process = controller()
+    for k in range(3):
+        machine.answer(k)
+    near, far = tmp_path / "near.yaml", tmp_path / "far.yaml"
+    text = "joints: [tilt]\nstart: [{}]\nsegments: [{{kind: move, to: [{}], duration_s: 2.0}}]\n"
+    near.write_text(text.format(-1.5, -1.4))
+    far.write_text(text.format(-0.5, -0.6))
+    assert run_module("send_path", str(far)).returncode == 0
+
+    def refused() -> bool:
+        messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
+        return any("starts 1.000 rad or m from where the robot stands" in m for m in messages)
+
+    assert wait_for(refused, 5.0)
+    sent = run_module("send_path", str(near))
+    assert sent.returncode == 0, sent.stderr
+    cycle, speed = 3, 0.0
+    end = time.monotonic() + 10.0
+    while speed < 0.05 and time.monotonic() < end:
+        machine.answer(cycle)
+        cycle += 1
+        if machine.heard[topics.JOINT_REFERENCE]:
+            speed = machine.heard[topics.JOINT_REFERENCE][-1].velocity[1]
+    assert speed >= 0.05
+    assert process.poll() is None
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["-p", "robot:=nowhere.yaml"], "no robot file 'nowhere.yaml'"),
+        (["-p", "path:=nowhere.yaml"], "no path file 'nowhere.yaml'"),
+        (["-p", "k_v:=-1.0"], "k_v should be a number with a decimal point from 0"),
+        (["-p", "robot:=3"], "robot should be a text"),
+        (["--params-file", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments: list[str], expected: str) -> None:
+    done = run_module("node", "--ros-args", *arguments)
+    assert done.returncode == 2
+    assert expected in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.ros
+def test_lifecycle_command_says_what_is_open(
+    controller: Callable[..., subprocess.Popen[str]],
+) -> None:
+    controller(activate=False)
+    refused = run_module("lifecycle_command", "activate", "controller", "--timeout", "30")
+    assert refused.returncode == 1
+    assert "controller is unconfigured and cannot activate" in refused.stderr
+    assert run_module("lifecycle_command", "get", "controller").stdout == "unconfigured\n"
+    absent = run_module("lifecycle_command", "get", "nobody", "--timeout", "0.2")
+    assert absent.returncode == 1
+    assert "no node answers at /nobody/get_state" in absent.stderr
+    assert run_module("lifecycle_command", "fly", "controller").returncode == 2

@@ -1,0 +1,138 @@
+"""Joining sensor topics by stamp, and the parameters' single declaration."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hydro_control.gains import Gains
+from hydro_control.sample_join import SampleJoin
+from hydro_model.robot_files import load_robot
+
+from hydro_control import parameters
+
+ROBOT = load_robot("xs031")
+
+
+class Stamp:
+    def __init__(self, stamp: int) -> None:
+        self.sec, self.nanosec = divmod(stamp, 10**9)
+
+
+class Header:
+    def __init__(self, stamp: int) -> None:
+        self.stamp = Stamp(stamp)
+
+
+class Vector:
+    """The fields of a JointState that the join reads."""
+
+    def __init__(self, stamp: int, name: list[str], values: list[float]) -> None:
+        self.header = Header(stamp)
+        self.name, self.position, self.effort = name, values, values
+
+
+def joints(stamp: int, values: tuple[float, float] = (0.6, -1.5)) -> Vector:
+    return Vector(stamp, list(ROBOT.joint_names), list(values))
+
+
+def pressures(stamp: int, names: tuple[str, ...] = ROBOT.pressure_names) -> Vector:
+    return Vector(stamp, list(names), [1e6 + i for i in range(len(names))])
+
+
+def test_the_newest_common_stamp_whatever_the_order() -> None:
+    join = SampleJoin(ROBOT)
+    assert join.newest() is None
+    join.add_pressures(pressures(10))
+    before = join.waiting
+    join.add_joints(joints(10))
+    assert (before, join.waiting) == (True, False)
+    sample = join.newest()
+    assert sample is not None
+    assert sample.stamp_ns == 10
+    join.add_joints(joints(20))
+    join.add_joints(joints(30))
+    join.add_pressures(pressures(20))
+    sample = join.newest()
+    assert sample is not None
+    assert sample.stamp_ns == 20
+
+
+def test_values_are_taken_by_name() -> None:
+    join = SampleJoin(ROBOT)
+    join.add_joints(Vector(1, ["tilt", "other", "lift"], [-1.5, 9.0, 0.6]))
+    names = ROBOT.pressure_names[::-1]
+    join.add_pressures(pressures(1, names))
+    sample = join.newest()
+    assert sample is not None
+    np.testing.assert_array_equal(sample.q, [0.6, -1.5])
+    at = {name: 1e6 + i for i, name in enumerate(names)}
+    np.testing.assert_array_equal(sample.p_a, [at["lift_cylinder/a"], at["tilt_cylinder/a"]])
+    np.testing.assert_array_equal(sample.p_b, [at["lift_cylinder/b"], at["tilt_cylinder/b"]])
+    assert (sample.p_s, sample.p_t) == (at["supply"], at["tank"])
+
+
+def test_supply_and_tank_may_be_absent_but_no_chamber() -> None:
+    join = SampleJoin(ROBOT)
+    join.add_joints(joints(1))
+    join.add_pressures(pressures(1, ROBOT.pressure_names[:4]))
+    sample = join.newest()
+    assert sample is not None
+    assert sample.p_s is None
+    join.add_pressures(pressures(2, ROBOT.pressure_names[1:]))
+    join.add_joints(Vector(2, ["lift"], [0.1]))
+    assert join.malformed == 2
+    assert join.message == "/joint_states should carry lift, tilt, found lift"
+    again = join.newest()
+    assert again is not None
+    assert again.stamp_ns == 1
+
+
+def test_cleared_and_bounded() -> None:
+    join = SampleJoin(ROBOT)
+    for stamp in range(1000):
+        join.add_joints(joints(stamp))
+    join.add_pressures(pressures(5))
+    assert join.newest() is None
+    join.add_pressures(pressures(999))
+    assert join.newest() is not None
+    join.clear()
+    assert join.newest() is None
+
+
+def test_every_gain_is_a_parameter_with_its_default_inside_its_range() -> None:
+    declared = {p.name: p for p in parameters.PARAMETERS}
+    for field in fields(Gains):
+        p = declared[field.name]
+        assert p.default == getattr(Gains(), field.name)
+        assert p.lower <= float(p.default) <= p.upper
+        assert p.text
+
+
+def test_the_table_lists_every_parameter() -> None:
+    table = parameters.markdown_table()
+    lines = table.splitlines()
+    assert len(lines) == len(parameters.PARAMETERS) + 2
+    assert all(line.count("|") == lines[0].count("|") for line in lines)
+    assert "| `k_x_m` | double | `0.005` | 0 to 1 | m |" in table
+
+
+@pytest.mark.parametrize("name", ["gains.yaml", "paper_table3.yaml"])
+def test_shipped_gain_files_name_known_parameters_within_range(name: str) -> None:
+    file = Path(str(resources.files("hydro_control"))) / "config" / name
+    values: dict[str, float] = yaml.safe_load(file.read_text())["controller"]["ros__parameters"]
+    declared = {p.name: p for p in parameters.PARAMETERS}
+    for key, value in values.items():
+        assert type(value) is type(declared[key].default), key
+        assert declared[key].lower <= float(value) <= declared[key].upper
+    assert set(values) == {f.name for f in fields(Gains)}
+    gains = Gains(**values)
+    if name == "gains.yaml":
+        assert gains == Gains()
+    else:
+        assert (gains.k_p_1_s, gains.k_v, gains.k_x_m) == (10.0, 3e4, 0.04)
+        assert gains.alpha_qd == gains.alpha_p == 0.04

@@ -1,0 +1,192 @@
+"""References: what is accepted, what is refused and why, and trajectories as quintics."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from hydro_control.errors import ControlError
+from hydro_control.reference import ReferencePlayer
+from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, Path, TipPath, load_path
+from hydro_model.paths_segments import Hold, Quintic
+from hydro_model.robot import FloatArray
+from hydro_model.robot_files import load_robot
+
+ROBOT = load_robot("xs031")
+POSE = np.array([0.6, -1.5])
+TIP = np.asarray(tip_position(ROBOT, POSE))
+NONE = np.array([])
+
+
+def points(*rows: tuple[float, list[float]]) -> list[Waypoint]:
+    return [Waypoint(t, np.array(q), NONE, NONE) for t, q in rows]
+
+
+def beyond(place: FloatArray, step: list[float]) -> list[float]:
+    return list(place + np.array(step))
+
+
+def joint_path(start: list[float], end: list[float], duration_s: float = 2.0) -> JointPath:
+    return JointPath((Quintic.at_rest(start, end, duration_s),), joints=("lift", "tilt"))
+
+
+def test_holds_where_it_starts() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    reference = player.sample(12.3)
+    assert reference.space == "joint"
+    np.testing.assert_array_equal(reference.position, POSE)
+    assert not np.any(reference.velocity)
+    assert not player.moving(0.0)
+
+
+def test_a_path_from_here_plays_after_the_delay() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    path = joint_path(POSE.tolist(), [0.7, -1.4])
+    player.play(player.plan_path(path, 3.0, POSE, delay_s=1.0), 3.0)
+    np.testing.assert_array_equal(player.sample(3.9).position, POSE)
+    np.testing.assert_allclose(player.sample(5.0).position, path.sample(1.0)[0])
+    assert player.moving(5.99)
+    assert not player.moving(6.01)
+    np.testing.assert_allclose(player.sample(100.0).position, [0.7, -1.4])
+
+
+def test_a_near_start_is_approached_within_the_delay() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    start = TIP + np.array([0.01, 0.0, 0.0])
+    path = TipPath.through([start.tolist(), beyond(start, [0.0, 0.0, 0.2])], [3.0])
+    player.play(player.plan_path(path, 0.0, POSE, delay_s=1.0), 0.0)
+    np.testing.assert_allclose(player.sample(0.0).position, TIP, atol=1e-12)
+    np.testing.assert_allclose(player.sample(0.5).position, start, atol=1e-12)
+    np.testing.assert_allclose(player.sample(1.0 + 1.2).position, path.sample(1.2)[0])
+
+
+def test_an_approach_longer_than_the_delay_keeps_its_speed() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    start = POSE + 0.2
+    player.play(player.plan_path(joint_path(start.tolist(), [0.7, -1.4]), 0.0, POSE), 0.0)
+    speeds = [np.abs(player.sample(t).velocity).max() for t in np.arange(0.0, 3.75, 0.01)]
+    assert max(speeds) == pytest.approx(0.1, rel=1e-3)
+
+
+def test_a_far_start_is_refused() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    with pytest.raises(ControlError, match=r"starts 0\.400 rad or m from where the robot stands"):
+        player.plan_path(joint_path([1.0, -1.5], [0.9, -1.5]), 0.0, POSE)
+    far = TipPath.through([beyond(TIP, [0.5, 0, 0]), TIP.tolist()], [3.0])
+    with pytest.raises(ControlError, match=r"starts 0\.500 m from"):
+        player.plan_path(far, 0.0, POSE)
+
+
+def test_a_path_beyond_the_limits_is_refused_with_the_limit() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    with pytest.raises(ControlError, match="joint 'lift' goes to 2 at"):
+        player.plan_path(joint_path(POSE.tolist(), [2.0, -1.5], 9.0), 0.0, POSE)
+    with pytest.raises(ControlError, match="'tilt' reaches a speed of"):
+        player.plan_path(joint_path(POSE.tolist(), [0.6, -0.5], 0.5), 0.0, POSE)
+    out = TipPath.through([TIP.tolist(), beyond(TIP, [9.0, 0, 0])], [60.0])
+    with pytest.raises(ControlError, match="cannot put its tip"):
+        player.plan_path(out, 0.0, POSE)
+
+
+def test_one_motion_at_a_time_until_it_is_stopped() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    path = joint_path(POSE.tolist(), [0.9, -1.2], 3.0)
+    player.play(player.plan_path(path, 0.0, POSE), 0.0)
+    with pytest.raises(ControlError, match=r"another 2\.00 s"):
+        player.plan_path(path, 1.0, POSE)
+    before = player.sample(1.5)
+    player.stop(1.5)
+    after = player.sample(1.5)
+    np.testing.assert_allclose(after.position, before.position)
+    np.testing.assert_allclose(after.velocity, before.velocity)
+    np.testing.assert_allclose(after.acceleration, before.acceleration, atol=1e-9)
+    assert not np.any(player.sample(2.01).velocity)
+    # Always forward, and no further than it would have gone.
+    stops = np.array([player.sample(t).velocity for t in np.arange(1.5, 2.0, 0.01)])
+    assert np.all(stops >= -1e-9)
+
+
+def test_spaces_follow_each_other_without_a_jump() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    up = TipPath.through([TIP.tolist(), beyond(TIP, [0.1, 0.0, 0.3])], [3.0])
+    player.play(player.plan_path(up, 0.0, POSE), 0.0)
+    end = player.sample(3.0).position
+    near = POSE + 0.05
+    plan = player.plan_trajectory("joint", ["tilt"], points((2.0, [-1.3])), 3.5, near)
+    np.testing.assert_allclose(tip_position(ROBOT, plan.path.sample(0.0)[0]), end, atol=1e-6)
+    assert plan.path.sample(2.0)[0][1] == pytest.approx(-1.3)
+    # The joint that is not named stays.
+    assert plan.path.sample(2.0)[0][0] == plan.path.sample(0.0)[0][0]
+
+
+def test_joint_names_in_any_order() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    names, rows = ["tilt", "lift"], points((2.0, [-1.4, 0.7]))
+    plan = player.plan_trajectory("joint", names, rows, 0.0, POSE)
+    np.testing.assert_allclose(plan.path.sample(2.0)[0], [0.7, -1.4])
+
+
+@pytest.mark.parametrize(
+    ("space", "names", "rows", "expected"),
+    [
+        ("joint", ["boom"], points((1.0, [0.0])), "should name lift, tilt.*found boom"),
+        ("joint", ["lift", "lift"], points((1.0, [0.6, 0.6])), "each once"),
+        ("joint", [], points((1.0, [])), "found no name"),
+        ("tip", ["bucket"], points((1.0, [2.0, 0.0, 0.0])), "should name tip_link"),
+        ("joint", ["lift"], points((1.0, [0.6, 0.6])), "1 values of position, found 2"),
+        ("joint", ["lift"], points((1.0, [0.6]), (1.0, [0.7])), "1 s after 1 s at point 2"),
+        ("joint", ["lift"], points((2.0, [0.6]), (1.0, [0.7])), "1 s after 2 s"),
+        ("joint", ["lift"], points((-1.0, [0.6]), (1.0, [0.7])), "should grow from 0 s"),
+        ("joint", ["lift"], points((1.0, [np.nan])), "not finite"),
+        ("joint", ["lift"], points((0.0, [0.6])), "a point after time 0"),
+        ("joint", ["lift"], points((0.0, [1.2]), (1.0, [0.7])), "starts 0.600 rad or m"),
+        ("joint", ["lift"], points((0.2, [1.2])), "reaches a speed of"),
+        ("joint", ["lift"], points((9.0, [2.0])), "'lift' goes to 2"),
+    ],
+)
+def test_refusals_of_trajectories(
+    space: str, names: list[str], rows: list[Waypoint], expected: str
+) -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    with pytest.raises(ControlError, match=expected):
+        player.plan_trajectory(space, names, rows, 0.0, POSE)  # type: ignore[arg-type]
+
+
+def test_a_trajectory_has_to_end_at_rest() -> None:
+    moving = Waypoint(1.0, np.array([0.7]), np.array([0.1]), NONE)
+    with pytest.raises(ControlError, match="end at rest, its last velocity"):
+        segments_through(np.array([0.6]), [moving])
+
+
+def test_waypoints_give_a_path_back(tmp_path: FilePath) -> None:
+    """Corners exactly, a 3 Hz chirp and a Fourier series to a hundredth of a milliradian."""
+    shipped = load_path("xs031/parallelogram")
+    again = Path(segments_through(shipped.sample(0.0)[0], waypoints_of(shipped)))
+    times = np.linspace(0.0, shipped.duration_s, 999)
+    for a, b in zip(shipped.sample_many(times), again.sample_many(times), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-9)
+    file = tmp_path / "excite.yaml"
+    file.write_text(
+        "joints: [lift]\nstart: [0.6]\nstart_delay_s: 0.5\nsegments:\n"
+        "  - {kind: chirp, duration_s: 6.0, amplitude: [0.02], from_hz: 0.2, to_hz: 3.0,"
+        " ramp_s: 1.0}\n"
+        "  - {kind: hold, duration_s: 1.0}\n"
+        "  - {kind: fourier, duration_s: 8.0, fundamental_hz: 0.2, ramp_s: 2.0,"
+        " sine: [[0.1, 0.05]]}\n"
+    )
+    path = load_path(file)
+    again = Path(segments_through(path.sample(0.0)[0], waypoints_of(path)))
+    times = np.linspace(0.0, path.duration_s, 4999)
+    found, expected = again.sample_many(times), path.sample_many(times)
+    np.testing.assert_allclose(found[0], expected[0], atol=1e-5)
+    np.testing.assert_allclose(found[1], expected[1], atol=1e-3)
+
+
+def test_a_trajectory_may_start_later() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 0.0, POSE, 1.5)
+    assert isinstance(plan.path.segments[0], Hold)
+    assert plan.path.duration_s == pytest.approx(3.5)

@@ -1,0 +1,1 @@
+"""Estimators on aligned arrays: base parameters, friction and hydraulics, without ROS."""

@@ -1,0 +1,154 @@
+"""Zero-phase low-pass filtering, differentiation and decimation of uniformly sampled arrays.
+
+The paper filters the encoders at 5 Hz and differentiates them (its text after eq. 18). On this
+class of crane 5 Hz sits on top of the hydraulic natural frequency (1.6-4.4 Hz), so the regressor
+would lose what the regressand keeps. Here two filters are used:
+
+* `differentiation_hz` only tames the second derivative of a quantised encoder. At 25 Hz and
+  20 bit (3.5e-6 rad rms) it leaves about 0.012 rad/s^2, and changes a 5 Hz motion by less
+  than 1e-5.
+* `parallel_hz` limits the band that is fitted, and is applied to regressor and regressand alike
+  after the regressor is formed, so that it cancels from the equation and cannot bias it. At 10 Hz
+  the encoder's acceleration noise falls to about 1e-3 rad/s^2 (some 40 N at the piston).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from hydro_model.robot import FloatArray
+from numpy.typing import NDArray
+
+from hydro_ident.errors import IdentError
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """Cut-off frequencies of the inertial estimator.
+
+    Attributes
+    ----------
+    differentiation_hz : float
+        Applied to positions before they are differentiated, and to forces alike.
+    parallel_hz : float
+        Applied to regressor and regressand, before decimation.
+    order : int
+        Order of the Butterworth filter; the magnitude of the two passes is its square.
+    """
+
+    differentiation_hz: float = 25.0
+    parallel_hz: float = 10.0
+    order: int = 4
+
+    def edge_samples(self, step_s: float) -> int:
+        """Samples to leave out at both ends of a segment: the filters' settling."""
+        return 3 + math.ceil(3.0 / (self.parallel_hz * step_s))
+
+    def decimation(self, step_s: float) -> int:
+        """Every how many samples are kept: five per period of the parallel cut-off."""
+        return max(1, math.floor(1.0 / (5.0 * self.parallel_hz * step_s)))
+
+
+def low_pass(data: FloatArray, step_s: float, cutoff_hz: float, order: int) -> FloatArray:
+    """Butterworth low-pass filter run forwards and backwards along the first axis.
+
+    Parameters
+    ----------
+    data : (N, ...) array
+    step_s : float
+        Sampling interval.
+    cutoff_hz : float
+    order : int
+        Of one pass.
+
+    Returns
+    -------
+    array
+        Same shape, without phase lag.
+
+    Raises
+    ------
+    IdentError
+        The sampling rate is too low for the cut-off.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    if cutoff_hz * step_s >= 0.45:
+        raise IdentError(
+            f"a {cutoff_hz:g} Hz low-pass filter needs more than {cutoff_hz / 0.45:.0f} samples"
+            f" per second, found {1.0 / step_s:.0f}"
+        )
+    sections = butter(order, cutoff_hz, fs=1.0 / step_s, output="sos")
+    padding = min(data.shape[0] - 1, math.ceil(2.0 / (cutoff_hz * step_s)))
+    return np.asarray(sosfiltfilt(sections, data, axis=0, padlen=padding))
+
+
+def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative along the first axis by five-point central differences.
+
+    The error is (2 pi f h)^4 / 30 of the first derivative: 5e-7 at 10 Hz and 500 samples a
+    second, where the three-point formula of the paper errs by 3e-3.
+
+    Parameters
+    ----------
+    data : (N, ...) array
+        N >= 5.
+    step_s : float
+
+    Returns
+    -------
+    first, second : array
+        Same shape; the two samples at either end repeat their inner neighbour.
+    """
+    far_low, low, mid, high, far_high = (data[k : data.shape[0] - 4 + k] for k in range(5))
+    first = (far_low - 8.0 * low + 8.0 * high - far_high) / (12.0 * step_s)
+    second = (-far_low + 16.0 * low - 30.0 * mid + 16.0 * high - far_high) / (12.0 * step_s**2)
+    pad = [(2, 2)] + [(0, 0)] * (data.ndim - 1)
+    return np.pad(first, pad, mode="edge"), np.pad(second, pad, mode="edge")
+
+
+def motion(
+    q: FloatArray, step_s: float, settings: FilterSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Filtered positions of one contiguous segment with their derivatives.
+
+    Parameters
+    ----------
+    q : (N, n) array
+    step_s : float
+    settings : FilterSettings
+
+    Returns
+    -------
+    q, qd, qdd : (N, n) array
+        `settings.edge_samples` at either end are not to be used.
+    """
+    smooth = low_pass(q, step_s, settings.differentiation_hz, settings.order)
+    return (smooth, *central_differences(smooth, step_s))
+
+
+def parallel_filter(data: FloatArray, step_s: float, settings: FilterSettings) -> FloatArray:
+    """Low-pass filter, trim the edges and decimate a column of the equation to be fitted.
+
+    Parameters
+    ----------
+    data : (N, ...) array
+        Regressor or regressand on one contiguous segment; both must come through here.
+    step_s : float
+    settings : FilterSettings
+
+    Returns
+    -------
+    (M, ...) array
+        Empty where the segment is shorter than its two edges.
+    """
+    filtered = low_pass(data, step_s, settings.parallel_hz, settings.order)
+    return np.asarray(filtered[kept_samples(data.shape[0], step_s, settings)])
+
+
+def kept_samples(count: int, step_s: float, settings: FilterSettings) -> NDArray[np.intp]:
+    """Indices of a segment of `count` samples that `parallel_filter` keeps."""
+    edge = settings.edge_samples(step_s)
+    return np.arange(edge, count - edge, settings.decimation(step_s), dtype=np.intp)

@@ -1,0 +1,145 @@
+"""What the estimators work on: uniformly sampled arrays of one contiguous piece of recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from hydro_model.cylinder import stroke
+from hydro_model.robot import FloatArray, Robot
+
+from hydro_ident.bag.grid import runs
+from hydro_ident.bag.recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A contiguous, uniformly sampled piece of a recording.
+
+    What was not measured is NaN, sample by sample; the estimators leave out the equations that
+    would need it.
+
+    Attributes
+    ----------
+    label : str
+        Bag and piece, for messages and the report.
+    step_s : float
+    time_s : (N,) array
+        From the start of the recording.
+    q : (N, n) array
+        Joint positions, rad or m.
+    stroke : (N, m) array
+        Piston displacements in m.
+    p_a, p_b : (N, m) array
+        Gauge chamber pressures in Pa.
+    supply, tank : (N,) array
+        Gauge pressures in Pa, recorded or the robot file's.
+    valve_signal : (N, m) array
+        Normalised signal by cylinder, limited to [-1, 1]; NaN while latched or unknown.
+    joint_torque : (N, n) array
+        Measured joint torque, N m or N, where the robot has no cylinder on the joint.
+    """
+
+    label: str
+    step_s: float
+    time_s: FloatArray
+    q: FloatArray
+    stroke: FloatArray
+    p_a: FloatArray
+    p_b: FloatArray
+    supply: FloatArray
+    tank: FloatArray
+    valve_signal: FloatArray
+    joint_torque: FloatArray
+
+    @property
+    def samples(self) -> int:
+        """Number of samples N."""
+        return int(self.time_s.size)
+
+
+def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
+    """The contiguous pieces of recordings in which what was recorded has no holes.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+
+    Returns
+    -------
+    tuple of Trace
+        Labelled `<bag>#<piece>`, at least two samples each.
+    """
+    return tuple(
+        _trace(recording, piece, f"{recording.path.name}#{k}")
+        for recording in recordings
+        for k, piece in enumerate(_pieces(recording))
+    )
+
+
+def _pieces(recording: Recording) -> list[slice]:
+    """Contiguous stretches whose positions and pressures are there in every cycle."""
+    usable = np.ones(len(recording), dtype=bool)
+    for values in (recording.q, recording.p_a, recording.p_b):
+        if values is not None:
+            recorded = ~np.isnan(values).all(axis=0)
+            usable &= np.isfinite(values[:, recorded]).all(axis=1)
+    return [
+        slice(segment.start + begin, segment.start + end)
+        for segment in recording.segments
+        for begin, end in runs(usable[segment])
+        if end - begin >= 2
+    ]
+
+
+def _trace(recording: Recording, piece: slice, label: str) -> Trace:
+    robot, count = recording.robot, piece.stop - piece.start
+    cylinders = len(robot.cylinders)
+    q = recording.q[piece]
+    return Trace(
+        label=label,
+        step_s=recording.period_s,
+        time_s=recording.time_s[piece],
+        q=q,
+        stroke=_strokes(robot, q, _cut(recording.stroke, piece, (count, cylinders))),
+        p_a=_cut(recording.p_a, piece, (count, cylinders)),
+        p_b=_cut(recording.p_b, piece, (count, cylinders)),
+        supply=_constant(recording.supply, piece, count, robot.supply_pressure_pa),
+        tank=_constant(recording.tank, piece, count, robot.tank_pressure_pa),
+        valve_signal=_signals(recording, piece, count),
+        joint_torque=_cut(recording.effort, piece, q.shape),
+    )
+
+
+def _cut(values: FloatArray | None, piece: slice, shape: tuple[int, ...]) -> FloatArray:
+    return np.full(shape, np.nan) if values is None else values[piece].copy()
+
+
+def _constant(
+    values: FloatArray | None, piece: slice, count: int, constant_pa: float
+) -> FloatArray:
+    if values is None or not np.isfinite(values[piece]).all():
+        return np.full(count, constant_pa)
+    return values[piece].copy()
+
+
+def _strokes(robot: Robot, q: FloatArray, measured: FloatArray) -> FloatArray:
+    """Strokes from the joint angles, or from the stroke sensor where the angle is missing."""
+    result = measured
+    for i, cylinder in enumerate(robot.cylinders):
+        computed = stroke(cylinder, q[:, robot.joint_index(cylinder.joint)])
+        result[:, i] = np.where(np.isfinite(computed), computed, measured[:, i])
+    return result
+
+
+def _signals(recording: Recording, piece: slice, count: int) -> FloatArray:
+    robot = recording.robot
+    result = np.full((count, len(robot.cylinders)), np.nan)
+    if recording.valve_v is None:
+        return result
+    at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
+    for k, valve in enumerate(robot.valves):
+        signal = np.clip(recording.valve_v[piece, k] / valve.rated_voltage_v, -1.0, 1.0)
+        result[:, at[valve.cylinder]] = np.where(recording.latched[piece], np.nan, signal)
+    return result

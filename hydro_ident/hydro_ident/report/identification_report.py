@@ -1,0 +1,131 @@
+"""The report of `identify`: verdict, parameters, channels and their plots in one HTML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.identification import Identification
+from hydro_ident.parameters import Parameter
+from hydro_ident.report.svg import Line, line_plot
+
+_STYLE = """
+body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;margin:.6em 0 1.6em;font-variant-numeric:tabular-nums}
+th,td{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}
+th:first-child,td:first-child,td.text{text-align:left}
+.no{color:#a33}.verdict{font-size:1.2em;font-weight:600}
+svg{width:100%;height:auto;margin:.4em 0}svg text{font-size:11px}svg .title{font-weight:600}
+svg polyline{fill:none;stroke-width:1.1}svg .grid{stroke:#eee;fill:none}
+svg .end{text-anchor:end}svg .mid{text-anchor:middle}code{font-size:.9em}
+"""
+_MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
+
+
+def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
+    """One self-contained HTML page.
+
+    Parameters
+    ----------
+    found : Identification
+    origin : mapping
+        Provenance, as in the result file.
+
+    Returns
+    -------
+    str
+    """
+    title = f"Identification of {escape(found.given.name)}"
+    parts = [
+        "<!DOCTYPE html>",
+        f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
+        f"<style>{_STYLE}</style></head><body>",
+        f"<h1>{title}</h1>",
+        f'<p class="verdict">{escape(found.verdict.replace("_", " "))}</p>',
+        _list(found.problems, "no"),
+        "<h2>Parameters</h2>",
+        _parameters(found.parameters),
+        "<h2>Predictions on data that took no part in the fit</h2>",
+        _channels(found.channels),
+        *[_plot(channel) for channel in found.channels],
+        "<h2>Notes</h2>",
+        _list(found.notes, ""),
+        "<h2>Provenance</h2>",
+        _provenance(origin),
+        "</body></html>",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _list(lines: Sequence[str], style: str) -> str:
+    if not lines:
+        return ""
+    kind = f' class="{style}"' if style else ""
+    return f"<ul{kind}>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    top = "".join(f"<th>{escape(h)}</th>" for h in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _parameters(parameters: Sequence[Parameter]) -> str:
+    head = ("parameter", "value", "95 % interval", "unit", "datasheet", "determined")
+    rows = []
+    for p in parameters:
+        low, high = p.ci95
+        rows.append(
+            (
+                readable(p),
+                f"{p.value:.5g}",
+                f"{low:.5g} .. {high:.5g}",
+                p.unit,
+                "-" if p.datasheet is None else f"{p.datasheet:.5g}",
+                "yes" if p.identifiable else "no",
+            )
+        )
+    return _table(head, rows)
+
+
+def readable(parameter: Parameter) -> str:
+    """A base parameter as the sum it stands for, any other by its name."""
+    text = parameter.name
+    for name, factor in parameter.combination.items():
+        if name != parameter.name:
+            size = "" if abs(factor) == 1.0 else f"{abs(factor):.6g} "
+            text += f" {'-' if factor < 0.0 else '+'} {size}{name}"
+    return text
+
+
+def _channels(channels: Sequence[ChannelScore]) -> str:
+    head = ("channel", "unit", "RMSE given", "RMSE identified", "noise floor", "fit %", "fit %")
+    rows = []
+    for channel in channels:
+        s = channel.summary()
+        numbers = [f"{s[k]:.4g}" for k in ("rmse_before", "rmse_after", "noise_floor")]
+        fits = [f"{s[k]:.1f}" for k in ("fit_before_pct", "fit_after_pct")]
+        rows.append((channel.name, channel.unit, *numbers, *fits))
+    return _table(head, rows)
+
+
+def _plot(channel: ChannelScore) -> str:
+    lines = (
+        Line("measured", _MEASURED, channel.measured),
+        Line("given robot", _BEFORE, channel.before),
+        Line("identified", _AFTER, channel.after),
+    )
+    title = f"{channel.name} ({', '.join(channel.recordings)})"
+    return line_plot(title, channel.time_s, lines, "time in s", channel.unit)
+
+
+def _provenance(origin: Mapping[str, Any]) -> str:
+    rows = [("command", str(origin["command"])), ("version", str(origin["version"]))]
+    rows.append(("robot", str(origin["robot"])))
+    for kind in ("bags", "validation"):
+        rows += [(kind, f"{b['name']}  sha256 {b['sha256']}") for b in origin[kind]]
+    return _table(("what", "value"), rows)

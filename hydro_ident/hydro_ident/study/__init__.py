@@ -1,0 +1,1 @@
+"""Studies on the simulated rig, without ROS and without a bus."""
