@@ -79,7 +79,9 @@ stop() {
 # Latest started first, but for the order that matters: commands stop before what carries them.
 stop_all() {
   local names=() name i
-  for name in controller bridge recorder; do names+=("$name"); done
+  for name in controller bridge recorder; do
+    for i in "${process_order[@]}"; do [[ $i != *"$name" ]] || names+=("$i"); done
+  done
   for ((i = ${#process_order[@]} - 1; i >= 0; i--)); do names+=("${process_order[i]}"); done
   stop "${names[@]}" || true
 }

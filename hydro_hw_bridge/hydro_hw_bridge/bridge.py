@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,7 @@ class CanBridge(LifecycleNode):
         self.failure = ""
         self._stop = stop
         self._lock = threading.Lock()
+        self._reporting = threading.Lock()
         self._settings = self._declare()
         robot = load_robot(self._settings.robot)
         self._codec = self._load_codec(robot)
@@ -172,7 +174,7 @@ class CanBridge(LifecycleNode):
 
     def _activate(self) -> None:
         with self._lock:
-            self._core.activate()
+            self._core.activate(ready=not self._settings.required_subscribers)
 
     def _deactivate(self) -> None:
         with self._lock:
@@ -211,15 +213,18 @@ class CanBridge(LifecycleNode):
 
     # -- threads
 
-    def _guarded(self, body: Any) -> None:
+    def fail(self, error: Exception) -> None:
+        """Valves to 0 V, and tell the process to end with this error."""
+        known = isinstance(error, HydroError)
+        self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+        self._stop.set()
+        self._deactivate()
+
+    def _guarded(self, body: Callable[[], None]) -> None:
         try:
             body()
-        except Exception as error:  # noqa: BLE001 - a thread's end must stop the valves
-            known = isinstance(error, HydroError)
-            self.failure = str(error) if known else f"{type(error).__name__}: {error}"
-            self.get_logger().fatal(self.failure)
-            self._deactivate()
-            self._stop.set()
+        except Exception as error:  # noqa: BLE001 - whatever ends a thread must stop the valves
+            self.fail(error)
 
     def _receive_loop(self) -> None:
         clock = self.get_clock()
@@ -327,11 +332,16 @@ class CanBridge(LifecycleNode):
         return bridge_report.summary(core, missing, silent=silent)
 
     def _publish_diagnostics(self) -> None:
-        level, text = self._summarise()
-        if (level, text) != self._summary:
-            self._summary = (level, text)
-            log = self.get_logger()
-            (log.error if level == bridge_report.ERROR else log.info)(text)
-        with self._lock:
-            values = bridge_report.values(self._core, self._bus, self._names)
-        self._diagnostics.publish(LEVELS[level], text, values)
+        # One at a time: the states that threads report keep their order.
+        with self._reporting:
+            level, text = self._summarise()
+            if (level, text) != self._summary:
+                self._summary = (level, text)
+                # Two calls: rclpy binds one severity to each place that logs.
+                if level == bridge_report.ERROR:
+                    self.get_logger().error(text)
+                else:
+                    self.get_logger().info(text)
+            with self._lock:
+                values = bridge_report.values(self._core, self._bus, self._names)
+            self._diagnostics.publish(LEVELS[level], text, values)

@@ -127,9 +127,15 @@ class BridgeCore:
         self._zero = (0.0,) * len(codec.valve_names)
         self._on_wire = self._zero
 
-    def activate(self) -> None:
-        """From now on, drive."""
-        self.active, self.ready = True, False
+    def activate(self, *, ready: bool = False) -> None:
+        """From now on, drive.
+
+        Parameters
+        ----------
+        ready : bool
+            There are no subscribers to wait for.
+        """
+        self.active, self.ready = True, ready
         self.gate.arm()
 
     def deactivate(self) -> can.Message | None:

@@ -62,7 +62,10 @@ def _run(ros_arguments: list[str]) -> int:
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         try:
-            _spin(executor, stop)
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=SPIN_S)
+        except Exception as error:  # noqa: BLE001 - whatever ends the node must stop the valves
+            node.fail(error)
         finally:
             node.close()
             executor.shutdown()
@@ -80,11 +83,6 @@ def _init(rclpy: object, ros_arguments: list[str], handlers: object) -> None:
         # rclpy has no common class for what it raises here.
         text = " ".join(str(error).split())
         raise BridgeError(f"wrong ROS arguments: {text}") from error
-
-
-def _spin(executor: object, stop: threading.Event) -> None:
-    while not stop.is_set():
-        executor.spin_once(timeout_sec=SPIN_S)  # type: ignore[attr-defined]
 
 
 def _result(node: CanBridge) -> int:

@@ -268,12 +268,11 @@ class Gate:
             return self._again(counter, values, defect)
         if defect:
             return self._deny(defect)
-        age = self._newest - counter
-        if age > self.limits.max_age_cycles:
-            return self._deny(f"command {self._milliseconds(age)} old ({self._age_limit()})")
-        if self.state is GateState.WAITING:
-            return self._begin(counter, values)
-        return self._follow(counter, values)
+        if self.state is GateState.DRIVING:
+            return self._follow(counter, values)
+        if self._newest - counter > self.limits.max_age_cycles:
+            return Outcome.OUTDATED  # nothing is driven yet: go on waiting for a fresh one
+        return self._begin(counter, values)
 
     def _deny(self, reason: str) -> Outcome:
         self.trip(reason)

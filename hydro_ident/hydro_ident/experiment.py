@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import yaml
@@ -180,8 +180,7 @@ def _best(robot: Robot, build: Any, folder: Path, seeds: range) -> Design:
 def _checked(robot: Robot, content: dict[str, Any], folder: Path) -> tuple[JointPath, PathCheck]:
     file = folder / "candidate.yaml"
     file.write_text(path_text(content), encoding="utf-8")
-    path = load_path(file)
-    assert isinstance(path, JointPath)
+    path = cast(JointPath, load_path(file))
     return path, check_path(robot, path, margin=MARGIN, flow_limit=FLOW_LIMIT, step_s=_STEP_S)
 
 

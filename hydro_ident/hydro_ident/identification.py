@@ -11,17 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import Robot
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.channel_scores import flow_scores, force_scores
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.chambers import (
-    INVERSE_BULK,
-    Chamber,
     WindowSettings,
-    chamber_rows,
-    chambers_of,
-    column_names,
 )
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
@@ -30,15 +26,15 @@ from hydro_ident.estimate.inertial import (
     InertialFit,
     fit_inertial,
     force_model,
-    force_rows,
-    measured_force,
 )
-from hydro_ident.estimate.listed_effects import OVER_BULK, ListedEffects
-from hydro_ident.estimate.noise import flow_noise, force_noise
-from hydro_ident.estimate.scores import ChannelScore, HoldOut, score
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.scores import ChannelScore, HoldOut
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_ident.identified_robot import identified_robot
-from hydro_ident.parameters import Parameter, listed_value, parameter_list
+from hydro_ident.parameters import Parameter, parameter_list
+
+#: Gauss-Newton passes of listed null biases, and the step at which they end.
+_BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7
 
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
 
@@ -125,25 +121,23 @@ def identify(
         raise IdentError("expected at least one recording to identify from, found none")
     settings = settings or Settings()
     effects = ListedEffects.of(robot)
-    traces = [effects.with_signal_laws(t) for t in traces_of(training)]
-    checks = [effects.with_signal_laws(t) for t in traces_of(validation)] or traces
+    traces = traces_of(training)
+    checks = traces_of(validation) or traces
     split = HoldOut(every=0) if validation else _hold_out(training)
     model = _force_model(robot, effects, traces)
     inertial = fit_inertial(model, traces, settings.filters, split.training)
-    hydraulic = fit_hydraulics(
-        robot, traces, settings.windows, effects.chamber_columns, split.training
-    )
+    hydraulic, fitted = _fit_flows(robot, effects, traces, split, settings)
     verdict, problems = _verdict(robot, inertial, hydraulic)
     found = None
     if verdict != NOT_ENOUGH and inertial is not None:
-        found = identified_robot(robot, inertial, hydraulic)
-    scores = _force_scores(inertial, robot, checks, split, settings)
-    scores += _flow_scores(hydraulic, robot, effects, checks, split)
+        found = identified_robot(robot, inertial, hydraulic, fitted.biases)
+    scores = force_scores(inertial, robot, checks, split, settings.filters)
+    scores += flow_scores(hydraulic, robot, (effects, fitted), checks, split)
     return Identification(
         verdict=verdict,
         given=robot,
         robot=found,
-        parameters=parameter_list(robot, inertial, hydraulic),
+        parameters=parameter_list(robot, inertial, hydraulic, fitted.biases),
         channels=tuple(scores),
         problems=problems,
         notes=_notes(training, effects, validation),
@@ -151,6 +145,29 @@ def identify(
         hydraulic=hydraulic,
         settings=settings,
     )
+
+
+def _fit_flows(
+    robot: Robot,
+    effects: ListedEffects,
+    traces: Sequence[Trace],
+    split: HoldOut,
+    settings: Settings,
+) -> tuple[HydraulicFit | None, ListedEffects]:
+    """Fit the chambers; where null biases are listed, again until they stay where they are."""
+    fit, fitted = None, effects
+    for _ in range(_BIAS_PASSES):
+        shaped = [fitted.with_signal_laws(trace) for trace in traces]
+        fit = fit_hydraulics(
+            robot, shaped, settings.windows, fitted.chamber_columns, split.training
+        )
+        if fit is None or not fitted.biases:
+            break
+        moved, step = fitted.refined(fit)
+        if step < _BIAS_STEP:
+            break
+        fitted = moved
+    return fit, fitted
 
 
 def _hold_out(recordings: Sequence[Recording]) -> HoldOut:
@@ -221,89 +238,3 @@ def _notes(
     if not validation:
         notes.append("scores are of every fifth block of the bags, which was kept from the fit")
     return tuple(notes)
-
-
-def _force_scores(
-    fit: InertialFit | None,
-    robot: Robot,
-    traces: Sequence[Trace],
-    split: HoldOut,
-    settings: Settings,
-) -> list[ChannelScore]:
-    if fit is None:
-        return []
-    model = fit.model
-    before = _given_theta(model, robot)
-    still = fit.still if split.every else ()
-    pieces = []
-    for trace in traces:
-        rows = force_rows(model, trace, settings.filters, still)
-        if rows is not None:
-            chosen = split.held_out(rows)
-            pieces.append((chosen, chosen.x @ before, chosen.x @ fit.fit.theta))
-    measured = [t for t in traces if np.isfinite(t.q).all()]
-    floors = force_noise(model, measured, settings.filters) if pieces else np.zeros(robot.dof)
-    units = dict(zip(model.channels, model.units, strict=True))
-    scores = [
-        score(name, units[name], pieces, column, float(floors[column]))
-        for column, name in enumerate(model.channels)
-        if any(np.isfinite(measured_force(model, t)[:, column]).any() for t in measured)
-    ]
-    return [s for s in scores if s is not None]
-
-
-def _given_theta(model: ForceModel, robot: Robot) -> FloatArray:
-    base = model.base.combination @ robot.link_inertia.ravel()
-    friction = [cylinder.viscous_friction for cylinder in robot.cylinders]
-    listed = [listed_value(robot, name) for name in model.effect_names]
-    return np.array([*base, *friction, *listed])
-
-
-def _flow_scores(
-    fit: HydraulicFit | None,
-    robot: Robot,
-    effects: ListedEffects,
-    traces: Sequence[Trace],
-    split: HoldOut,
-) -> list[ChannelScore]:
-    if fit is None:
-        return []
-    found = {c.cylinder: c for c in fit.cylinders}
-    scores = []
-    for chamber in chambers_of(robot):
-        result = found.get(chamber.cylinder.name)
-        if result is None or chamber.side not in [c.chamber.side for c in result.chambers]:
-            continue
-        pieces = []
-        for trace in traces:
-            listed, extra = effects.chamber_columns(chamber, trace)
-            names = column_names(chamber, listed)
-            given, fitted = (
-                split.held_out(chamber_rows(chamber, trace, delay, fit.windows, extra))
-                for delay in (robot.command_delay_s, fit.delay_s)
-            )
-            theta = np.array([result.value(name)[0] for name in names])
-            # The same windows at either delay: only the flow columns differ.
-            before = given.x @ _given_chamber(robot, chamber, names)
-            pieces.append((fitted, before, fitted.x @ theta))
-        if not any(rows.time_s.size for rows, _, _ in pieces):
-            continue
-        inverse_bulk = result.value(INVERSE_BULK)[0]
-        floor = flow_noise(robot, chamber, traces, fit.windows, inverse_bulk)
-        scores.append(score(chamber.channel, "m^3/s", pieces, 0, floor))
-    return [s for s in scores if s is not None]
-
-
-def _given_chamber(robot: Robot, chamber: Chamber, names: Sequence[str]) -> FloatArray:
-    inverse = 1.0 / chamber.cylinder.bulk_modulus_pa
-    values = []
-    for name in names:
-        if name == INVERSE_BULK:
-            values.append(inverse)
-        elif name in chamber.edges:
-            values.append(float(getattr(chamber.valve, name)))
-        else:
-            plain = name.removesuffix(OVER_BULK)
-            value = listed_value(robot, f"{chamber.cylinder.name}.{plain}")
-            values.append(value * inverse if name != plain else value)
-    return np.array(values)

@@ -20,7 +20,12 @@ from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.parameters import Parameter, parameter_list
 
 
-def identified_robot(robot: Robot, inertial: InertialFit, hydraulic: HydraulicFit | None) -> Robot:
+def identified_robot(
+    robot: Robot,
+    inertial: InertialFit,
+    hydraulic: HydraulicFit | None,
+    biases: Mapping[str, float] | None = None,
+) -> Robot:
     """Put what was identified into a robot; what was rejected stays as given.
 
     Parameters
@@ -29,6 +34,8 @@ def identified_robot(robot: Robot, inertial: InertialFit, hydraulic: HydraulicFi
     inertial : InertialFit
         With every base parameter identifiable.
     hydraulic : HydraulicFit or None
+    biases : mapping of str to float, optional
+        Fitted null biases of the valves.
 
     Returns
     -------
@@ -36,7 +43,8 @@ def identified_robot(robot: Robot, inertial: InertialFit, hydraulic: HydraulicFi
         Its leading standard parameters carry the base parameters, the others are zero.
     """
     accepted = replace_rejected(hydraulic)
-    values = {p.name: p for p in parameter_list(robot, inertial, accepted) if p.identifiable}
+    found = parameter_list(robot, inertial, accepted, biases)
+    values = {p.name: p for p in found if p.identifiable}
     base = inertial.model.base
     count = len(base.names)
     theta = np.zeros(len(robot.standard_names))

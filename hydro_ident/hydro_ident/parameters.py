@@ -120,7 +120,9 @@ def _cylinder_parameters(
     robot: Robot, fit: CylinderFit, biases: Mapping[str, float]
 ) -> list[Parameter]:
     valve = robot.valve_of(fit.cylinder)
-    good = dict(zip(fit.names, fit.identifiable, strict=True))
+    # A rejected stage is shown, and nothing of it is used.
+    usable = [known and not fit.rejected for known in fit.identifiable]
+    good = dict(zip(fit.names, usable, strict=True))
     inverse, inverse_std = fit.value(INVERSE_BULK)
     bulk, bulk_std = fit.bulk_modulus() if inverse != 0.0 else (0.0, 0.0)
     found = [

@@ -26,6 +26,7 @@ H = 0.002
 ORIGIN = Provenance("identify bag", "1.0", "xs031", {"bag": "00"}, {})
 EFFECTS = (
     EffectSpec("coulomb_friction", "xs031", {"force": 2500.0, "velocity_scale": 0.005}),
+    EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),
     EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 4e-13}),
     EffectSpec("dead_volume", "tilt_cylinder", {"volume_a": 9e-4, "volume_b": 1.1e-3}),
 )
@@ -196,6 +197,7 @@ def test_listed_effects_are_fitted_and_none_is_added() -> None:
         "lift_cylinder.internal_leakage.coefficient": 4e-13,
         "tilt_cylinder.dead_volume.volume_a": 9e-4,
         "tilt_cylinder.dead_volume.volume_b": 1.1e-3,
+        "tilt_cylinder.valve_null_bias.bias": 0.006,
         "tilt_cylinder.bulk_modulus": 7.4e8,
     }.items():
         assert values[name].value == pytest.approx(value, rel=0.02), name
@@ -203,7 +205,7 @@ def test_listed_effects_are_fitted_and_none_is_added() -> None:
     friction = [e for e in result.robot.effects if e.name == "coulomb_friction"]
     assert {e.target for e in friction} == {"lift_cylinder", "tilt_cylinder"}
     assert friction[0].parameters["velocity_scale"] == 0.005
-    assert len(result.robot.effects) == 4
+    assert len(result.robot.effects) == 5
 
 
 def test_a_stuck_joint_is_not_enough_data_and_named(clean: Run) -> None:
@@ -224,6 +226,18 @@ def test_no_voltages_identify_the_links_and_say_the_rest(clean: Run) -> None:
     assert "no flow channel was recorded" in result.problems[0]
     assert result.robot is not None
     assert result.robot.valves == load_robot("xs031").valves
+
+
+def test_a_rejected_stage_keeps_the_given_numbers_and_says_so(clean: Run) -> None:
+    crossed = clean.recording(valve_v=clean.voltage * np.array([1.0, -1.0]))
+    result = identify(load_robot("xs031"), [crossed])
+    assert result.verdict == "partly_identified"
+    assert any("hydraulics of tilt_cylinder rejected" in text for text in result.problems)
+    given = load_robot("xs031")
+    assert result.robot is not None
+    assert result.robot.valves[1] == given.valves[1]
+    assert result.robot.cylinders[1].bulk_modulus_pa == given.cylinders[1].bulk_modulus_pa
+    assert not any(p.identifiable for p in result.parameters if p.name.startswith("tilt_valve"))
 
 
 def test_no_pressures_no_effort_is_not_enough_data(clean: Run) -> None:
@@ -365,6 +379,13 @@ def bag(clean: Run, write_bag: Callable[..., Path]) -> Path:
         "/valve_state": (robot.valve_names, {"effort": clean.voltage}),
     }
     return write_bag(columns, name="excitation")
+
+
+def test_where_it_is_written_does_not_change_the_result(bag: Path, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        assert run([str(bag), "--robot", "xs031", "--out", str(tmp_path / name)]) == 0
+    one, two = ((tmp_path / n / "result.json").read_bytes() for n in ("one", "two"))
+    assert one == two
 
 
 def test_the_command_writes_every_file_from_a_bag(

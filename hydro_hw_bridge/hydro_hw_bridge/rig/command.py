@@ -71,7 +71,12 @@ def _parser() -> argparse.ArgumentParser:
     add("--truth-out", type=Path, metavar="FILE.npz", help="side file of true states")
     end = parser.add_mutually_exclusive_group()
     end.add_argument("--cycles", type=_natural, help="end after this many cycles")
-    end.add_argument("--duration", type=float, metavar="S", help="end after this device time")
+    end.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="end after this device time since the first drive",
+    )
     add(
         "--off",
         nargs="+",
@@ -109,7 +114,7 @@ def run(arguments: Sequence[str]) -> int:
     core = _core(options)
     robot, truth = core.robot, core.truth
     codec = Codec.load(options.dbc, options.mapping, robot)
-    cycles = _cycles(options.cycles, options.duration, core.cycle_s)
+    driven = _driven_cycles(options.duration, core.cycle_s)
     name = options.can or DEFAULT_BUS
     with open_bus(name, codec.device_ids) as bus:
         refuse_second_device(bus, codec)
@@ -128,7 +133,7 @@ def run(arguments: Sequence[str]) -> int:
             flush=True,
         )
         stack.callback(lambda: print(_summary(device), flush=True))
-        device.run(cycles)
+        device.run(options.cycles, driven)
     return 0
 
 
@@ -151,9 +156,9 @@ def _core(options: Any) -> RigCore:
     )
 
 
-def _cycles(cycles: int | None, duration_s: float | None, cycle_s: float) -> int | None:
+def _driven_cycles(duration_s: float | None, cycle_s: float) -> int | None:
     if duration_s is None:
-        return cycles
+        return None
     if not 0.0 < duration_s < float("inf"):
         raise BridgeError(f"--duration: expected seconds above 0, found {duration_s:g}")
     return max(1, round(duration_s / cycle_s))

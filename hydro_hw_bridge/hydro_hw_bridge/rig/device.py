@@ -94,8 +94,15 @@ class Device:
         sensed = [c.name for c in core.robot.cylinders if c.stroke_sensor]
         self._strokes = tuple(sensed.index(name) for name in codec.stroke_names)
 
-    def run(self, cycles: int | None = None) -> None:
+    def run(self, cycles: int | None = None, driven_cycles: int | None = None) -> None:
         """Run until stopped or for a number of cycles.
+
+        Parameters
+        ----------
+        cycles : int, optional
+            Of all cycles.
+        driven_cycles : int, optional
+            Of those since the machine was first driven: in real time it waits for its users.
 
         Raises
         ------
@@ -104,11 +111,15 @@ class Device:
         """
         step = self._lockstep_cycle if self._lockstep else self._real_time_cycle
         self._deadline = time.monotonic()
+        driven = 0
         while not self.stopping and (cycles is None or self.counters.cycles < cycles):
+            if driven_cycles is not None and driven >= driven_cycles:
+                break
             if self._log is not None:
                 self._log.append(self.core.truth_row())
             if step():
                 self.counters.cycles += 1
+                driven += not self.core.parked
 
     def frames(self) -> list[can.Message]:
         """The frames of the current cycle."""

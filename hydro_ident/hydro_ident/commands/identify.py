@@ -60,8 +60,11 @@ def run(arguments: Sequence[str]) -> int:
     robot = load_robot(options.robot)
     training = [read_recording(bag, robot) for bag in options.bags]
     validation = [read_recording(bag, robot) for bag in options.validate]
+    # Without --out: the same input gives the same result wherever it is written.
+    command = ["identify", *options.bags, "--robot", options.robot]
+    command += ["--validate", *options.validate] if options.validate else []
     origin = provenance(
-        shlex.join(["identify", *arguments]),
+        shlex.join(command),
         options.robot,
         [recording.path for recording in training],
         [recording.path for recording in validation],

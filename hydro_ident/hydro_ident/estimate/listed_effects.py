@@ -12,7 +12,7 @@ import numpy as np
 from hydro_model.cylinder import chamber_volumes, lever, piston_force
 from hydro_model.effects.catalogue import ActiveEffect, resolve
 from hydro_model.effects.effect import Stage
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import FloatArray, Robot, Valve
 from hydro_model.signals import (
     ATMOSPHERIC_PRESSURE,
     JOINT_POSITION,
@@ -34,7 +34,7 @@ from hydro_model.valve import edge_flows
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.chambers import Chamber
-from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.traces import Trace
 
@@ -152,8 +152,7 @@ class ListedEffects:
                 moved = np.clip(one.parameters + step, bounds.lower, bounds.upper)
                 active.append(replace(one, parameters=moved))
                 at = self.robot.valve_names.index(self.robot.valve_of(name).name)
-                edges = {e: found[name].value(e)[0] for e in found[name].names if e[:2] == "c_"}
-                valves[at] = replace(valves[at], **edges)
+                valves[at] = _with_edges(valves[at], found[name])
             else:
                 active.append(one)
         return ListedEffects(replace(self.robot, valves=tuple(valves)), tuple(active)), largest
@@ -218,6 +217,14 @@ class ListedEffects:
                 signals[:, PISTON_VELOCITY], trace.step_s
             )
         return signals
+
+
+def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
+    c_pa, c_at, c_pb, c_bt = (
+        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge))
+        for edge in ("c_pa", "c_at", "c_pb", "c_bt")
+    )
+    return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
 def _is_bias(one: ActiveEffect) -> bool:

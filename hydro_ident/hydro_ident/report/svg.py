@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
@@ -15,6 +15,9 @@ WIDTH, HEIGHT = 860, 240
 _LEFT, _RIGHT, _TOP, _BOTTOM = 78, 10, 26, 34
 #: More points than this cannot be seen; extremes of each bin are kept.
 _BINS = 430
+
+#: Coordinates to the text of SVG points.
+_Place = Callable[[FloatArray, FloatArray], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +82,7 @@ def _range(values: FloatArray) -> tuple[float, float]:
     return low, high
 
 
-def _axis(start: float, end: float, low: float, high: float, place: object) -> list[str]:
-    assert callable(place)
+def _axis(start: float, end: float, low: float, high: float, place: _Place) -> list[str]:
     parts = []
     for value in _ticks(low, high):
         across, down = place(np.array([start]), np.array([value])).split(",")

@@ -1,6 +1,6 @@
 """Where numba keeps compiled kernels: the user's cache folder, one per state of the sources.
 
-numba's own cache looks at the file a kernel stands in and not at the files of the kernels it calls,
+numba's own cache looks at the file a kernel stands in, not at the files of the kernels it calls,
 so after an update it would go on running old code. A folder named after all sources cannot.
 """
 
@@ -9,22 +9,20 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-from importlib.util import find_spec
 from pathlib import Path
 
-_PACKAGES = ("hydro_model", "hydro_hw_bridge", "hydro_ident")
 _KEPT = 4
 
 
-def source_state(packages: tuple[str, ...] = _PACKAGES) -> str:
-    """A short name that changes with any source file of the packages with kernels."""
+def source_state() -> str:
+    """A short name that changes with any source file of this package.
+
+    Kernels elsewhere call only kernels of their own file, for which numba's check suffices.
+    """
     digest = hashlib.sha256()
-    for package in packages:
-        spec = find_spec(package)
-        for folder in (spec.submodule_search_locations if spec else None) or ():
-            for file in sorted(Path(folder).rglob("*.py")):
-                status = file.stat()
-                digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
+    for file in sorted(Path(__file__).parent.rglob("*.py")):
+        status = file.stat()
+        digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
     return digest.hexdigest()[:16]
 
 

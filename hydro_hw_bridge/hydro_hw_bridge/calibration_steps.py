@@ -1,0 +1,224 @@
+"""The measurements of a calibration, each on a `Session`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from itertools import islice
+
+import numpy as np
+from hydro_model.cylinder import stroke
+from hydro_model.robot import FloatArray, Robot
+
+from hydro_hw_bridge.calibration_session import Session
+from hydro_hw_bridge.codec import Readings
+from hydro_hw_bridge.errors import CalibrationError
+
+#: Cycles to average: 0.5 s at 500 Hz.
+AVERAGED_CYCLES = 250
+#: A transducer that reads more than this with the pump off has pressure on it, or is broken.
+MAX_ZERO_PA = 3.0e5
+#: Joint movement during averaging above which the machine is not at rest, rad or m.
+MAX_MOVEMENT = 2.0e-3
+#: Piston movement that settles a valve's sign, and the longest pulse to get it.
+SIGN_STROKE_M = 3.0e-3
+SIGN_CYCLES = 750
+#: Cycles with the valve at 0 V after each pulse: 0.4 s.
+REST_CYCLES = 200
+
+
+def wait_for_inputs(session: Session, *, pump_on: bool, timeout_s: float) -> None:
+    """Wait until the pump is off, or until pump, emergency stop and enable allow driving.
+
+    Parameters
+    ----------
+    session : Session
+    pump_on : bool
+    timeout_s : float
+        Wall time.
+
+    Raises
+    ------
+    CalibrationError
+        They do not in time.
+    """
+    end = time.monotonic() + timeout_s
+    for readings in session.cycles():
+        missing = _missing(readings) if pump_on else _pump_runs(readings)
+        if not missing:
+            return
+        if time.monotonic() > end:
+            raise CalibrationError(f"{missing}, for {timeout_s:g} s")
+
+
+def _missing(readings: Readings) -> str:
+    status = readings.status
+    if not status.emergency_stop_ok:
+        return "emergency stop is pressed"
+    if not status.enable_switch:
+        return "enable switch is off"
+    return "" if status.pump_on else "pump is off, expected it on"
+
+
+def _pump_runs(readings: Readings) -> str:
+    return "pump is on, expected it off" if readings.status.pump_on else ""
+
+
+def _average(session: Session) -> list[Readings]:
+    session.drive(None)
+    return list(islice(session.cycles(), AVERAGED_CYCLES))
+
+
+def pressure_zeros(session: Session) -> tuple[dict[str, float], dict[str, float]]:
+    """The reading of every pressure transducer with the pump off and no pressure in the oil.
+
+    Parameters
+    ----------
+    session : Session
+
+    Returns
+    -------
+    zeros, spread : dict from pressure name to float
+        Mean and standard deviation, Pa gauge.
+
+    Raises
+    ------
+    CalibrationError
+        The pump came on, or a transducer is far from zero.
+    """
+    taken = _average(session)
+    if any(readings.status.pump_on for readings in taken):
+        raise CalibrationError("pump is on, expected it off while zeros are measured")
+    pressures = np.array([readings.pressures_pa for readings in taken])
+    means, spreads = pressures.mean(axis=0), pressures.std(axis=0)
+    names = session.codec.pressure_names
+    for name, mean in zip(names, means, strict=True):
+        if abs(mean) > MAX_ZERO_PA:
+            raise CalibrationError(
+                f"{name} reads {mean / 1e5:.2f} bar gauge with the pump off, expected within"
+                f" {MAX_ZERO_PA / 1e5:g} bar of 0: let the pressure out, or change the transducer"
+            )
+    return _named(names, means), _named(names, spreads)
+
+
+def _named(names: tuple[str, ...], values: FloatArray) -> dict[str, float]:
+    return {name: round(float(value), 1) for name, value in zip(names, values, strict=True)}
+
+
+def position_offsets(session: Session, references: Mapping[str, float]) -> dict[str, float]:
+    """What to add to the encoders so that they read the references.
+
+    Parameters
+    ----------
+    session : Session
+    references : mapping from joint to position
+        Where the machine stands, rad or m.
+
+    Returns
+    -------
+    dict from joint to offset
+
+    Raises
+    ------
+    CalibrationError
+        The machine moves.
+    """
+    positions = np.array([readings.positions for readings in _average(session)])
+    offsets = {}
+    for i, name in enumerate(session.codec.joint_names):
+        if name not in references:
+            continue
+        moved = float(np.ptp(positions[:, i]))
+        if moved > MAX_MOVEMENT:
+            raise CalibrationError(
+                f"joint {name} moved by {moved:.4f} while its reference was measured, expected"
+                f" at most {MAX_MOVEMENT:g}"
+            )
+        offsets[name] = float(references[name] - positions[:, i].mean())
+    return offsets
+
+
+def valve_signs(
+    session: Session,
+    robot: Robot,
+    offsets: Mapping[str, float],
+    share: float,
+    say: Callable[[str], None],
+) -> dict[str, int]:
+    """1 where a positive voltage extends the valve's cylinder, -1 where it retracts it.
+
+    Parameters
+    ----------
+    session : Session
+    robot : Robot
+    offsets : mapping from joint to what to add to its position
+    share : float
+        Of the rated voltage, at most 0.05.
+    say : callable
+        Told of each valve before it moves.
+
+    Returns
+    -------
+    dict from valve to sign
+
+    Raises
+    ------
+    CalibrationError
+        A valve does not move its cylinder, or moves another one; an input went away.
+    """
+    shift = np.array([offsets.get(name, 0.0) for name in session.codec.joint_names])
+
+    def strokes(readings: Readings) -> FloatArray:
+        q = np.asarray(readings.positions) + shift
+        return np.array([float(stroke(c, q[robot.joint_index(c.joint)])) for c in robot.cylinders])
+
+    names = [c.name for c in robot.cylinders]
+    signs = {}
+    for valve in robot.valves:
+        own = names.index(valve.cylinder)
+        voltage = share * valve.rated_voltage_v
+        say(f"{valve.name}: {voltage:+.2f} V until {valve.cylinder} moves")
+        start = strokes(_rest(session))
+        moved = _pulse(session, valve.name, voltage, strokes, own, start)
+        found = ", ".join(f"{n} {1e3 * m:+.1f} mm" for n, m in zip(names, moved, strict=True))
+        most = int(np.argmax(np.abs(moved)))
+        if most != own or abs(moved[own]) < SIGN_STROKE_M:
+            raise CalibrationError(
+                f"{valve.name} at {voltage:.2f} V should move {valve.cylinder} by"
+                f" {1e3 * SIGN_STROKE_M:g} mm and more than any other, found {found}"
+            )
+        say(f"{valve.name}: {found}")
+        signs[valve.name] = 1 if moved[own] > 0.0 else -1
+        # Back again, so that a run leaves the machine about where it was.
+        _pulse(session, valve.name, -voltage, strokes, own, strokes(_rest(session)))
+    return signs
+
+
+def _rest(session: Session) -> Readings:
+    """Some cycles at 0 V; the last one's readings."""
+    session.drive(None)
+    return list(islice(session.cycles(), REST_CYCLES))[-1]
+
+
+def _pulse(
+    session: Session,
+    valve: str,
+    voltage_v: float,
+    strokes: Callable[[Readings], FloatArray],
+    own: int,
+    start: FloatArray,
+) -> FloatArray:
+    """Drive one valve until its cylinder moved enough, or for long enough; how all moved."""
+    moved = np.zeros_like(start)
+    session.drive(valve, voltage_v)
+    try:
+        for readings in islice(session.cycles(), SIGN_CYCLES):
+            missing = _missing(readings)
+            if missing:
+                raise CalibrationError(f"{missing} while {valve} was driven")
+            moved = strokes(readings) - start
+            if abs(moved[own]) >= SIGN_STROKE_M:
+                break
+    finally:
+        session.stop()
+    return moved

@@ -1,0 +1,147 @@
+"""`calibrate` on the bus of the simulated machine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from hydro_hw_bridge.bus import open_bus
+from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.claims import Claim
+from hydro_hw_bridge.codec import Codec
+
+PORT = 20_000 + (os.getpid() + 7_000) % 20_000
+CAN = f"udp_multicast:239.74.163.2:{PORT}"
+
+
+def executable(name: str) -> str:
+    from ament_index_python.packages import get_package_prefix
+
+    return str(Path(get_package_prefix("hydro_hw_bridge")) / "lib/hydro_hw_bridge" / name)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """The simulated machine with its pump off."""
+    with (tmp_path / "rig.txt").open("wb") as log:
+        arguments = [executable("sim_rig"), "--can", CAN, "--off", "pump"]
+        process = subprocess.Popen(arguments, stdout=log, stderr=log)
+    yield process
+    process.terminate()
+    process.wait(10)
+
+
+def calibrate(folder: Path, *arguments: str, wait_s: float = 60.0) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [executable("calibrate"), "--can", CAN, "--out", str(folder), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=wait_s,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done.returncode, done.stdout.strip(), done.stderr
+
+
+def wait_for(codec: Codec) -> None:
+    """Until the machine is on the bus: it compiles its plant first."""
+    with open_bus(CAN, codec.device_ids) as bus:
+        assert any(bus.receive(1.0) is not None for _ in range(60))
+
+
+def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
+    rig: subprocess.Popen[bytes], codec: Codec, tmp_path: Path
+) -> None:
+    content = yaml.safe_load(codec.mapping.source.read_text(encoding="utf-8"))
+    content["valves"]["tilt_valve"]["command"]["sign"] = -1
+    content["joints"]["lift"]["offset"] = 0.01
+    content["pressures"]["supply"]["offset"] = 50_000.0
+    mapping = tmp_path / "wrong.mapping.yaml"
+    mapping.write_text(yaml.safe_dump(content), encoding="utf-8")
+    files = ("--mapping", str(mapping), "--dbc", str(codec.mapping.dbc))
+    wait_for(codec)
+
+    with open_bus(CAN, codec.device_ids) as bus:
+        taken = {}
+        while len(taken) < len(codec.device_ids):
+            message = bus.receive(5.0)
+            frame = None if message is None else codec.receive(message)
+            if frame is not None:
+                taken[frame.name] = frame.data
+        stands_at = codec.readings(taken).positions
+
+    code, first, _ = calibrate(
+        tmp_path, *files, "--zeros", "--reference", f"lift={stands_at[0]:.6f}"
+    )
+    assert code == 0
+    found = load_calibration(Path(first))
+    assert Path(first).name == f"{found.name}.calibration.yaml"
+    assert set(found.pressure_zero_pa) == set(codec.pressure_names)
+    assert found.pressure_zero_pa["supply"] == pytest.approx(50e3, abs=2e3)
+    assert found.pressure_zero_pa["tank"] == pytest.approx(0.0, abs=2e3)
+    assert found.position_offset == {"lift": pytest.approx(-0.01, abs=1e-5)}
+
+    os.kill(rig.pid, signal.SIGUSR1)
+    code, second, told = calibrate(tmp_path, *files, "--signs", "--from", first, wait_s=120.0)
+    assert code == 0, told
+    both = load_calibration(Path(second))
+    assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
+    assert both.pressure_zero_pa == found.pressure_zero_pa
+    assert both.position_offset == found.position_offset
+
+    code, out, told = calibrate(tmp_path, *files, "--zeros", "--wait", "0.5")
+    assert (code, out) == (1, "")
+    assert told.splitlines()[-1] == "calibrate: pump is on, expected it off, for 0.5 s"
+
+
+def test_a_claimed_bus_is_refused(codec: Codec, tmp_path: Path) -> None:
+    with open_bus(CAN, codec.bridge_ids) as bus:
+        claim = Claim(bus, codec)
+        arguments = [executable("calibrate"), "--can", CAN, "--out", str(tmp_path), "--zeros"]
+        process = subprocess.Popen(
+            arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        while process.poll() is None:
+            claim.send()
+            bus.receive(0.05)
+        _, told = process.communicate()
+    assert process.returncode == 2
+    assert told.startswith(f"calibrate: another bridge (instance {claim.instance:08x})")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_silent_bus_is_said(tmp_path: Path) -> None:
+    code, _, told = calibrate(tmp_path, "--zeros")
+    assert code == 1
+    assert f"nothing from the device on {CAN} for 3 s" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((), "nothing to do: expected --zeros, --reference or --signs"),
+        (("--signs", "--percent", "5.1"), "--percent should be above 0 and at most 5"),
+        (("--signs", "--percent", "0"), "--percent should be above 0"),
+        (("--reference", "wrist=1"), "has no joint 'wrist'"),
+        (("--reference", "lift=up"), "should be JOINT=VALUE with a number, found 'lift=up'"),
+        (("--reference", "lift=9"), "should be within its limits"),
+        (("--zeros", "--robot", "nowhere"), "no robot file 'nowhere'"),
+        (("--zeros", "--mapping", "/nowhere"), "no mapping file '/nowhere'"),
+        (("--zeros", "--from", "/nowhere"), "no calibration file '/nowhere'"),
+        (("--zeros", "--out", "/nowhere"), "--out should be a folder, found '/nowhere'"),
+        (("--zeros", "--can", "can77"), "cannot open CAN bus socketcan:can77"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(
+    tmp_path: Path, arguments: tuple[str, ...], text: str
+) -> None:
+    code, out, told = calibrate(tmp_path, *arguments)
+    assert (code, out) == (2, "")
+    assert told.startswith("calibrate: ")
+    assert text in told
+    assert told.count("\n") == 1

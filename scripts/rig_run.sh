@@ -1,0 +1,107 @@
+#!/usr/bin/env bash
+# One run on the simulated rig: rig, bridge, recorder and controller as processes, until the path
+# is played; leaves a bag and the rig's true states.
+#   scripts/rig_run.sh --name NAME --path PATH --out DIR [options]
+# Writes DIR/bags/*_NAME, DIR/truth/NAME.npz and DIR/logs/NAME.*.log.
+# Options:
+#   --robot ROBOT      the controller's robot file (default xs031)
+#   --controller FILE  ROS parameters of the controller: gains (default: the package's gains.yaml)
+#   --truth TRUTH      what the rig really is (default realistic)
+#   --tip "X Y Z"      where its tip starts (default "2.0 0.0 -1.2")
+#   --seed N           of the rig's sensor noise (default 1)
+#   --real-time        500 Hz of wall time instead of lockstep
+#   --duration S       end after this machine time (default: the path, and 2.5 s)
+#   --bus BUS          (default: a multicast port of its own)
+set -euo pipefail
+shopt -s inherit_errexit
+
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+bad() { printf 'rig_run: %s\n' "$*" >&2; exit 2; }
+name= path= out= robot=xs031 controller= truth=realistic tip='2.0 0.0 -1.2' seed=1
+clock=lockstep duration= bus=udp_multicast:239.74.163.2:$((43200 + BASHPID % 2000))
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --real-time) clock=real_time; shift ;;
+    -h|--help) sed -n '2,15s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;;
+    --name|--path|--out|--robot|--controller|--truth|--tip|--seed|--duration|--bus)
+      [[ $# -ge 2 ]] || bad "$1 needs a value"
+      printf -v "${1#--}" '%s' "$2"; shift 2 ;;
+    *) bad "unknown option '$1' (see --help)" ;;
+  esac
+done
+for needed in name path out; do [[ -n ${!needed} ]] || bad "expected --$needed (see --help)"; done
+mkdir -p "$out/logs" "$out/truth" "$out/bags" || bad "cannot make folders in $out"
+out=$(realpath "$out")
+
+# shellcheck source=scripts/env.sh
+source "$here/env.sh"
+# shellcheck source=scripts/processes.sh
+log_dir=$out/logs
+source "$here/processes.sh"
+
+# A domain of its own, so that a run neither hears nor disturbs another.
+export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((BASHPID % 90 + 10))}
+read -r gains mapping planned < <(python - "$path" <<'PYTHON'
+import sys
+from hydro_control.gains import shipped_gains
+from hydro_hw_bridge.codec import default_mapping
+from hydro_model.command import run_command
+from hydro_model.paths import load_path
+
+def facts(arguments):
+    print(shipped_gains(), default_mapping("xs031"), f"{load_path(arguments[0]).duration_s + 2.5:.3f}")
+    return 0
+
+sys.exit(run_command("rig_run", facts))
+PYTHON
+) || exit 2
+gains=$(realpath "${controller:-$gains}")
+duration=${duration:-$planned}
+
+# In lockstep cycles come as fast as they can; the recorder may be behind by more than ten of them.
+deep_history=()
+for topic in joint_states chamber_pressures valve_state valve_command joint_reference tip_reference
+do
+  deep_history+=(-p "qos_overrides./$topic.publisher.depth:=1000")
+done
+lifecycle=$(hydro_exe hydro_control lifecycle)
+
+# bring_up NODE LOG TRANSITION...
+bring_up() {
+  local node=$1 log=$2 transition
+  for transition in "${@:3}"; do
+    "$lifecycle" "$transition" "/$node" || fail_with_log "$node did not $transition:" "$log"
+  done
+}
+
+began=$SECONDS
+read -ra tip <<<"$tip"
+start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --truth "$truth" \
+  --can "$bus" "--${clock/_/-}" --seed "$seed" --tip "${tip[@]}" --duration "$duration" \
+  --truth-out "$out/truth/$name.npz"
+wait_for "$name.rig" ready
+start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p robot:=xs031 \
+  -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
+  -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:1"
+start "$name.recorder" "$(hydro_exe hydro_ident recorder)" --out "$out/bags" --name "$name" \
+  --robot xs031 --attach "controller_parameters=$gains" --attach "mapping=$mapping"
+start "$name.controller" "$(hydro_exe hydro_control controller)" --ros-args \
+  --params-file "$gains" -p "robot:=$robot" -p "path:=$path" -p required_recorders:=1 \
+  "${deep_history[@]}"
+bring_up can_bridge "$name.bridge" configure
+bring_up controller "$name.controller" configure
+wait_for "$name.recorder" "receiving /joint_states"
+wait_for "$name.recorder" "receiving /chamber_pressures"
+if [[ $clock == lockstep ]]; then
+  # The machine stands still until the bridge drives, so nothing of the run is missed.
+  bring_up controller "$name.controller" activate
+  wait_for "$name.recorder" "receiving /tip_reference"
+  bring_up can_bridge "$name.bridge" activate
+else
+  # The controller's path starts with its first sample: the bridge must be driving by then.
+  bring_up can_bridge "$name.bridge" activate
+  bring_up controller "$name.controller" activate
+fi
+wait_end "$name.rig" $((${duration%.*} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
+stop "$name.controller" "$name.bridge" "$name.recorder"
+note "run $name: $duration s of machine time in $((SECONDS - began)) s"

@@ -1,0 +1,176 @@
+"""Bad input to the executables: one clear line, exit 2, nothing overwritten, no traceback."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from hydro_model.robot_files import shipped_robots
+
+ROOT = Path(__file__).parents[1]
+REFERENCE = shipped_robots()["xs031"].parent
+BUS = "udp_multicast:239.74.163.2:43161"
+
+
+def run(package: str, executable: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    path = ROOT / "ros2_ws/install" / package / "lib" / package / executable
+    environment = {**os.environ, "ROS_DOMAIN_ID": "61"}
+    return subprocess.run(
+        [str(path), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+        check=False,
+    )
+
+
+def assert_refused(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert result.returncode == 2, result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+@pytest.fixture
+def robot_folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "robot"
+    shutil.copytree(REFERENCE, folder)
+    return folder
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    file = folder / "xs031.hydraulics.yaml"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    return file
+
+
+def users_of_robots(robot: object, tmp_path: Path) -> list[subprocess.CompletedProcess[str]]:
+    """Every command that takes a robot, each given the same one."""
+    bag = tmp_path / "no_bag"
+    return [
+        run("hydro_ident", "identify", bag, "--robot", robot, "--out", tmp_path / "out"),
+        run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out"),
+        run("hydro_hw_bridge", "sim_rig", "--robot", robot, "--can", BUS),
+        run("hydro_hw_bridge", "can_bridge", "--ros-args", "-p", f"robot:={robot}"),
+        run("hydro_control", "controller", "--ros-args", "-p", f"robot:={robot}"),
+    ]
+
+
+@pytest.mark.ros
+def test_missing_robot_file(tmp_path: Path) -> None:
+    for result in users_of_robots(tmp_path / "nobody.yaml", tmp_path):
+        assert_refused(result, "nobody.yaml", "xs031")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.ros
+def test_malformed_robot_file(robot_folder: Path, tmp_path: Path) -> None:
+    robot = edited(robot_folder, "bore_m: 0.080", "bore_m: eighty")
+    for result in users_of_robots(robot, tmp_path):
+        assert_refused(result, "xs031.hydraulics.yaml", "bore_m", "a number", "eighty")
+
+
+def test_unknown_joint_name(robot_folder: Path, tmp_path: Path) -> None:
+    robot = edited(robot_folder, "joint: tilt", "joint: wrist")
+    result = run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
+    assert_refused(result, "wrist", "lift, tilt")
+
+
+def test_valve_on_a_cylinder_that_is_not_there(robot_folder: Path, tmp_path: Path) -> None:
+    robot = edited(robot_folder, "cylinder: tilt_cylinder, rated", "cylinder: bucket, rated")
+    result = run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
+    assert_refused(result, "bucket", "lift_cylinder, tilt_cylinder")
+
+
+def test_mapping_with_a_valve_that_is_not_there(tmp_path: Path) -> None:
+    shipped = ROOT / "hydro_msgs_docs/can"
+    shutil.copy(shipped / "xs031.dbc", tmp_path)
+    mapping = tmp_path / "xs031.mapping.yaml"
+    text = (shipped / "xs031.mapping.yaml").read_text()
+    assert "tilt_valve" in text
+    mapping.write_text(text.replace("tilt_valve", "bucket_valve"))
+    result = run("hydro_hw_bridge", "sim_rig", "--can", BUS, "--mapping", mapping)
+    assert_refused(result, "bucket_valve", "tilt_valve")
+
+
+def test_absent_can_interface() -> None:
+    assert_refused(run("hydro_hw_bridge", "sim_rig", "--can", "hydrocan7"), "hydrocan7")
+
+
+@pytest.mark.ros
+def test_bridge_on_an_absent_can_interface() -> None:
+    result = run("hydro_hw_bridge", "can_bridge", "--ros-args", "-p", "can:=hydrocan7")
+    assert_refused(result, "hydrocan7")
+
+
+@pytest.mark.parametrize("command", ["inspect", "tracking", "player"])
+def test_no_bag_there(command: str, tmp_path: Path) -> None:
+    assert_refused(run("hydro_ident", command, tmp_path / "nothing"), "nothing")
+
+
+@pytest.mark.parametrize("command", ["inspect", "tracking", "player", "identify"])
+def test_directory_that_is_no_bag(command: str, tmp_path: Path) -> None:
+    (tmp_path / "holiday").mkdir()
+    (tmp_path / "holiday" / "photo.txt").write_text("sea")
+    more = ["--robot", "xs031", "--out", tmp_path / "out"] if command == "identify" else []
+    assert_refused(run("hydro_ident", command, tmp_path / "holiday", *more), "holiday")
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_of_before_stay(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "result.json").write_text("{}")
+    result = run(
+        "hydro_ident", "identify", tmp_path / "nothing", "--robot", "xs031", "--out", out
+    )
+    assert_refused(result, "nothing")
+    assert (out / "result.json").read_text() == "{}"
+    assert [p.name for p in out.iterdir()] == ["result.json"]
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "word"),
+    [
+        ("bringup.sh", [], "--can"),
+        ("bringup.sh", ["--sim", "--can", "can0"], "exclude"),
+        ("bringup.sh", ["--robot"], "needs a value"),
+        ("record.sh", [], "NAME"),
+        ("replay.sh", ["no/such/bag"], "no/such/bag"),
+        ("identify.sh", ["--robot", "xs031"], "BAG"),
+        ("demo.sh", ["--fast"], "--fast"),
+        ("rig_run.sh", ["--name", "x"], "--path"),
+    ],
+)
+def test_scripts_refuse(script: str, arguments: list[str], word: str) -> None:
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts" / script), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert_refused(result, word)
+
+
+@pytest.mark.parametrize(
+    "script", ["bringup", "record", "replay", "identify", "demo", "rig_run", "setup", "test"]
+)
+def test_scripts_explain_themselves(script: str) -> None:
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts" / f"{script}.sh"), "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert result.returncode == 0
+    assert len(result.stdout.splitlines()) >= 2
+    assert not result.stdout.startswith("#")

@@ -1,0 +1,148 @@
+"""The whole chain as processes over CAN and DDS: rig, bridge, recorder, controller."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydro_hw_bridge.rig.truth_log import TruthRecord, read_truth_log
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recording import RECORDING_TOPICS, recording_of
+from hydro_ident.commands.tracking import tracking_of
+from hydro_model.robot_files import load_robot
+
+pytestmark = pytest.mark.ros
+ROOT = Path(__file__).parents[1]
+PATH = """\
+frame: base_link
+tip_link: tip_link
+corners_m: [[2.0, 0.0, -1.2], [2.15, 0.0, -1.2]]
+durations_s: [1.0]
+"""
+
+
+def start(folder: Path, name: str, *options: str) -> subprocess.Popen[str]:
+    (folder / "path.yaml").write_text(PATH)
+    environment = {**os.environ, "ROS_DOMAIN_ID": "62"}
+    return subprocess.Popen(
+        ["bash", str(ROOT / "scripts/rig_run.sh"), "--name", name, "--out", str(folder)]
+        + ["--path", str(folder / "path.yaml"), *options],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def finish(process: subprocess.Popen[str], timeout_s: float = 240.0) -> str:
+    _, error = process.communicate(timeout=timeout_s)
+    assert process.returncode == 0, error
+    return error
+
+
+@contextmanager
+def busy(loops: int) -> Iterator[None]:
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+@pytest.fixture(scope="module")
+def idle_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("idle")
+    finish(start(folder, "idle"))
+    return folder
+
+
+def bag_of(folder: Path, name: str) -> Path:
+    (bag,) = (folder / "bags").glob(f"*_{name}")
+    return bag
+
+
+def truth_of(folder: Path, name: str) -> TruthRecord:
+    return read_truth_log(folder / "truth" / f"{name}.npz")
+
+
+def test_the_bag_holds_every_cycle_of_the_run(idle_run: Path) -> None:
+    robot = load_robot("xs031")
+    recording = recording_of(read_bag(bag_of(idle_run, "idle"), RECORDING_TOPICS), robot)
+    truth = truth_of(idle_run, "idle")
+    assert len(recording) == len(truth.rows)
+    assert not recording.gaps
+    assert np.array_equal(np.unique(np.diff(recording.stamp_ns)), [2_000_000])
+    # Encoders of 2^20 counts and half a count of noise, read back through frames and messages.
+    step = 2.0 * np.pi / 2**20
+    assert np.abs(recording.q - truth.columns("position")).max() < 6.0 * step
+    # What the bridge says it applied reaches the amplifiers one cycle later, to the wire's step.
+    applied = truth.columns("voltage")
+    assert recording.valve_v is not None
+    assert np.allclose(recording.valve_v[:-2], applied[2:], atol=1e-3)
+
+
+def test_the_tip_follows(idle_run: Path) -> None:
+    rows = tracking_of(
+        read_bag(bag_of(idle_run, "idle"), RECORDING_TOPICS),
+        load_robot("xs031"),
+        idle_run / "truth/idle.npz",
+    )
+    # A datasheet model on a machine that is 20 % another one: follows, by no means exactly.
+    assert rows["truth"].max_error_mm < 60.0
+    assert rows["truth"].rmse_mm == pytest.approx(rows["encoders"].rmse_mm, abs=0.1)
+
+
+def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
+    idle_run: Path, tmp_path: Path
+) -> None:
+    with busy(4):
+        finish(start(tmp_path, "busy"))
+    idle, loaded = truth_of(idle_run, "idle"), truth_of(tmp_path, "busy")
+    assert idle.names == loaded.names
+    assert idle.rows.tobytes() == loaded.rows.tobytes()
+    robot = load_robot("xs031")
+    first = recording_of(read_bag(bag_of(idle_run, "idle"), RECORDING_TOPICS), robot)
+    second = recording_of(read_bag(bag_of(tmp_path, "busy"), RECORDING_TOPICS), robot)
+    for name in ("q", "p_a", "p_b", "valve_v", "tip_ref"):
+        assert np.array_equal(getattr(first, name), getattr(second, name)), name
+
+
+def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(tmp_path: Path) -> None:
+    process = start(tmp_path, "stopped", "--real-time")
+    log = tmp_path / "logs/stopped.bridge.log"
+    deadline = time.monotonic() + 60.0
+    while not (log.exists() and "driving" in log.read_text()):
+        assert time.monotonic() < deadline, log.read_text() if log.exists() else "no log"
+        assert process.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=60)
+    assert process.returncode == 143
+    assert _processes_with(str(tmp_path)) == []
+    truth = truth_of(tmp_path, "stopped")
+    voltage, enabled = truth.columns("voltage"), truth.column("enabled")
+    assert enabled.max() == 1.0
+    assert enabled[-1] == 0.0
+    assert np.all(voltage[-1] == 0.0)
+
+
+def _processes_with(text: str) -> list[str]:
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+        except OSError:
+            continue  # it ended meanwhile
+        if text in command and "pytest" not in command:
+            found.append(command)
+    return found
