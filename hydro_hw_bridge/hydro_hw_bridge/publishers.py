@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from array import array
 from collections.abc import Mapping
 from typing import Any
@@ -84,6 +85,8 @@ class BridgePublishers:
             else self._publisher(Temperature, OIL_TEMPERATURE)
         )
         self._velocity = VelocityDisplay(len(names), period_s)
+        # Both threads of the bridge state what the valves got; they share the one message.
+        self._stating = threading.Lock()
 
     def _publisher(self, kind: Any, topic: str) -> Any:
         return self._node.create_publisher(
@@ -142,11 +145,12 @@ class BridgePublishers:
     def publish_valve_state(self, state: ValveState) -> None:
         """Publish what the valves got in a cycle."""
         publisher, message = self._valves
-        set_stamp(message, state.stamp_ns)
-        message.effort = array("d", state.voltages)
-        if self._has_spools:
-            message.position = array("d", state.spools)
-        publisher.publish(message)
+        with self._stating:
+            set_stamp(message, state.stamp_ns)
+            message.effort = array("d", state.voltages)
+            if self._has_spools:
+                message.position = array("d", state.spools)
+            publisher.publish(message)
 
     def destroy(self) -> None:
         """Take the publishers off the graph."""

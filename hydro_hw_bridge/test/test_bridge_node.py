@@ -146,6 +146,7 @@ class Ros:
         self.command.publish(joint_state(stamp_ns, NAMES, effort=list(voltages)))
 
     def diagnosis(self) -> dict[str, str]:
+        self.until(lambda: self.heard["/diagnostics"])
         status = self.heard["/diagnostics"][-1].status[0]
         return {v.key: v.value for v in status.values} | {"message": status.message}
 
@@ -192,8 +193,9 @@ class Processes:
 
     def close(self) -> None:
         for process in self.started:
-            process.kill()
-            process.communicate()
+            process.terminate()
+        for process in self.started:
+            process.communicate(timeout=10)
         print(self.log.read_text(encoding="utf-8"))  # pytest shows it where the test failed
 
 

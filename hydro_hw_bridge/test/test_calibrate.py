@@ -67,7 +67,7 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     wait_for(codec)
 
     with open_bus(CAN, codec.device_ids) as bus:
-        taken = {}
+        taken: dict[str, bytes] = {}
         while len(taken) < len(codec.device_ids):
             message = bus.receive(5.0)
             frame = None if message is None else codec.receive(message)
