@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
 from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).parents[1]
@@ -128,9 +129,7 @@ def test_results_of_before_stay(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "result.json").write_text("{}")
-    result = run(
-        "hydro_ident", "identify", tmp_path / "nothing", "--robot", "xs031", "--out", out
-    )
+    result = run("hydro_ident", "identify", tmp_path / "nothing", "--robot", "xs031", "--out", out)
     assert_refused(result, "nothing")
     assert (out / "result.json").read_text() == "{}"
     assert [p.name for p in out.iterdir()] == ["result.json"]

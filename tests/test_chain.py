@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from hydro_hw_bridge.rig.truth_log import TruthRecord, read_truth_log
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import RECORDING_TOPICS, recording_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.cylinder import lever
-from hydro_model.robot import Cylinder, Joint, Robot, Valve
 
 from hydro_control.errors import ControlError
+from hydro_model.cylinder import lever
+from hydro_model.robot import Cylinder, Joint, Robot, Valve
 
 #: A lever arm shorter than this cannot hold its link.
 SHORTEST_LEVER_M = 0.005

@@ -8,9 +8,6 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from hydro_model.paths import load_path
-from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
@@ -22,7 +19,10 @@ from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
 from hydro_control.hot_path import HotPath
 from hydro_control.trajectory import Waypoint
+from hydro_model.paths import load_path
+from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
 
 _DIAGNOSTICS_S = 1.0
 _LOOK_S = 0.1

@@ -11,11 +11,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_position
-from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import check_path
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
@@ -23,6 +18,11 @@ from hydro_control.law import ControlLaw, Output
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
 from hydro_control.trajectory import Waypoint
+from hydro_model.errors import RobotError
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.paths_check import check_path
+from hydro_model.robot import FloatArray, Robot
 
 _SECOND_NS = 1_000_000_000
 

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
-from hydro_model.robot import FloatArray
-from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.messages import joint_state, set_stamp
 from rclpy.duration import Duration
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
 from hydro_control.core import Answer, ControllerCore
 from hydro_control.sample_join import SampleJoin
+from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
+from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.messages import joint_state, set_stamp
 
 #: Longest sleep without a message, after which the loop looks whether it should end.
 _IDLE_S = 0.1

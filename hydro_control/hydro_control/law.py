@@ -12,16 +12,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.cylinder import lever, piston_force, stroke
-from hydro_model.rigid_body import required_torque
-from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import valve_signal
 
 from hydro_control.axes import Axis, axes_of
 from hydro_control.errors import ControlError
 from hydro_control.filters import Ewma, FilteredDifference
 from hydro_control.gains import Gains
 from hydro_control.required_motion import Reference, required_motion
+from hydro_model.cylinder import lever, piston_force, stroke
+from hydro_model.rigid_body import required_torque
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.valve import valve_signal
 
 #: Share of the stroke kept from either end, so that eq. 23 stays finite at the end stops.
 STROKE_MARGIN = 0.01

@@ -9,9 +9,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
-
 from hydro_control.errors import ControlError
+from hydro_model.command import run_command
 
 if TYPE_CHECKING:
     from hydro_control.controller_node import ControllerNode
@@ -85,8 +84,9 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def _start_ros(rclpy: Any, arguments: Sequence[str], signals: Any) -> None:
-    from hydro_model.robot_files import read_yaml
     from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+
+    from hydro_model.robot_files import read_yaml
 
     # Checked here first, as rcl says less and in more lines.
     for flag, file in pairwise(arguments):

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+
+from hydro_control.errors import ControlError
+from hydro_control.required_motion import Reference
+from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath
 from hydro_model.paths_check import check_path, joints_at_tip
 from hydro_model.paths_segments import Hold, Quintic, Segment
 from hydro_model.robot import FloatArray, Robot
-
-from hydro_control.errors import ControlError
-from hydro_control.required_motion import Reference
-from hydro_control.trajectory import Waypoint, segments_through
 
 #: A path may start this far from where the robot stands, and is then approached at this speed.
 APPROACH_LIMIT = {"tip": 0.3, "joint": 0.3}

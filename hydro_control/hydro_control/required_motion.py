@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray, Robot
 

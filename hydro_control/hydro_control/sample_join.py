@@ -6,10 +6,10 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
-from hydro_msgs_docs.messages import by_name, stamp_ns
 
 from hydro_control.core import Sample
+from hydro_model.robot import FloatArray, Robot
+from hydro_msgs_docs.messages import by_name, stamp_ns
 
 #: Messages kept per topic while their partners are on the way.
 _KEPT = 8

@@ -8,9 +8,8 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from hydro_model.command import run_command
-
 from hydro_control.errors import ControlError
+from hydro_model.command import run_command
 
 NAME = "send_path"
 

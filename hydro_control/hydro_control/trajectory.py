@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+
+from hydro_control.errors import ControlError
 from hydro_model.paths import Path
 from hydro_model.paths_segments import Quintic, Segment
 from hydro_model.robot import FloatArray
-
-from hydro_control.errors import ControlError
 
 #: Spacing of waypoints where a segment is no polynomial: a quintic through exact position,
 #: velocity and acceleration every 50 ms follows a 3 Hz chirp to 1e-5 of its amplitude.

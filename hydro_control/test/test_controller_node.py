@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.messages import joint_state, stamp_ns
-
 from hydro_msgs_docs import topics
+from hydro_msgs_docs.messages import joint_state, stamp_ns
 
 rclpy = pytest.importorskip("rclpy")
 from hydro_control.hot_path import HotPath  # noqa: E402

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hydro_control.filters import Ewma, FilteredDifference, alpha_for, time_constant_s
 from scipy.signal import lfilter
+
+from hydro_control.filters import Ewma, FilteredDifference, alpha_for, time_constant_s
 
 DT = 0.002
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+
+from hydro_control import parameters
 from hydro_control.gains import Gains
 from hydro_control.sample_join import SampleJoin
 from hydro_model.robot_files import load_robot
-
-from hydro_control import parameters
 
 ROBOT = load_robot("xs031")
 

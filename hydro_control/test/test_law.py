@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw, Output

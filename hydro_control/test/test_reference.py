@@ -6,6 +6,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+
 from hydro_control.errors import ControlError
 from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint, segments_through, waypoints_of

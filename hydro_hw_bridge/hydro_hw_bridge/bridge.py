@@ -9,12 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hydro_model.errors import HydroError
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.messages import stamp_ns
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
@@ -32,6 +26,12 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.gate import GateLimits
 from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
 from hydro_hw_bridge.publishers import BridgePublishers
+from hydro_model.errors import HydroError
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.messages import stamp_ns
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
 NAME = "can_bridge"

@@ -8,9 +8,8 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hydro_model.command import run_command
-
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.command import run_command
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.bridge import CanBridge

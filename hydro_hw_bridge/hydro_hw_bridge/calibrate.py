@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
 
-from hydro_hw_bridge.errors import BridgeError
-
 if TYPE_CHECKING:
-    from hydro_model.robot import Robot
-
     from hydro_hw_bridge.calibration import Calibration
     from hydro_hw_bridge.calibration_session import Session
+    from hydro_model.robot import Robot
 
 NAME = "calibrate"
 DEFAULT_BUS = "udp_multicast:239.74.163.2:43113"
@@ -74,11 +72,10 @@ def _main(arguments: Sequence[str]) -> int:
         )
     if not options.out.is_dir():
         raise BridgeError(f"--out should be a folder, found '{options.out}'")
-    from hydro_model.robot_files import load_robot
-
     from hydro_hw_bridge.bus import open_bus, quiet_python_can
     from hydro_hw_bridge.calibration_session import Session
     from hydro_hw_bridge.codec import Codec
+    from hydro_model.robot_files import load_robot
 
     signal.signal(signal.SIGTERM, _interrupt)
     quiet_python_can()

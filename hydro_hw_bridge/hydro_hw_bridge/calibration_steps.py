@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from itertools import islice
 
 import numpy as np
-from hydro_model.cylinder import stroke
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_hw_bridge.calibration_session import Session
 from hydro_hw_bridge.codec import Readings
 from hydro_hw_bridge.errors import CalibrationError
+from hydro_model.cylinder import stroke
+from hydro_model.robot import FloatArray, Robot
 
 #: Cycles to average: 0.5 s at 500 Hz.
 AVERAGED_CYCLES = 250

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import can
-from hydro_model.robot import Robot
 
 from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
 from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.layout import Binding, FrameLayout, Layout, load_layout
 from hydro_hw_bridge.mapping import STATUS_NAMES, BusMapping, load_mapping
+from hydro_model.robot import Robot
 
 COUNTER_BITS = 32
 

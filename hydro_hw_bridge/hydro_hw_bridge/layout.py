@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hydro_model.robot import Robot
-
 from hydro_hw_bridge.e2e import PROTECTED_BITS
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.mapping import BusMapping, Channel
 from hydro_hw_bridge.signals import RawSignal, raw_signal
+from hydro_model.robot import Robot
 
 MAX_DBC_BYTES = 4_000_000
 CLAIM_RATE_HZ = 10.0

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hydro_hw_bridge.e2e import IDENTIFIERS
+from hydro_hw_bridge.errors import BridgeError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_model.robot import Robot
 from hydro_model.robot_files import read_yaml
-
-from hydro_hw_bridge.e2e import IDENTIFIERS
-from hydro_hw_bridge.errors import BridgeError
 
 SCHEMA = "hydro_hw_bridge/mapping/1"
 ROLES = ("sync", "cycle", "command", "claim")

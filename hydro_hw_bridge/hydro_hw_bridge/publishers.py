@@ -7,13 +7,13 @@ from array import array
 from collections.abc import Mapping
 from typing import Any
 
-from hydro_msgs_docs.messages import set_stamp
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
 
 from hydro_hw_bridge.bridge_core import Sample, ValveState
 from hydro_hw_bridge.codec import Codec
+from hydro_msgs_docs.messages import set_stamp
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_STATES,

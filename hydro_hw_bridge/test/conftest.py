@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from hydro_hw_bridge.codec import Codec, Readings, Status
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.codec import Codec, Frame, Readings
 

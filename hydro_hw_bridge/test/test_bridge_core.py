@@ -8,6 +8,7 @@ from typing import Any
 
 import can
 import pytest
+
 from hydro_hw_bridge.bridge_core import NOTHING, BridgeCore, Step
 from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
 from hydro_hw_bridge.gate import GateLimits, GateState

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from hydro_hw_bridge.bus import Bus, open_bus
 from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
 from hydro_hw_bridge.parameters import PARAMETERS, parameter_table

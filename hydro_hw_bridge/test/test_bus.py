@@ -11,6 +11,7 @@ from typing import Any
 
 import can
 import pytest
+
 from hydro_hw_bridge.bus import Bus, BusName, open_bus, parse_bus
 from hydro_hw_bridge.errors import BridgeError
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from hydro_hw_bridge.bus import open_bus
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim

@@ -9,13 +9,14 @@ from pathlib import Path
 import can
 import cantools
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
 from hydro_hw_bridge.codec import Codec, Readings, Status
 from hydro_hw_bridge.layout import load_layout
 from hydro_hw_bridge.signals import raw_signal
 from hydro_model.robot import Robot
-from hypothesis import given
-from hypothesis import strategies as st
 
 Make = Callable[..., Readings]
 

@@ -6,10 +6,11 @@ import can
 import cantools
 import pytest
 from cantools.autosar.end_to_end import compute_profile2_crc
-from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
 from hypothesis import given
 from hypothesis import strategies as st
+
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
 
 
 def crc8_2f(data: bytes) -> int:

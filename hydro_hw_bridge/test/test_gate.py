@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome, Output
 
 NAMES = ("lift_valve", "tilt_valve")

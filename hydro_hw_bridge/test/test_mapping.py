@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
+
 from hydro_hw_bridge.calibration import (
     Calibration,
     calibrated_mapping,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.amplifier import Amplifier
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.core import Inputs, RigCore
 from hydro_hw_bridge.rig.truth import Truth

@@ -11,6 +11,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
+
 from hydro_hw_bridge.bus import Bus, open_bus
 from hydro_hw_bridge.codec import Codec, Readings
 from hydro_hw_bridge.errors import BridgeError

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip, tip_frame
 from hydro_hw_bridge.rig.truth import Truth

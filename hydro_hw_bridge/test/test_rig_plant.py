@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig import kernel
 from hydro_hw_bridge.rig.plant import Plant

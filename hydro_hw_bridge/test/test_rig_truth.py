@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip

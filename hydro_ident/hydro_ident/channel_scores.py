@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_ident.estimate.chambers import (
     INVERSE_BULK,
@@ -22,6 +21,7 @@ from hydro_ident.estimate.noise import flow_noise, force_noise
 from hydro_ident.estimate.scores import ChannelScore, HoldOut, score
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.parameters import listed_value
+from hydro_model.robot import FloatArray, Robot
 
 
 def force_scores(

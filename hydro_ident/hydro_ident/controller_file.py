@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import yaml
+
 from hydro_control.gains import Gains
 
 NODE = "controller"

@@ -15,6 +15,8 @@ from typing import Any, cast
 
 import numpy as np
 import yaml
+
+from hydro_ident.errors import IdentError
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever
 from hydro_model.errors import RobotError
@@ -22,8 +24,6 @@ from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.paths_check import PathCheck, check_path, joint_motion, joints_at_tip
 from hydro_model.rigid_body import mass_matrix, regressor
 from hydro_model.robot import FloatArray, Robot
-
-from hydro_ident.errors import IdentError
 
 #: Shares of the run's duration.
 _STATIC, _RAMPS, _LADDER, _FOURIER, _CHIRPS = 0.17, 0.07, 0.25, 0.27, 0.10

@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import Robot
 from numpy.typing import NDArray
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recording import Recording
+from hydro_model.robot import Robot
 
 FloatArray = NDArray[np.float64]
 

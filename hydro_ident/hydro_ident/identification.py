@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from hydro_model.robot import Robot
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.channel_scores import flow_scores, force_scores
@@ -32,6 +31,7 @@ from hydro_ident.estimate.scores import ChannelScore, HoldOut
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_ident.identified_robot import identified_robot
 from hydro_ident.parameters import Parameter, parameter_list
+from hydro_model.robot import Robot
 
 #: Gauss-Newton passes of listed null biases, and the step at which they end.
 _BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7

@@ -7,9 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
-
 from hydro_ident.errors import IdentError, NotEnoughDataError
+from hydro_model.command import run_command
 
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification
@@ -71,11 +70,10 @@ def _publisher(node: Any) -> Any:
 
 
 def _identified_message(node: Any) -> Any:
-    from hydro_model.robot_files import load_robot
-    from hydro_msgs_docs.messages import joint_state
-
     from hydro_ident.bag.recording import read_recording
     from hydro_ident.identification import NOT_ENOUGH, identify
+    from hydro_model.robot_files import load_robot
+    from hydro_msgs_docs.messages import joint_state
 
     bags, name = _parameters(node)
     robot = load_robot(name)

@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+
+from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.parameters import Parameter, parameter_list
 from hydro_model.robot import (
     STANDARD_PARAMETERS,
     BaseParameter,
@@ -14,10 +18,6 @@ from hydro_model.robot import (
     Robot,
     Valve,
 )
-
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.parameters import Parameter, parameter_list
 
 
 def identified_robot(

@@ -7,9 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from hydro_model.errors import RobotError
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import channels_of
@@ -18,6 +15,9 @@ from hydro_ident.bag.reader import Bag, log_span_ns
 from hydro_ident.bag.recording import Recording, recording_of
 from hydro_ident.errors import BagError
 from hydro_ident.health import Finding, find_irregularities, pressure_columns
+from hydro_model.errors import RobotError
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
 
 FloatArray = NDArray[np.float64]
 

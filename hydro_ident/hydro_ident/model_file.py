@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from hydro_model.robot import Cylinder, CylinderPart, Robot, Valve
-from hydro_model.robot_files import MODEL_SCHEMA
 
 from hydro_ident.errors import IdentError
+from hydro_model.robot import Cylinder, CylinderPart, Robot, Valve
+from hydro_model.robot_files import MODEL_SCHEMA
 
 _HEADER = (
     "# Written by hydro_ident. SI units; pressures are gauge unless a key says absolute.\n"

@@ -6,12 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
-
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import OVER_BULK
+from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
 #: Half width of a 95 % interval in standard deviations of a normal distribution.
 NORMAL_95 = 1.959963984540054

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_ident.bag.writer import BagWriter
 from hydro_model.robot import Robot

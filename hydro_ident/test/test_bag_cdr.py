@@ -6,6 +6,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
 from hydro_ident.bag.cdr import (
     FIELDS,
     FLUID_PRESSURE,
@@ -16,9 +20,6 @@ from hydro_ident.bag.cdr import (
     encode,
     layout_of,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 NAMES = st.lists(st.text("abcä_/", max_size=9), max_size=7, unique=True).map(tuple)

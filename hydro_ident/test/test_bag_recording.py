@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE
 from hydro_ident.bag.grid import contiguous, find_gaps, latched_cycles, runs
 from hydro_ident.bag.recording import read_recording

@@ -7,6 +7,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
 from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE
 from hydro_ident.bag.definitions import (
     TYPE_HASHES,
@@ -18,12 +24,6 @@ from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter, bag_directory
 from hydro_ident.errors import BagError
-from mcap.reader import make_reader
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
 from hydro_msgs_docs.topics import MESSAGE_TYPES
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import butter, freqz
+
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
@@ -13,7 +15,6 @@ from hydro_ident.estimate.derivatives import (
     motion,
     parallel_filter,
 )
-from scipy.signal import butter, freqz
 
 H = 0.002
 TIME = np.arange(5000) * H

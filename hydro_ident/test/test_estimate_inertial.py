@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from hydro_ident.estimate.derivatives import FilterSettings, kept_samples
 from hydro_ident.estimate.inertial import (
     Motion,

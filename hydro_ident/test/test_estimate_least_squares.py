@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.least_squares import (
     Rows,
@@ -11,7 +13,6 @@ from hydro_ident.estimate.least_squares import (
     integrated_correlation,
     weighted_least_squares,
 )
-from scipy.signal import lfilter
 
 THETA = np.array([2.0e3, -3.0e-7])
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from hydro_ident.commands.excite import main, run
 from hydro_ident.errors import IdentError
 from hydro_ident.experiment import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
 from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
 from hydro_ident.estimate.traces import Trace

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import inverse_dynamics

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+
 from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import main, run, write_results
 from hydro_ident.errors import IdentError

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
 from hydro_ident.commands.inspect import main

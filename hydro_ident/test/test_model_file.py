@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+
 from hydro_ident.controller_file import controller_text
 from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction

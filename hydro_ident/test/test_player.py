@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hydro_ident.bag.player import chosen_channels, main
+
 from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.bag.player import chosen_channels, main
 from hydro_ident.errors import BagError
 
 DOMAIN = 46
@@ -53,9 +54,9 @@ def _play(path: Path, *arguments: str) -> subprocess.Popen[str]:
 @pytest.mark.ros
 def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) -> None:
     from geometry_msgs.msg import PointStamped
-    from hydro_msgs_docs.hot_loop import HotSubscription
     from sensor_msgs.msg import JointState
 
+    from hydro_msgs_docs.hot_loop import HotSubscription
     from hydro_msgs_docs.topics import RECORDER_DEPTH, reliable
 
     path = write_bag(run_columns(N))
@@ -90,12 +91,12 @@ def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) 
 
 @pytest.mark.ros
 def test_latched_topics_reach_who_comes_later(node, tmp_path) -> None:
+    from sensor_msgs.msg import JointState
+
     from hydro_ident.bag.cdr import JOINT_STATE
     from hydro_ident.bag.metadata import OfferedQos
     from hydro_ident.bag.writer import BagWriter
     from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-    from sensor_msgs.msg import JointState
-
     from hydro_msgs_docs.topics import latched
 
     with BagWriter(tmp_path / "bag") as writer:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recorder import main, wanted_topics
@@ -118,9 +119,9 @@ def _only_bag(folder: Path) -> Path:
 
 @pytest.mark.ros
 def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
-    from hydro_msgs_docs.messages import joint_state
     from sensor_msgs.msg import JointState
 
+    from hydro_msgs_docs.messages import joint_state
     from hydro_msgs_docs.topics import latched
 
     base = node.create_publisher(JointState, "/base_parameters", latched())
@@ -141,9 +142,7 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
     for topic in CYCLE_TOPICS:
         series = bag.series[topic]
         run = series.stamp_ns > 0
-        np.testing.assert_array_equal(
-            series.stamp_ns[run], START_NS + 2_000_000 * np.arange(1000)
-        )
+        np.testing.assert_array_equal(series.stamp_ns[run], START_NS + 2_000_000 * np.arange(1000))
         np.testing.assert_array_equal(series.fields["position"][run, 1], -np.arange(1000.0))
         assert (np.diff(series.log_ns) >= 0).all()
     assert bag.series["/base_parameters"].fields["effort"].tolist() == [[1.5]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from xml.etree import ElementTree
 
 import numpy as np
+
 from hydro_ident.report.svg import HEIGHT, WIDTH, Line, line_plot
 
 

@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
+
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
 from hydro_ident.bag.writer import BagWriter
@@ -14,7 +16,6 @@ from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.metrics import moving_span, speed_m_s, tracking
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
-from rosbags.typesys import Stores, get_typestore
 
 PERIOD_NS = 2_000_000
 START_NS = 1_700_000_000_000_000_000

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from hydro_model.errors import HydroError
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
+from hydro_model.errors import HydroError
 from hydro_msgs_docs.topics import DIAGNOSTICS, reliable
 
 OK, WARN, ERROR, STALE = (

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from hydro_model.robot import FloatArray
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot import FloatArray
 
 #: Device time without a valid frame after which the amplifiers switch off.
 WATCHDOG_S = 0.050

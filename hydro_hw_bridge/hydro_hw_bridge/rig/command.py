@@ -10,9 +10,8 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
-
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.command import run_command
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.rig.core import RigCore
@@ -138,10 +137,9 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _core(options: Any) -> RigCore:
-    from hydro_model.robot_files import load_robot
-
     from hydro_hw_bridge.rig.core import Inputs, RigCore
     from hydro_hw_bridge.rig.truth_files import load_truth
+    from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
     off = {INPUTS[name]: False for name in options.off}

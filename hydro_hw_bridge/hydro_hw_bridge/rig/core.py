@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.amplifier import Amplifier
@@ -14,6 +13,7 @@ from hydro_hw_bridge.rig.instruments import Instruments, Measurement
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip
 from hydro_hw_bridge.rig.truth import Truth
+from hydro_model.robot import FloatArray, Robot
 
 COUNTER_SPAN = 1 << 32
 

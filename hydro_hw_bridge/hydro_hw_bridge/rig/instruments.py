@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_hw_bridge.rig.plant import Plant
+from hydro_model.robot import FloatArray, Robot
 
 SPOOL_RESOLUTION = 1.0e-4
 STROKE_RESOLUTION_M = 1.0e-6

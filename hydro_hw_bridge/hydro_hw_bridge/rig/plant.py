@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 from numpy.typing import NDArray
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig import kernel
 from hydro_hw_bridge.rig.truth import CylinderTruth, Truth, ValveTruth
+from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 
 Records = NDArray[Any]
 

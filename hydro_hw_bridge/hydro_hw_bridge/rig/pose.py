@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot import FloatArray, Robot
 
 TOLERANCE_M = 1.0e-10
 STARTS_PER_JOINT = (0.5, 0.2, 0.8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from hydro_model.robot import Cylinder, CylinderPart, FloatArray, Robot, Valve
 
 from hydro_hw_bridge.rig.truth import (
     CylinderTruth,
@@ -16,6 +15,7 @@ from hydro_hw_bridge.rig.truth import (
     check_physical,
     links_of,
 )
+from hydro_model.robot import Cylinder, CylinderPart, FloatArray, Robot, Valve
 
 #: Factors by which inertia misses the datasheet, either way.
 INERTIA_ERROR = (0.10, 0.30)

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from hydro_model.robot import CylinderPart, FloatArray, Robot
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot import CylinderPart, FloatArray, Robot
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from hydro_model.fields import Fields
-from hydro_model.robot import CylinderPart, Robot
-from hydro_model.robot_files import read_yaml
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.random_truth import random_truth
@@ -26,6 +23,9 @@ from hydro_hw_bridge.rig.truth import (
     ValveTruth,
     check_physical,
 )
+from hydro_model.fields import Fields
+from hydro_model.robot import CylinderPart, Robot
+from hydro_model.robot_files import read_yaml
 
 TRUTH_SCHEMA = "hydro_hw_bridge/truth/1"
 Record = TypeVar("Record", CylinderTruth, ValveTruth, FluidTruth, SupplyTruth, SensorTruth)

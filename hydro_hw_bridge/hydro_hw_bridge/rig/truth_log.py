@@ -16,9 +16,9 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from hydro_model.robot import FloatArray
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot import FloatArray
 
 ROWS_PER_WRITE = 250
 SCHEMA = "hydro_hw_bridge/truth_log/1"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import Cylinder, Robot
 
 from hydro_ident.bag.cdr import FloatArray
+from hydro_model.robot import Cylinder, Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
 

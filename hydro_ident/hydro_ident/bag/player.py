@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from hydro_model.command import run_command
 
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.playback import bag_channels, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
+from hydro_model.command import run_command
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 _LEAST_SLEEP_S = 0.0005

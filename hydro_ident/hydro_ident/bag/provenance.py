@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from hydro_model.robot import Robot
-
 from hydro_ident.errors import BagError
+from hydro_model.robot import Robot
 
 _MAX_ATTACHMENT_BYTES = 4_000_000
 

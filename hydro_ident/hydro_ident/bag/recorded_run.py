@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from hydro_model.robot import Robot
 from numpy.typing import NDArray
 
 from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.grid import Gap, contiguous, runs
+from hydro_model.robot import Robot
 
 BoolArray = NDArray[np.bool_]
 

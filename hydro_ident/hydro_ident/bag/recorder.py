@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hydro_model.command import run_command
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
-
 from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, message_class_of
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter, bag_directory
 from hydro_ident.errors import BagError, IdentError
+from hydro_model.command import run_command
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
     MESSAGE_TYPES,
@@ -203,8 +202,9 @@ class Recorder:
     """
 
     def __init__(self, writer: BagWriter, topics: Mapping[str, str]) -> None:
-        from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
         from rclpy.node import Node
+
+        from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 
         self._writer = writer
         self.lost: dict[str, int] = {}

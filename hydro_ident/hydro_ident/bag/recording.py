@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydro_model.robot import Robot
 
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
 from hydro_ident.bag.channels import find_losses
@@ -22,6 +21,7 @@ from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
+from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     DIAGNOSTICS,

@@ -38,12 +38,11 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hydro_model.robot_files import load_robot
-
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
     from hydro_ident.commands.output import write_json
     from hydro_ident.commands.tracking import tracking_of
+    from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
     rows = {}

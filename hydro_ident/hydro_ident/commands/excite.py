@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
-    from hydro_model.robot import FloatArray, Robot
-
     from hydro_ident.experiment import Design
+    from hydro_model.robot import FloatArray, Robot
 
 EXCITATION_FILE, VALIDATION_FILE = "excitation.yaml", "validation.yaml"
 
@@ -49,7 +48,6 @@ def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
     import numpy as np
-    from hydro_model.robot_files import load_robot
 
     from hydro_ident.errors import IdentError
     from hydro_ident.experiment import (
@@ -59,6 +57,7 @@ def run(arguments: Sequence[str]) -> int:
         start_pose,
     )
     from hydro_ident.results import write_together
+    from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
     if options.start_joints is not None:

@@ -51,11 +51,10 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hydro_model.robot_files import load_robot
-
     from hydro_ident.bag.recording import read_recording
     from hydro_ident.identification import NOT_ENOUGH, identify
     from hydro_ident.results import provenance
+    from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
     training = [read_recording(bag, robot) for bag in options.bags]

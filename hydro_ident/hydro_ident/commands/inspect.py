@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_model.command import run_command
-
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands.output import write_json
 from hydro_ident.inspection import Inspection, inspect_bag, robot_of
+from hydro_model.command import run_command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from hydro_model.command import run_command
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
 
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
@@ -19,6 +16,9 @@ from hydro_ident.commands.output import write_json
 from hydro_ident.errors import BagError
 from hydro_ident.inspection import robot_of
 from hydro_ident.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_model.command import run_command
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.topics import TIP_REFERENCE
 
 _DEFAULT_ROBOT = "xs031"
@@ -75,9 +75,8 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     NotEnoughDataError
         The reference or the tip never moves.
     """
-    from hydro_model.kinematics import tip_position
-
     from hydro_ident.truth_file import true_tip_m
+    from hydro_model.kinematics import tip_position
 
     recording = recording_of(bag, robot)
     reference = _reference(recording)

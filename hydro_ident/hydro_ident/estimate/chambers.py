@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from hydro_model.cylinder import chamber_volumes
-from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
-from hydro_model.valve import edge_flows
 
 from hydro_ident.estimate.least_squares import BoolArray, Rows
 from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import chamber_volumes
+from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
+from hydro_model.valve import edge_flows
 
 Side = Literal["a", "b"]
 

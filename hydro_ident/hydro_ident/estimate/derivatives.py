@@ -18,10 +18,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import FloatArray
 from numpy.typing import NDArray
 
 from hydro_ident.errors import IdentError
+from hydro_model.robot import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_ident.estimate.chambers import (
     INVERSE_BULK,
@@ -24,6 +23,7 @@ from hydro_ident.estimate.chambers import (
 )
 from hydro_ident.estimate.least_squares import Fit, Rows, weighted_least_squares
 from hydro_ident.estimate.traces import Trace
+from hydro_model.robot import FloatArray, Robot
 
 #: Effective bulk modulus of a hydraulic chamber: from a foaming reservoir to steel-piped oil.
 BULK_BOUNDS_PA = (1.0e7, 5.0e9)

@@ -12,10 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.base_parameters import BaseMap, base_map
-from hydro_model.cylinder import lever, piston_force
-from hydro_model.rigid_body import regressor
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
@@ -26,6 +22,10 @@ from hydro_ident.estimate.derivatives import (
 )
 from hydro_ident.estimate.least_squares import Fit, Rows, weighted_least_squares
 from hydro_ident.estimate.traces import Trace
+from hydro_model.base_parameters import BaseMap, base_map
+from hydro_model.cylinder import lever, piston_force
+from hydro_model.rigid_body import regressor
+from hydro_model.robot import FloatArray, Robot
 
 #: A parameter whose column resembles the others this much is not told apart from them.
 MAX_COLLINEARITY = 1.0e3

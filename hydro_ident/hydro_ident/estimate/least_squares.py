@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.robot import FloatArray
 from numpy.typing import NDArray
 
 from hydro_ident.errors import IdentError
+from hydro_model.robot import FloatArray
 
 BoolArray = NDArray[np.bool_]
 #: y, x with gaps set to zero, and what was measured.

@@ -9,6 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+
+from hydro_ident.estimate.chambers import Chamber
+from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.inertial import Motion
+from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import chamber_volumes, lever, piston_force
 from hydro_model.effects.catalogue import ActiveEffect, resolve
 from hydro_model.effects.effect import Stage
@@ -31,12 +37,6 @@ from hydro_model.signals import (
     VALVE_SIGNAL,
 )
 from hydro_model.valve import edge_flows
-from numpy.typing import NDArray
-
-from hydro_ident.estimate.chambers import Chamber
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
-from hydro_ident.estimate.inertial import Motion
-from hydro_ident.estimate.traces import Trace
 
 #: The one law on the valve signal that is fitted, by Gauss-Newton steps.
 NULL_BIAS = "valve_null_bias.bias"

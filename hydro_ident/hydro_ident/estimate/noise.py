@@ -6,9 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from hydro_model.cylinder import chamber_volumes, lever
-from hydro_model.rigid_body import mass_matrix
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_ident.estimate.chambers import Chamber, WindowSettings
 from hydro_ident.estimate.derivatives import (
@@ -18,6 +15,9 @@ from hydro_ident.estimate.derivatives import (
 )
 from hydro_ident.estimate.inertial import ForceModel
 from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.rigid_body import mass_matrix
+from hydro_model.robot import FloatArray, Robot
 
 
 def sensor_noise(samples: Sequence[FloatArray], resolution: float) -> float:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from hydro_model.robot import FloatArray
 
 from hydro_ident.estimate.least_squares import BoolArray, Rows
+from hydro_model.robot import FloatArray
 
 #: Rows this close to a held-out block take part in neither: the filters carry over (3 / 10 Hz).
 GUARD_S = 0.3

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from hydro_model.cylinder import stroke
-from hydro_model.robot import FloatArray, Robot
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recording import Recording
+from hydro_model.cylinder import stroke
+from hydro_model.robot import FloatArray, Robot
 
 
 @dataclass(frozen=True, slots=True)

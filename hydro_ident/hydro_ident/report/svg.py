@@ -9,6 +9,7 @@ from html import escape
 from itertools import pairwise
 
 import numpy as np
+
 from hydro_model.robot import FloatArray
 
 WIDTH, HEIGHT = 860, 240

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from hydro_control.core import ControllerCore, Sample
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_model.robot import FloatArray

@@ -20,20 +20,20 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+
 from hydro_control.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import random_truth
 from hydro_hw_bridge.rig.truth import Truth
+from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
+from hydro_ident.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_model.command import run_command
 from hydro_model.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_model.urdf import standard_parameters
-
-from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
-from hydro_ident.metrics import TRUTH_HALF_WIDTH, Tracking, tracking
-from hydro_ident.study.closed_loop import run_closed_loop
 
 #: Machines with force margin on the path: of the first six, 102 cannot hold its load there.
 DEFAULT_SEEDS = (101, 103, 104, 105, 106)

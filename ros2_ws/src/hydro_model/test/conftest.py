@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Joint, Robot, Valve
 from hydro_model.urdf import standard_parameters
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from hydro_model.base_parameters import BaseMap, base_map
 from hydro_model.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Joint, Robot
 from hydro_model.robot_files import load_robot
-from scipy.spatial.transform import Rotation
 
 MakeChain = Callable[..., Robot]
 CASES = [(seed, dof) for dof in range(1, 8) for seed in (0, 1, 2)]

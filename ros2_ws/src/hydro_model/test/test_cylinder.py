@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hydro_model import cylinder as geometry
 from hydro_model.errors import RobotError
 from hydro_model.robot import Cylinder
 from hydro_model.robot_files import load_robot
-from hypothesis import given
-from hypothesis import strategies as st
 
 ROBOT = load_robot("xs031")
 PAIRS = list(zip(ROBOT.joints, ROBOT.cylinders, strict=True))

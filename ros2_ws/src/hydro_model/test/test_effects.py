@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lti, step
+
 from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Effect, Stage, resolve
 from hydro_model.errors import RobotError
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
-from scipy.signal import lti, step
 
 FORCE_AND_FLOW = {
     "coulomb_friction", "stribeck_friction", "asymmetric_friction", "pressure_dependent_friction",

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio
 import pytest
+
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate, tip_position, tip_state
 from hydro_model.robot import Robot

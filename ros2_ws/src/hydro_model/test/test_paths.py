@@ -6,14 +6,15 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.paths_check import check_path, joint_motion, joints_at_tip
 from hydro_model.paths_segments import Quintic, smooth_step
 from hydro_model.robot_files import load_robot
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 ROBOT = load_robot("xs031")
 

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
+from scipy.integrate import solve_ivp
+
 from hydro_model import rigid_body, rigid_body_kernels, rigid_body_reference, spatial
 from hydro_model.chain_arrays import chain_arrays
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
-from scipy.integrate import solve_ivp
 
 MakeChain = Callable[..., Robot]
 CHAINS = [(seed, dof) for dof in range(1, 8) for seed in (0, 1, 2)]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+
 from hydro_model.base_parameters import base_map
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics

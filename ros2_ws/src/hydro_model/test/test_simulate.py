@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson, solve_ivp
+
 from hydro_model.cylinder import chamber_volumes, lever, stroke
 from hydro_model.effects import CATALOGUE
 from hydro_model.errors import RobotError, SimulationError
@@ -15,7 +17,6 @@ from hydro_model.robot_files import load_robot
 from hydro_model.simulate import Model, Rollout, equilibrium_pressures, simulate
 from hydro_model.simulate_reference import reference_rates
 from hydro_model.valve import edge_flows
-from scipy.integrate import cumulative_simpson, solve_ivp
 
 Q0 = np.array([0.8, -1.2])
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
+from scipy.signal import lti, step
+
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import CATALOGUE
 from hydro_model.robot import Robot
 from hydro_model.simulate import Model, Rollout, equilibrium_pressures, simulate
 from hydro_model.valve import edge_flows
-from scipy.integrate import cumulative_simpson
-from scipy.signal import lti, step
 
 VISCOUS = 2e4
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot

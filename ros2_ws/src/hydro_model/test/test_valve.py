@@ -6,6 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import (
     SMOOTH_PRESSURE_PA,
@@ -14,8 +17,6 @@ from hydro_model.valve import (
     signed_root,
     valve_signal,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 
 ROBOT = load_robot("xs031")
 CYLINDER = ROBOT.cylinders[0]
