@@ -33,9 +33,10 @@ durations_s: [1.0]
 def start(folder: Path, name: str, *options: str) -> subprocess.Popen[str]:
     (folder / "path.yaml").write_text(PATH)
     environment = {**os.environ, "ROS_DOMAIN_ID": "62"}
+    script = str(ROOT / "scripts/rig_run.sh")
+    named = ["--name", name, "--out", str(folder), "--path", str(folder / "path.yaml")]
     return subprocess.Popen(
-        ["bash", str(ROOT / "scripts/rig_run.sh"), "--name", name, "--out", str(folder)]
-        + ["--path", str(folder / "path.yaml"), *options],
+        ["bash", script, *named, *options],
         stderr=subprocess.PIPE,
         text=True,
         env=environment,

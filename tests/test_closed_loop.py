@@ -38,7 +38,7 @@ def drive(truth: Truth, model: Robot, gains: Gains, seed: int = 0) -> Tracking:
 
 
 def test_plant_that_equals_the_model_is_followed_almost_exactly(robot: Robot) -> None:
-    # The truth plant shares no physics code with the controller's model: only two right ones agree.
+    # The truth plant shares no physics code with the controller's model: only right ones agree.
     row = drive(Truth.ideal(robot), robot, UNFILTERED)
     assert row.rho_s < 2e-4
     assert row.max_error_mm < 0.1

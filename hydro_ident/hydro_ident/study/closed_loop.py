@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.core import ControllerCore, Sample
+from hydro_control.law import Output
 from hydro_hw_bridge.rig.core import RigCore
+from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray
 
 _SECOND_NS = 1_000_000_000
@@ -73,11 +75,12 @@ def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float)
             )
         )
         rig.actuate(output.voltage_v.tolist())
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Run(np.arange(cycles) * rig.cycle_s, *columns)
+    columns = [np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)]
+    time_s = np.arange(cycles, dtype=np.float64) * rig.cycle_s
+    return Run(time_s, *columns)
 
 
-def _answer(rig: RigCore, controller: ControllerCore):  # type: ignore[no-untyped-def]
+def _answer(rig: RigCore, controller: ControllerCore) -> Output:
     robot, measurement = rig.robot, rig.readings().measurement
     absolute = np.array(measurement.pressures_pa) + robot.atmospheric_pressure_pa
     chambers = absolute[: 2 * len(robot.cylinders)].reshape(-1, 2)
@@ -85,5 +88,6 @@ def _answer(rig: RigCore, controller: ControllerCore):  # type: ignore[no-untype
     q = np.array(measurement.positions)
     sample = Sample(stamp, q, chambers[:, 0], chambers[:, 1], absolute[-2], absolute[-1])
     answer = controller.answer(sample)
-    assert answer is not None
+    if answer is None:
+        raise IdentError(f"no answer at {stamp} ns: expected a controller core not used before")
     return answer.output
