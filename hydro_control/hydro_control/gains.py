@@ -32,14 +32,14 @@ class Gains:
         Greatest change of a valve voltage, V/s.
     """
 
-    k_p_1_s: float = 15.0
+    k_p_1_s: float = 20.0
     k_v: float = 1.0e4
-    k_f_m2_ns: float = 1.0e-8
-    k_x_m: float = 5.0e-3
+    k_f_m2_ns: float = 3.0e-8
+    k_x_m: float = 0.0
     alpha_q: float = 1.0
     alpha_qd: float = 0.5
-    alpha_p: float = 0.3
-    alpha_fd: float = 0.3
+    alpha_p: float = 0.5
+    alpha_fd: float = 0.5
     slew_limit_v_s: float = 1000.0
 
     def __post_init__(self) -> None:

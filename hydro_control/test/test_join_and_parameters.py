@@ -118,7 +118,7 @@ def test_the_table_lists_every_parameter() -> None:
     lines = table.splitlines()
     assert len(lines) == len(parameters.PARAMETERS) + 2
     assert all(line.count("|") == lines[0].count("|") for line in lines)
-    assert "| `k_x_m` | double | `0.005` | 0 to 1 | m |" in table
+    assert "| `k_x_m` | double | `0.0` | 0 to 1 | m |" in table
 
 
 @pytest.mark.parametrize("name", ["gains.yaml", "paper_table3.yaml"])
