@@ -55,8 +55,8 @@ fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"
 start controller "$(hydro_exe hydro_control controller)" "${control[@]}"
 lifecycle=$(hydro_exe hydro_control lifecycle)
-"$lifecycle" configure /can_bridge || fail_with_log "the bridge could not be configured:" bridge
-"$lifecycle" configure /controller ||
+"$lifecycle" configure /can_bridge --timeout 60 || fail_with_log "the bridge could not be configured:" bridge
+"$lifecycle" configure /controller --timeout 60 ||
   fail_with_log "the controller could not be configured:" controller
 if [[ -n $record ]]; then
   start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" --robot "$robot"

@@ -2,7 +2,7 @@
 # shellcheck shell=bash
 #
 #   start NAME COMMAND ...     in the background, output to $log_dir/NAME.log
-#   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (30)
+#   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (120)
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
 #                              the caller names the controller and the bridge first
 # Background children of a script ignore the terminal's SIGINT, so the order is the script's.
@@ -30,7 +30,7 @@ fail_with_log() {
 }
 
 wait_for() {
-  local name=$1 text=$2 seconds=${3:-30} i
+  local name=$1 text=$2 seconds=${3:-120} i
   for ((i = 0; i < seconds * 20; i++)); do
     if grep -qF -- "$text" "$log_dir/$name.log" 2>/dev/null; then return 0; fi
     running "$name" || { fail_with_log "$name ended before it was ready:" "$name"; return 1; }

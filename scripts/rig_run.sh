@@ -70,7 +70,7 @@ lifecycle=$(hydro_exe hydro_control lifecycle)
 bring_up() {
   local node=$1 log=$2 transition
   for transition in "${@:3}"; do
-    "$lifecycle" "$transition" "/$node" || fail_with_log "$node did not $transition:" "$log"
+    "$lifecycle" "$transition" "/$node" --timeout 120 || fail_with_log "$node did not $transition:" "$log"
   done
 }
 
