@@ -63,8 +63,9 @@ if [[ -n $record ]]; then
   wait_for recorder recording
 fi
 if $drive; then
-  "$lifecycle" activate /controller
+  # The controller's path starts with its first sample: the bridge must be driving by then.
   "$lifecycle" activate /can_bridge
+  "$lifecycle" activate /controller
   note "driving $robot on $can; Ctrl-C stops with the valves at zero (logs in $log_dir)"
 else
   note "reading $robot on $can, valves not driven (--drive drives); Ctrl-C ends (logs in $log_dir)"
