@@ -32,6 +32,7 @@ setup(
             "excite = hydro_ident.commands.excite:main",
             "nominal = hydro_ident.commands.nominal:main",
             "compare_tracking = hydro_ident.commands.compare_tracking:main",
+            "convert = hydro_ident.commands.convert:main",
         ]
     },
 )

@@ -37,6 +37,8 @@ if $sim; then can=$bus; fi
 
 # shellcheck source=scripts/env.sh
 source "$here/env.sh"
+# shellcheck source=scripts/files.sh
+source "$here/files.sh"
 # shellcheck source=scripts/processes.sh
 source "$here/processes.sh"
 
@@ -44,7 +46,7 @@ parameters=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
 for name in mapping dbc calibration; do
   [[ -z ${!name} ]] || parameters+=(-p "$name:=$(realpath "${!name}")")
 done
-gains=${controller:-$(python -c 'from hydro_control.gains import shipped_gains; print(shipped_gains())')}
+gains=${controller:-$(shipped_gains)}
 control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
 [[ -z $path ]] || control+=(-p "path:=$(realpath "$path")")
 
@@ -54,18 +56,21 @@ if $sim; then
 fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"
 start controller "$(hydro_exe hydro_control controller)" "${control[@]}"
-lifecycle=$(hydro_exe hydro_control lifecycle)
-"$lifecycle" configure /can_bridge --timeout 60 || fail_with_log "the bridge could not be configured:" bridge
-"$lifecycle" configure /controller --timeout 60 ||
-  fail_with_log "the controller could not be configured:" controller
+transition can_bridge bridge configure
+transition controller controller configure
 if [[ -n $record ]]; then
-  start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" --robot "$robot"
+  attached=(--attach "controller_parameters=$(realpath "$gains")")
+  mapping=${mapping:-$(default_mapping "$robot")}
+  [[ -z $mapping ]] || attached+=(--attach "mapping=$(realpath "$mapping")")
+  [[ -z $calibration ]] || attached+=(--attach "calibration=$(realpath "$calibration")")
+  start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" \
+    --robot "$robot" "${attached[@]}"
   wait_for recorder recording
 fi
 if $drive; then
   # The controller's path starts with its first sample: the bridge must be driving by then.
-  "$lifecycle" activate /can_bridge
-  "$lifecycle" activate /controller
+  transition can_bridge bridge activate
+  transition controller controller activate
   note "driving $robot on $can; Ctrl-C stops with the valves at zero (logs in $log_dir)"
 else
   note "reading $robot on $can, valves not driven (--drive drives); Ctrl-C ends (logs in $log_dir)"
@@ -73,6 +78,5 @@ fi
 
 while running bridge && running controller; do sleep 0.2; done
 for name in bridge controller; do
-  running "$name" || fail_with_log "$name ended:" "$name" || true
+  running "$name" || { note "$name ended:"; ended "$name"; }
 done
-exit 1

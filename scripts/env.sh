@@ -5,6 +5,9 @@
 hydro_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 "$hydro_root/scripts/setup.sh" || return 2
 
+if [[ -n ${HYDRO_IGNORE_ROS:-} ]]; then
+  unset PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH ROS_DISTRO
+fi
 # colcon's and venv's own scripts read unset variables.
 case $- in *u*) hydro_nounset=true; set +u ;; *) hydro_nounset=false ;; esac
 # shellcheck disable=SC1091
@@ -13,6 +16,12 @@ source "$hydro_root/.venv/bin/activate"
 source "$hydro_root/ros2_ws/install/setup.bash"
 if $hydro_nounset; then set -u; fi
 unset hydro_nounset
+
+# A script and what it starts keep set-up from replacing the workspace under them.
+if [[ $- != *i* ]]; then
+  exec {hydro_lock}<>"$hydro_root/.venv/.in_use.lock"
+  flock -s "$hydro_lock"
+fi
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 export RCUTILS_LOGGING_BUFFERED_STREAM=1

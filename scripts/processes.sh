@@ -1,14 +1,17 @@
 # Sourced: child processes of a script, started with a log each and taken down in order.
 # shellcheck shell=bash
 #
-#   start NAME COMMAND ...     in the background, output to $log_dir/NAME.log
+#   start NAME COMMAND ...     in a session of its own, output to $log_dir/NAME.log
+#   transition NODE NAME WHAT  lifecycle transition of NODE, the process NAME; ends with its error
 #   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (120)
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
 #                              the caller names the controller and the bridge first
-# Background children of a script ignore the terminal's SIGINT, so the order is the script's.
+# Children have sessions of their own, so that a terminal's Ctrl-C reaches the script alone and the
+# order is the script's.
 
 declare -A process_of=()
 process_order=()
+lifecycle=$(hydro_exe hydro_control lifecycle)
 log_dir=${log_dir:-$(mktemp -d -t hydro-logs.XXXXXX)}
 
 note() { printf '%s\n' "$*" >&2; }
@@ -16,7 +19,7 @@ note() { printf '%s\n' "$*" >&2; }
 start() {
   local name=$1
   shift
-  "$@" >"$log_dir/$name.log" 2>&1 </dev/null &
+  (trap - EXIT INT TERM HUP && exec setsid "$@") >"$log_dir/$name.log" 2>&1 </dev/null &
   process_of[$name]=$!
   process_order+=("$name")
 }
@@ -29,11 +32,37 @@ fail_with_log() {
   return 1
 }
 
+# ended NAME: leave the script as the process NAME left: its last line, its exit code.
+ended() {
+  local code=0
+  wait "${process_of[$1]}" || code=$?
+  unset "process_of[$1]"
+  sed -n '/[^[:space:]]/h; ${x; p}' "$log_dir/$1.log" >&2
+  exit $((code == 0 ? 1 : code))
+}
+
+transition() {
+  local node=$1 name=$2 what=$3 client
+  running "$name" || ended "$name"
+  (trap - EXIT INT TERM HUP && exec "$lifecycle" "$what" "/$node" --timeout 120) \
+    >>"$log_dir/lifecycle.log" 2>&1 &
+  client=$!
+  while kill -0 "$client" 2>/dev/null; do
+    sleep 0.05
+    if ! running "$name"; then
+      kill "$client" 2>/dev/null || true
+      wait "$client" 2>/dev/null || true
+      ended "$name"
+    fi
+  done
+  wait "$client" || fail_with_log "$node did not $what:" "$name"
+}
+
 wait_for() {
   local name=$1 text=$2 seconds=${3:-120} i
   for ((i = 0; i < seconds * 20; i++)); do
     if grep -qF -- "$text" "$log_dir/$name.log" 2>/dev/null; then return 0; fi
-    running "$name" || { fail_with_log "$name ended before it was ready:" "$name"; return 1; }
+    running "$name" || ended "$name"
     sleep 0.05
   done
   fail_with_log "$name was not ready within $seconds s (no '$text' in its output):" "$name"
@@ -86,12 +115,16 @@ stop_all() {
   stop "${names[@]}" || true
 }
 
+# A child that is killed before it became its command still is this script: it must stop nobody.
+main_process=$BASHPID
 on_exit() {
   local code=$?
-  trap - EXIT INT TERM
+  trap - EXIT INT TERM HUP
+  [[ $BASHPID == "$main_process" ]] || exit "$code"
   stop_all
   exit "$code"
 }
 trap on_exit EXIT
+trap 'exit 129' HUP
 trap 'exit 130' INT
 trap 'exit 143' TERM

@@ -12,6 +12,13 @@ name=$1
 shift
 # shellcheck source=scripts/env.sh
 source "$(dirname "${BASH_SOURCE[0]}")/env.sh"
-out=(--out bags)
-for argument in "$@"; do [[ $argument != --out* ]] || out=(); done
-exec "$(hydro_exe hydro_ident recorder)" --name "$name" "${out[@]}" "$@"
+# shellcheck source=scripts/files.sh
+source "$(dirname "${BASH_SOURCE[0]}")/files.sh"
+out=(--out bags) mapping=$(default_mapping xs031)
+for argument in "$@"; do
+  [[ $argument != --out* ]] || out=()
+  # Another robot has another bus; whoever names one attaches its mapping.
+  [[ $argument != --robot* && $argument != mapping=* ]] || mapping=
+done
+exec "$(hydro_exe hydro_ident recorder)" --name "$name" "${out[@]}" \
+  ${mapping:+--attach "mapping=$mapping"} "$@"

@@ -35,27 +35,17 @@ out=$(realpath "$out")
 
 # shellcheck source=scripts/env.sh
 source "$here/env.sh"
+# shellcheck source=scripts/files.sh
+source "$here/files.sh"
 # shellcheck source=scripts/processes.sh
 log_dir=$out/logs
 source "$here/processes.sh"
 
-# A domain of its own, so that a run neither hears nor disturbs another.
-export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((BASHPID % 90 + 10))}
-read -r gains mapping planned < <(python - "$path" <<'PYTHON'
-import sys
-from hydro_control.gains import shipped_gains
-from hydro_hw_bridge.codec import default_mapping
-from hydro_model.command import run_command
-from hydro_model.paths import load_path
-
-def facts(arguments):
-    print(shipped_gains(), default_mapping("xs031"), f"{load_path(arguments[0]).duration_s + 2.5:.3f}")
-    return 0
-
-sys.exit(run_command("rig_run", facts))
-PYTHON
-) || exit 2
-gains=$(realpath "${controller:-$gains}")
+# A domain of its own whatever the shell says: a run must neither hear nor disturb a machine.
+export ROS_DOMAIN_ID=$((BASHPID % 90 + 10))
+mapping=$(default_mapping xs031)
+gains=$(realpath "${controller:-$(shipped_gains)}")
+planned=$(path_seconds "$path" 2.5)
 duration=${duration:-$planned}
 
 # In lockstep cycles come as fast as they can; the recorder may be behind by more than ten of them.
@@ -64,16 +54,6 @@ for topic in joint_states chamber_pressures valve_state valve_command joint_refe
 do
   deep_history+=(-p "qos_overrides./$topic.publisher.depth:=1000")
 done
-lifecycle=$(hydro_exe hydro_control lifecycle)
-
-# bring_up NODE LOG TRANSITION...
-bring_up() {
-  local node=$1 log=$2 transition
-  for transition in "${@:3}"; do
-    "$lifecycle" "$transition" "/$node" --timeout 120 || fail_with_log "$node did not $transition:" "$log"
-  done
-}
-
 began=$SECONDS
 read -ra tip <<<"$tip"
 start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --truth "$truth" \
@@ -84,23 +64,23 @@ start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p rob
   -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
   -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:1"
 start "$name.recorder" "$(hydro_exe hydro_ident recorder)" --out "$out/bags" --name "$name" \
-  --robot xs031 --attach "controller_parameters=$gains" --attach "mapping=$mapping"
+  --robot "$robot" --attach "controller_parameters=$gains" --attach "mapping=$mapping"
 start "$name.controller" "$(hydro_exe hydro_control controller)" --ros-args \
   --params-file "$gains" -p "robot:=$robot" -p "path:=$path" -p required_recorders:=1 \
   "${deep_history[@]}"
-bring_up can_bridge "$name.bridge" configure
-bring_up controller "$name.controller" configure
+transition can_bridge "$name.bridge" configure
+transition controller "$name.controller" configure
 wait_for "$name.recorder" "receiving /joint_states"
 wait_for "$name.recorder" "receiving /chamber_pressures"
 if [[ $clock == lockstep ]]; then
   # The machine stands still until the bridge drives, so nothing of the run is missed.
-  bring_up controller "$name.controller" activate
+  transition controller "$name.controller" activate
   wait_for "$name.recorder" "receiving /tip_reference"
-  bring_up can_bridge "$name.bridge" activate
+  transition can_bridge "$name.bridge" activate
 else
   # The controller's path starts with its first sample: the bridge must be driving by then.
-  bring_up can_bridge "$name.bridge" activate
-  bring_up controller "$name.controller" activate
+  transition can_bridge "$name.bridge" activate
+  transition controller "$name.controller" activate
 fi
 wait_end "$name.rig" $((${duration%.*} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
 stop "$name.controller" "$name.bridge" "$name.recorder"

@@ -159,6 +159,28 @@ def test_scripts_refuse(script: str, arguments: list[str], word: str) -> None:
     assert_refused(result, word)
 
 
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--can", "hydrocan7"], "hydrocan7"),
+        (["--sim", "--robot", "nobody.yaml"], "nobody.yaml"),
+        (["--sim", "--bus", "udp_multicast:239.74.163.2:43162", "--path", "no.yaml"], "no.yaml"),
+    ],
+)
+def test_bringup_says_why_it_cannot(arguments: list[str], word: str, tmp_path: Path) -> None:
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts/bringup.sh"), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        cwd=tmp_path,
+        env={**os.environ, "ROS_DOMAIN_ID": "63"},
+    )
+    assert_refused(result, word)
+
+
 @pytest.mark.parametrize(
     "script", ["bringup", "record", "replay", "identify", "demo", "rig_run", "setup", "test"]
 )

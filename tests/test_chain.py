@@ -40,6 +40,7 @@ def start(folder: Path, name: str, *options: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         env=environment,
+        start_new_session=True,
     )
 
 
@@ -118,7 +119,10 @@ def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
-def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     process = start(tmp_path, "stopped", "--real-time")
     log = tmp_path / "logs/stopped.bridge.log"
     deadline = time.monotonic() + 60.0
@@ -127,15 +131,21 @@ def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(tmp_path: 
         assert process.poll() is None
         time.sleep(0.05)
     time.sleep(0.5)
-    process.send_signal(signal.SIGTERM)
+    os.killpg(process.pid, number)  # as a terminal does: the whole foreground group
     process.communicate(timeout=60)
-    assert process.returncode == 143
+    assert process.returncode == 128 + number
     assert _processes_with(str(tmp_path)) == []
     truth = truth_of(tmp_path, "stopped")
     voltage, enabled = truth.columns("voltage"), truth.column("enabled")
     assert enabled.max() == 1.0
     assert enabled[-1] == 0.0
     assert np.all(voltage[-1] == 0.0)
+    robot = load_robot("xs031")
+    recording = recording_of(read_bag(bag_of(tmp_path, "stopped"), RECORDING_TOPICS), robot)
+    assert recording.valve_v is not None
+    stated = recording.valve_v[np.isfinite(recording.valve_v).all(axis=1)]
+    assert np.abs(stated).max() > 0.0
+    assert np.all(stated[-1] == 0.0)
 
 
 def _processes_with(text: str) -> list[str]:

@@ -1,0 +1,33 @@
+# Sourced: files that the packages ship.
+# shellcheck shell=bash
+
+# shipped_gains [NAME]: ROS parameters of the controller.
+shipped_gains() {
+  python -c 'import sys; from hydro_control.gains import shipped_gains
+print(shipped_gains(*sys.argv[1:]))' "$@"
+}
+
+# default_mapping ROBOT: the bus mapping shipped for a robot; nothing where there is none.
+default_mapping() {
+  python -c 'import sys
+from hydro_hw_bridge.codec import default_mapping
+from hydro_hw_bridge.errors import BridgeError
+from hydro_model.robot_files import load_robot
+try:
+    print(default_mapping(load_robot(sys.argv[1]).name))
+except BridgeError:
+    pass' "$1"
+}
+
+# path_seconds PATH EXTRA: how long a path takes, and EXTRA seconds.
+path_seconds() {
+  python -c 'import sys
+from hydro_model.command import run_command
+from hydro_model.paths import load_path
+
+def seconds(arguments):
+    print(f"{load_path(arguments[0]).duration_s + float(arguments[1]):.3f}")
+    return 0
+
+sys.exit(run_command("path", seconds))' "$@"
+}
