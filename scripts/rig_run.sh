@@ -62,7 +62,7 @@ start "$name.rig" "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --truth "
 wait_for "$name.rig" ready
 start "$name.bridge" "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args -p robot:=xs031 \
   -p "can:=$bus" -p "clock:=$clock" "${deep_history[@]}" \
-  -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:1"
+  -p "required_subscribers:=/joint_states:2 /chamber_pressures:2 /valve_state:2"
 start "$name.recorder" "$(hydro_exe hydro_ident recorder)" --out "$out/bags" --name "$name" \
   --robot "$robot" --attach "controller_parameters=$gains" --attach "mapping=$mapping"
 start "$name.controller" "$(hydro_exe hydro_control controller)" --ros-args \

@@ -12,6 +12,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from hydro_control import parameters
@@ -50,12 +51,15 @@ class ControllerNode(LifecycleNode):
         self._trajectories: list[Any] = []
         self.add_on_set_parameters_callback(self._on_parameters)
         self._timer = self.create_timer(_LOOK_S, self._look)
+        self.create_service(Trigger, "~/reset_adaptation", self._reset_adaptation)
 
     def _make_core(self) -> ControllerCore:
         settings = parameters.read(self)
         path = load_path(settings.path) if settings.path else None
         robot = load_robot(settings.robot)
-        return ControllerCore(robot, settings.gains, path, settings.start_delay_s)
+        return ControllerCore(
+            robot, settings.gains, path, settings.start_delay_s, settings.adaptation
+        )
 
     def _on_parameters(self, changed: list[Parameter]) -> SetParametersResult:
         own = {p.name for p in parameters.PARAMETERS}
@@ -157,6 +161,17 @@ class ControllerNode(LifecycleNode):
         what = f"with {len(points)} points" if points else "to stop"
         self.get_logger().info(f"{space} trajectory {what} accepted")
 
+    def _reset_adaptation(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        try:
+            self._core.request_adaptation_reset()
+        except ControlError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, "the estimates start anew"
+        return response
+
     def _look(self) -> None:
         """Publish `/diagnostics` once a second and when what it says changes."""
         level, message = self._status()
@@ -193,7 +208,10 @@ class ControllerNode(LifecycleNode):
             "old_stamps": counts.old,
             "faults": counts.faults,
             "refused": counts.refused,
+            "withheld": counts.withheld,
         }
+        adaptation = self._core.law.adaptation
+        values |= {"adaptation": "off"} if adaptation is None else adaptation.report()
         if self._hot is not None:
             p50, p99, worst = self._hot.loop_times_us()
             values["malformed"] = self._hot.malformed[0]

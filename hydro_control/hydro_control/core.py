@@ -12,6 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from hydro_control.adaptation_settings import AdaptationSettings
+from hydro_control.applied import AppliedWatch
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw, Output
@@ -72,9 +74,10 @@ class Counts:
 
     Attributes
     ----------
-    answered, repeated, missed, old, faults, refused : int
+    answered, repeated, missed, old, faults, refused, withheld : int
         Stamps answered; repeats of the newest stamp; stamps that never came; stamps older than
-        the newest; samples answered by 0 V because of a value; references refused.
+        the newest; samples answered by 0 V because of a value; references refused; stamps at
+        which the valves got 0 V instead of the command.
     """
 
     answered: int = 0
@@ -83,6 +86,7 @@ class Counts:
     old: int = 0
     faults: int = 0
     refused: int = 0
+    withheld: int = 0
 
 
 @dataclass(slots=True)
@@ -95,6 +99,11 @@ class _Run:
     q: FloatArray
     pending: Plan | None = None
     stop: bool = False
+    #: Commands are withheld: the reference stays with the robot. What was played then is
+    #: dropped, or, where nothing of the path was driven yet, started anew.
+    following: bool = False
+    dropped: bool = False
+    anew: bool = False
 
 
 @dataclass
@@ -109,6 +118,8 @@ class ControllerCore:
         Played from the first sample on.
     start_delay_s : float
         Hold before the path.
+    adaptation : AdaptationSettings, optional
+        Off by default.
 
     Raises
     ------
@@ -120,13 +131,16 @@ class ControllerCore:
     gains: Gains
     path: TipPath | JointPath | None = None
     start_delay_s: float = 0.0
+    adaptation: AdaptationSettings | None = None
     counts: Counts = field(default_factory=Counts)
     message: str = ""
 
     def __post_init__(self) -> None:
-        self.law = ControlLaw(self.robot, self.gains)
+        self.law = ControlLaw(self.robot, self.gains, adaptation=self.adaptation)
         self._run: _Run | None = None
         self._last: Answer | None = None
+        self._adaptation_reset = False
+        self._watch = AppliedWatch()
         if self.path is not None:
             check_path(self.robot, self.path)
         self._warm_up()
@@ -147,7 +161,11 @@ class ControllerCore:
     def restart(self) -> None:
         """Forget everything: the next sample is the first."""
         self.law.reset()
+        if self.law.adaptation is not None:
+            self.law.adaptation.reset()
         self._run, self._last = None, None
+        self._adaptation_reset = False
+        self._watch.clear()
         self.message = ""
 
     @property
@@ -184,13 +202,35 @@ class ControllerCore:
                 return None
             self.counts.repeated += 1
             return self._last
+        if self._adaptation_reset and self.law.adaptation is not None:
+            self.law.adaptation.reset(used=False)
+        self._adaptation_reset = False
+        if not self._watch.settled and self.law.adaptation is not None:
+            self.law.adaptation.forget()  # nothing is learnt from commands without effect
         gauge = self._gauge(sample)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
         output = self.law.step(now_s, sample.q, *gauge, reference)
         self._count(sample.stamp_ns, output)
+        moving = bool(np.any(reference.velocity))
+        self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
+
+    def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
+        """What the valves got at a stamp; changes nothing as long as that was the command.
+
+        Where the commands are withheld the reference stays with the robot. Once they are applied
+        again it is held there; a path of which nothing was driven yet starts anew.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        voltage_v : (m,) array
+            In the robot's order.
+        """
+        self._watch.applied(stamp_ns, voltage_v)
+        self.counts.withheld = self._watch.count
 
     def _gauge(self, sample: Sample) -> tuple[FloatArray, FloatArray, float, float]:
         atmosphere, robot = self.robot.atmospheric_pressure_pa, self.robot
@@ -209,6 +249,10 @@ class ControllerCore:
         run.now_s = (sample.stamp_ns - run.first_ns) / _SECOND_NS
         if np.all(np.isfinite(sample.q)):
             run.q = sample.q
+        if self._watch.withheld:
+            self._follow(run)
+        elif run.following:
+            self._resume(run)
         if run.stop:
             run.stop, run.pending = False, None
             if run.player.moving(run.now_s):
@@ -221,18 +265,42 @@ class ControllerCore:
 
     def _first(self, sample: Sample) -> _Run:
         """Capture the pose, and start the path from it."""
-        player = ReferencePlayer(self.robot, sample.q)
-        if self.path is not None:
-            try:
-                plan = player.plan_path(
-                    self.path, 0.0, sample.q, self.start_delay_s, path_checked=True
-                )
-                player.play(plan, 0.0)
-                self.message = ""
-            except ControlError as error:
-                self.counts.refused += 1
-                self.message = f"path refused, holding: {error}"
-        return _Run(sample.stamp_ns, player, 0.0, sample.q)
+        run = _Run(sample.stamp_ns, ReferencePlayer(self.robot, sample.q), 0.0, sample.q)
+        self._play_path(run)
+        return run
+
+    def _play_path(self, run: _Run) -> None:
+        if self.path is None:
+            return
+        player, now_s = run.player, run.now_s
+        try:
+            plan = player.plan_path(self.path, now_s, run.q, self.start_delay_s, path_checked=True)
+            player.play(plan, now_s)
+            self.message = ""
+        except ControlError as error:
+            self.counts.refused += 1
+            self.message = f"path refused, holding: {error}"
+
+    def _follow(self, run: _Run) -> None:
+        """Commands are withheld: stay with the robot, wherever it goes."""
+        if not run.following:
+            run.following = True
+            run.dropped = run.player.moving(run.now_s) or run.pending is not None
+            run.anew = run.player.moving(run.now_s) and not self._watch.moved
+            self.message = "the valves do not get the commands: staying with the robot's pose"
+        run.player.hold(run.q, run.now_s)
+        run.stop, run.pending = False, None
+
+    def _resume(self, run: _Run) -> None:
+        """Commands are applied again: hold here; whoever wants a motion asks for it anew."""
+        run.following = False
+        self.message = ""
+        if run.anew and self.path is not None:
+            self._play_path(run)
+        elif run.dropped:
+            self.message = (
+                "holding: the motion was dropped, as the valves did not get the commands"
+            )
 
     def _count(self, stamp_ns: int, output: Output) -> None:
         if self._last is not None:
@@ -250,6 +318,20 @@ class ControllerCore:
         run = self._run
         if run is not None:
             run.stop = True
+
+    def request_adaptation_reset(self) -> None:
+        """Start the estimates anew at the next sample. May be called from another thread.
+
+        What the law uses goes back to the model at its usual pace.
+
+        Raises
+        ------
+        ControlError
+            Nothing is adapted.
+        """
+        if self.law.adaptation is None:
+            raise ControlError("adaptation is off, nothing to reset")
+        self._adaptation_reset = True
 
     def request_trajectory(
         self,
@@ -280,6 +362,8 @@ class ControllerCore:
         if not waypoints:
             run.stop = True
             return
+        if run.following:
+            raise self._refusal("the valves do not get the commands")
         wait_s = (start_ns - run.first_ns) / _SECOND_NS - run.now_s if start_ns else 0.0
         if wait_s < 0.0:
             raise self._refusal(f"it should start now or later, found {-wait_s:.3f} s ago")

@@ -18,7 +18,7 @@ from hydro_control.sample_join import SampleJoin
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.messages import joint_state, set_stamp
+from hydro_msgs_docs.messages import by_name, joint_state, set_stamp, stamp_ns
 
 #: Longest sleep without a message, after which the loop looks whether it should end.
 _IDLE_S = 0.1
@@ -56,6 +56,7 @@ class HotPath:
         qos = topics.reliable()
         self._joints = HotSubscription(node, JointState, topics.JOINT_STATES, qos)
         self._pressures = HotSubscription(node, JointState, topics.CHAMBER_PRESSURES, qos)
+        self._applied = HotSubscription(node, JointState, topics.VALVE_STATE, qos)
         self._wait = HotWait(node, self._pressures)
         self._partner = HotWait(node, self._joints)
         self._join = SampleJoin(core.robot)
@@ -83,7 +84,7 @@ class HotPath:
 
     def destroy(self) -> None:
         """Give subscriptions and publishers back; after `stop`."""
-        for hot in (self._joints, self._pressures):
+        for hot in (self._joints, self._pressures, self._applied):
             self._node.destroy_subscription(hot.subscription)
         for publisher in self._required:
             self._node.destroy_publisher(publisher)
@@ -94,6 +95,7 @@ class HotPath:
         self._join.clear()
         self._joints.take_newest()
         self._pressures.take_newest()
+        self._applied.take_newest()
         self._matched = self._driven = False
         self._ticks = 0
         self._stop.clear()
@@ -153,6 +155,7 @@ class HotPath:
         sample = self._sample()
         if sample is None or not self._all_matched():
             return
+        self._take_applied()
         last = self._core.last
         answer = self._core.answer(sample)
         if answer is None:
@@ -180,6 +183,12 @@ class HotPath:
             self._join.add_joints(message)
         while (message := self._pressures.take()) is not None:
             self._join.add_pressures(message)
+
+    def _take_applied(self) -> None:
+        while (message := self._applied.take()) is not None:
+            voltage_v = by_name(message, "effort", self._core.robot.valve_names)
+            if voltage_v is not None:
+                self._core.applied(stamp_ns(message), np.array(voltage_v))
 
     def _all_matched(self) -> bool:
         if not self._matched:

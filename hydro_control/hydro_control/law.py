@@ -8,12 +8,14 @@ Pure: one object per run, one `step` per sample, no clock and no ROS.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_control.adaptation import Adaptation
+from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.axes import Axis, axes_of
+from hydro_control.checks import not_finite
 from hydro_control.errors import ControlError
 from hydro_control.filters import Ewma, FilteredDifference
 from hydro_control.gains import Gains
@@ -78,6 +80,13 @@ class ControlLaw:
     gains : Gains
     dt_s : float, optional
         Sample time; by default the sensors' rate.
+    adaptation : AdaptationSettings, optional
+        Off by default.
+
+    Attributes
+    ----------
+    adaptation : Adaptation or None
+        What is estimated beside the model; its estimates outlive `reset`.
 
     Raises
     ------
@@ -87,10 +96,21 @@ class ControlLaw:
         A joint has no cylinder or a cylinder no valve.
     """
 
-    def __init__(self, robot: Robot, gains: Gains, dt_s: float | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        gains: Gains,
+        dt_s: float | None = None,
+        adaptation: AdaptationSettings | None = None,
+    ) -> None:
         self.robot, self.gains = robot, gains
         self.dt_s = 1.0 / robot.sensors.rate_hz if dt_s is None else dt_s
         self._axes = axes_of(robot)
+        self.adaptation = (
+            Adaptation(robot, adaptation, self.dt_s)
+            if adaptation is not None and adaptation.on
+            else None
+        )
         self._rated_v = np.array([valve.rated_voltage_v for valve in robot.valves])
         self._position = Ewma(gains.alpha_q)
         self._velocity = FilteredDifference(gains.alpha_qd, self.dt_s)
@@ -107,6 +127,8 @@ class ControlLaw:
     def _forget(self) -> None:
         for part in (self._position, self._velocity, self._pressure, self._force_rate):
             part.reset()
+        if self.adaptation is not None:
+            self.adaptation.forget()
         self._last_s = None
 
     def wind_down(self) -> FloatArray:
@@ -148,7 +170,7 @@ class ControlLaw:
         ControlError
             The stamp is not after the last one.
         """
-        fault = _not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
+        fault = not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
         if fault:
             self.reset()
             return self._stopped(q, reference, fault)
@@ -161,11 +183,18 @@ class ControlLaw:
         arm = np.array([float(lever(a.cylinder, x)) for a, x in zip(self._axes, q_f, strict=True)])
         xd, xd_r = arm * qd, arm * motion.qd_r
         force_d = torque / arm + self._friction(xd_r)
+        if self.adaptation is not None:
+            force_d += self.adaptation.required_force(q_f, qd, motion.qd_r, motion.qdd_r, arm)
         force = self._forces(pressures)
         flow_term = self._flow_term(q_f, xd, xd_r, force, force_d, steps)
         signal = self._signals(flow_term, q_f, pressures, p_s, p_t)
+        if self.adaptation is not None:
+            signal -= self.adaptation.null_bias
+        voltage_v = self._driven(signal)
+        if self.adaptation is not None:
+            self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
         return Output(
-            voltage_v=self._driven(signal),
+            voltage_v=voltage_v,
             valve_signal=signal,
             flow_term=flow_term,
             required_force_n=force_d,
@@ -271,29 +300,3 @@ class ControlLaw:
             tip_d_m=np.full(3, np.nan) if joint else reference.position,
             fault=fault,
         )
-
-
-def _not_finite(
-    stamp_s: float,
-    q: FloatArray,
-    p_a: FloatArray,
-    p_b: FloatArray,
-    p_s: float,
-    p_t: float,
-    reference: Reference,
-) -> str:
-    parts = {
-        "joint position": q,
-        "pressure of chamber A": p_a,
-        "pressure of chamber B": p_b,
-        "reference position": reference.position,
-        "reference velocity": reference.velocity,
-        "reference acceleration": reference.acceleration,
-        "stamp, supply or tank pressure": np.array([stamp_s, p_s, p_t]),
-    }
-    # A sum is finite only where every part is; finding out which is for the rare case.
-    if math.isfinite(sum(float(part.sum()) for part in parts.values())):
-        return ""
-    names = [name for name, part in parts.items() if not np.all(np.isfinite(part))]
-    found = "; ".join(f"{name} {parts[name].tolist()}" for name in names)
-    return f"expected finite numbers, found {found or 'values beyond the range of numbers'}"

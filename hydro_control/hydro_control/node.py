@@ -24,7 +24,7 @@ def main() -> int:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; the last valve command is 0 V.
+    """Run the node until SIGINT, SIGTERM or SIGHUP; the last valve command is 0 V.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
+from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_of
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 
@@ -35,6 +36,7 @@ class Parameter:
 
 
 _GAINS = Gains()
+_ADAPT = AdaptationSettings()
 
 PARAMETERS = (
     Parameter("robot", "xs031", "", "a *.hydraulics.yaml or model.yaml, or a shipped robot"),
@@ -84,6 +86,55 @@ PARAMETERS = (
         "V/s",
         "greatest change of a valve voltage; keep at or below the bridge's",
         1,
+        1e5,
+    ),
+    Parameter(
+        "adaptation",
+        "",
+        "",
+        f"what is adapted online, some of: {', '.join(KINDS)}; empty: nothing",
+    ),
+    Parameter(
+        "adapt_payload_kg",
+        _ADAPT.payload_kg,
+        "kg",
+        "largest payload at the tip beyond the model's, either sign",
+        1,
+        1e4,
+    ),
+    Parameter(
+        "adapt_coulomb_n", _ADAPT.coulomb_n, "N", "largest Coulomb friction of a cylinder", 1, 1e5
+    ),
+    Parameter(
+        "adapt_viscous",
+        _ADAPT.viscous,
+        "N s/m",
+        "largest change of a cylinder's viscous friction, either way",
+        1,
+        1e6,
+    ),
+    Parameter(
+        "adapt_null_bias",
+        _ADAPT.null_bias,
+        "",
+        "largest null bias of a valve, either sign, normalised",
+        1e-4,
+        0.2,
+    ),
+    Parameter(
+        "adapt_ramp_s",
+        _ADAPT.ramp_s,
+        "s",
+        "shortest time from 0 to the largest value that the law uses",
+        0.1,
+        60,
+    ),
+    Parameter(
+        "adapt_dead_zone_n",
+        _ADAPT.dead_zone_n,
+        "N",
+        "force errors up to this size change no estimate",
+        0,
         1e5,
     ),
 )
@@ -159,6 +210,7 @@ class Settings:
     start_delay_s : float
     required_recorders : int
     gains : Gains
+    adaptation : AdaptationSettings
     """
 
     robot: str
@@ -166,6 +218,7 @@ class Settings:
     start_delay_s: float
     required_recorders: int
     gains: Gains
+    adaptation: AdaptationSettings
 
 
 def read(node: Any) -> Settings:
@@ -177,4 +230,12 @@ def read(node: Any) -> Settings:
         start_delay_s=values["start_delay_s"],
         required_recorders=values["required_recorders"],
         gains=Gains(**{f.name: values[f.name] for f in fields(Gains)}),
+        adaptation=AdaptationSettings(
+            kinds=kinds_of(values["adaptation"]),
+            **{
+                f.name: values[f"adapt_{f.name}"]
+                for f in fields(AdaptationSettings)
+                if f.name != "kinds"
+            },
+        ),
     )

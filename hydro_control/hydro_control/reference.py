@@ -62,6 +62,10 @@ class ReferencePlayer:
         """Play a plan from a stamp on."""
         self._plan, self._start_s = plan, start_s
 
+    def hold(self, q: FloatArray, stamp_s: float) -> None:
+        """Stand at joint positions from a stamp on, whatever was played."""
+        self.play(_hold("joint", np.array(q, dtype=float)), stamp_s)
+
     def moving(self, stamp_s: float) -> bool:
         """A plan is not played to its end yet."""
         return stamp_s < self._start_s + self._plan.path.duration_s

@@ -200,7 +200,9 @@ def test_one_command_per_stamp_and_repeats_are_identical(
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=["term", "int"])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=["term", "int", "hup"]
+)
 def test_a_signal_ends_at_zero_volts(
     machine: Machine, controller: Callable[..., subprocess.Popen[str]], number: int
 ) -> None:
@@ -360,3 +362,73 @@ def test_lifecycle_command_says_what_is_open(
     assert absent.returncode == 1
     assert "no node answers at /nobody/get_state" in absent.stderr
     assert run_module("lifecycle_command", "fly", "controller").returncode == 2
+
+
+@pytest.mark.ros
+def test_adaptation_is_told_and_reset(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    from std_srvs.srv import Trigger
+
+    controller("adaptation:=payload null_bias")
+    for k in range(20):
+        machine.answer(k)
+
+    def told() -> dict[str, str]:
+        statuses = [s for m in machine.heard[topics.DIAGNOSTICS] for s in m.status]
+        return {v.key: v.value for s in statuses[-1:] for v in s.values}
+
+    assert wait_for(lambda: told().get("adaptation") == "payload null_bias", 5.0)
+    assert told()["adaptation_frozen"] == "yes"
+    assert float(told()["adapted/payload_kg"]) == 0.0
+    client = machine.node.create_client(Trigger, "/controller/reset_adaptation")
+    assert client.wait_for_service(30.0)
+    future = client.call_async(Trigger.Request())
+    assert wait_for(future.done, 30.0)
+    assert future.result().success
+
+
+@pytest.mark.ros
+def test_adaptation_of_an_unknown_kind_ends_the_node_with_one_line() -> None:
+    done = run_module("node", "--ros-args", "-p", "adaptation:=mass")
+    assert done.returncode == 2
+    assert "expected some of payload, friction, null_bias" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.ros
+def test_commands_that_the_valves_do_not_get_are_noticed(
+    machine: Machine, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    valves = machine.node.create_publisher(
+        _kind(topics.VALVE_STATE), topics.VALVE_STATE, topics.reliable(1000)
+    )
+    controller()
+    assert wait_for(lambda: valves.get_subscription_count() == 1)
+    time.sleep(0.2)
+
+    def said() -> str:
+        return str(machine.heard[topics.DIAGNOSTICS][-1].status[0].message)
+
+    def drive(cycles: range, share: float) -> Any:
+        for k in cycles:
+            # Not at the pose of the first sample, so something is commanded.
+            command = machine.answer(k, POSE - 0.02 * (k > 0))
+            applied = [share * v for v in command.effort]
+            valves.publish(joint_state(stamp_ns(command), command.name, effort=applied))
+        return machine.heard[topics.JOINT_REFERENCE][-1]
+
+    drive(range(20), 1.0)
+    reference = drive(range(20, 60), 0.0)
+    np.testing.assert_allclose(reference.position, POSE - 0.02, atol=1e-12)
+    assert wait_for(lambda: "the valves do not get the commands" in said(), 3.0)
+    # Anchored where it is there is little to command: enough to see that it is applied.
+    for k in range(60, 120):
+        drive(range(k, k + 1), 1.0)
+    machine.answer(120, POSE - 0.03)
+    valves.publish(
+        joint_state(stamp_ns(machine.commands()[-1]), ROBOT.valve_names, effort=[0.1, 0.1])
+    )
+    time.sleep(0.1)
+    machine.answer(121, POSE - 0.03)
+    assert wait_for(lambda: said() == "holding", 3.0)

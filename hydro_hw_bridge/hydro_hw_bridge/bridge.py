@@ -24,6 +24,7 @@ from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
 from hydro_hw_bridge.publishers import BridgePublishers
 from hydro_model.errors import HydroError
@@ -37,10 +38,12 @@ from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 NAME = "can_bridge"
 RECEIVE_TIMEOUT_S = 0.02
 COMMAND_TIMEOUT_S = 0.5
-SILENT_S = 1.0
+#: Longer than a device in lockstep takes to repeat a cycle.
+SILENT_S = 2.5
 JOIN_S = 2.0
+#: The last frames are 0 V so many times, this far apart, tried for as long where refused.
+LAST_FRAMES, LAST_PERIOD_S, LAST_S = 5, 0.002, 0.2
 SECOND_BRIDGE = "second_bridge"
-UNSENT = "unsent"
 LEVELS = {bridge_report.OK: OK, bridge_report.WARN: WARN, bridge_report.ERROR: ERROR}
 
 
@@ -76,10 +79,11 @@ class CanBridge(LifecycleNode):
         robot = load_robot(self._settings.robot)
         self._codec = self._load_codec(robot)
         self._limits = self._gate_limits(robot)
-        self._core = self._new_core()
         bus_name = self._settings.can
         ids = (*self._codec.device_ids, *self._codec.bridge_ids)
         self._bus: Bus = open_bus(bus_name, ids)
+        self._link = CommandLink(self._bus, self._limits.max_age_cycles)
+        self._core = self._new_core()
         self._claim = Claim(self._bus, self._codec)
         try:
             self._claim.take()
@@ -101,7 +105,6 @@ class CanBridge(LifecycleNode):
         self._threads: list[threading.Thread] = []
         self._running = threading.Event()
         self._heard_at = time.monotonic()
-        self._unsent = 0
         self._summary = ("", "")
         self._state: tuple[object, ...] = ()
 
@@ -149,15 +152,21 @@ class CanBridge(LifecycleNode):
             slew_v_s=self._settings.slew_limit_v_s,
             max_age_cycles=int(1e-3 * self._settings.max_age_ms / period_s + 1e-6),
             min_supply_pa=self._settings.min_supply_pa,
+            reenable_slew_v_s=self._settings.reenable_slew_v_s,
         )
 
     def _new_core(self) -> BridgeCore:
-        return BridgeCore(self._codec, self._limits, lockstep=self._settings.clock == LOCKSTEP)
+        lockstep = self._settings.clock == LOCKSTEP
+        return BridgeCore(self._codec, self._limits, lockstep=lockstep, send=self._link.send)
 
     # -- lifecycle
 
     def _configure(self) -> None:
-        self._core = self._new_core()
+        core = self._new_core()
+        with self._lock:
+            # A trip is cleared by somebody who has seen its reason, not by starting anew.
+            core.gate.carry_over(self._core.gate)
+            self._core = core
         settings = self._settings
         self._topics = BridgePublishers(
             self, self._codec, self._limits.period_s, settings.slow_rate_hz
@@ -178,10 +187,13 @@ class CanBridge(LifecycleNode):
 
     def _deactivate(self) -> None:
         with self._lock:
-            was_active = self._core.active
-            frame = self._core.deactivate()
-        if was_active and frame is not None:
-            self._bus.send(frame)
+            refused = (
+                self._core.active
+                and self._core.deactivate() is None
+                and self._core.sample is not None
+            )
+        if refused:
+            self._send_zero(1)
 
     def _cleanup(self) -> None:
         self._deactivate()
@@ -191,9 +203,20 @@ class CanBridge(LifecycleNode):
             if thread is not threading.current_thread():
                 thread.join(JOIN_S)
         self._threads = []
+        # Now nobody else sends: whatever was lost before, this is the last that is heard.
+        if self._core.spoke:
+            self._send_zero(LAST_FRAMES)
         if self._topics is not None:
             self._topics.destroy()
             self._topics = None
+
+    def _send_zero(self, frames: int) -> None:
+        """0 V and enable off so many times; again where the bus does not take it, for a while."""
+        end = time.monotonic() + LAST_S
+        while frames > 0 and time.monotonic() < end:
+            with self._lock:
+                frames -= self._core.send_zero() is not None
+            time.sleep(LAST_PERIOD_S)
 
     on_configure = logged_transition(_configure)
     on_activate = logged_transition(_activate)
@@ -231,23 +254,23 @@ class CanBridge(LifecycleNode):
         while self._running.is_set():
             message = self._bus.receive(RECEIVE_TIMEOUT_S)
             frame = None if message is None else self._codec.receive(message)
-            if frame is None:
-                silence_s = time.monotonic() - self._heard_at
-                with self._lock:
-                    step = self._core.silence(silence_s)
-            elif frame.role == "claim":
+            now_ns = 0
+            if frame is not None and frame.role == "sync" and frame.intact:
+                self._heard_at = time.monotonic()
+                now_ns = clock.now().nanoseconds
+            if frame is not None and frame.role == "claim":
                 if frame.intact and self._claim.hear(self._codec.decode_claim(frame)):
                     self._second_bridge()
-                continue
-            elif frame.role == "command":
-                continue
-            else:
-                self._heard_at = time.monotonic()
-                now_ns = clock.now().nanoseconds if frame.role == "sync" else 0
-                with self._lock:
-                    step = self._core.receive(frame, now_ns)
-            if step is not NOTHING:
-                self._do(step)
+                frame = None
+            silence_s = time.monotonic() - self._heard_at
+            with self._lock:
+                first = (
+                    NOTHING
+                    if frame is None or frame.role == "command"
+                    else self._core.receive(frame, now_ns)
+                )
+                steps = (first, self._core.silence(silence_s), *self._look_at_bus())
+            self._publish(*steps)
 
     def _command_loop(self) -> None:
         while self._running.is_set():
@@ -258,36 +281,32 @@ class CanBridge(LifecycleNode):
                     step = self._core.command(
                         stamp_ns(message), message.name, message.effort.tolist()
                     )
-                self._do(step)
+                    steps = (step, *self._look_at_bus())
+                self._publish(*steps)
 
-    def _do(self, step: Step) -> None:
-        """Send first: publishing may take its time."""
+    def _look_at_bus(self) -> list[Step]:
+        """With the lock: what follows from the state of the bus."""
+        return [self._core.condition(*condition) for condition in self._link.conditions()]
+
+    def _publish(self, *steps: Step) -> None:
+        """Without the lock: publishing may take its time, the frames have been sent."""
         publishers = self._topics
-        if step.answer is not None:
-            self._send(step.answer)
         if publishers is None:
             return
-        if step.sample is not None:
-            if self._core.active and not self._core.ready:
+        for step in steps:
+            if step is NOTHING:
+                continue
+            if step.sample is not None:
                 # Before publishing: the answer to this sample may come at once.
                 self._look_for_subscribers()
-            publishers.publish_sample(step.sample)
-        for state in step.valve_states:
-            publishers.publish_valve_state(state)
-        self._on_change()
-
-    def _send(self, frame: Any) -> None:
-        if self._bus.send(frame):
-            if self._unsent:
-                self._unsent = 0
-                self._core.gate.end_fault(UNSENT)
-            return
-        self._unsent += 1
-        if self._unsent > self._limits.max_age_cycles:
-            with self._lock:
-                self._core.fault(UNSENT, "valve frames cannot be sent")
+                publishers.publish_sample(step.sample)
+            for state in step.valve_states:
+                publishers.publish_valve_state(state)
+            self._on_change()
 
     def _look_for_subscribers(self) -> None:
+        if not self._core.active or self._core.ready:
+            return
         publishers = self._topics
         if publishers is None or publishers.matched(self._settings.required_subscribers):
             return
@@ -297,14 +316,15 @@ class CanBridge(LifecycleNode):
     def _second_bridge(self) -> None:
         with self._lock:
             step = self._core.fault(SECOND_BRIDGE, "a second bridge is on the bus")
-        self._do(step)
+        self._publish(step)
 
     # -- executor
 
     def _every_claim(self) -> None:
         self._claim.send()
         if self._claim.others_gone():
-            self._core.gate.end_fault(SECOND_BRIDGE)
+            with self._lock:
+                self._core.gate.end_fault(SECOND_BRIDGE)
         self._on_change()
 
     def _clear_trip(self, _request: Any, response: Any) -> Any:
@@ -315,26 +335,30 @@ class CanBridge(LifecycleNode):
         return response
 
     def _on_change(self) -> None:
-        core = self._core
-        state = (core.active, core.ready, core.gate.state, core.gate.trips, len(core.gate.faults))
+        with self._lock:
+            core, gate = self._core, self._core.gate
+            state = (core.active, core.ready, gate.state, gate.trips, len(gate.faults))
         if state != self._state:
             self._state = state
             self._publish_diagnostics()
 
-    def _summarise(self) -> tuple[str, str]:
-        publishers, core = self._topics, self._core
+    def _report(self) -> tuple[str, str, dict[str, object]]:
+        """Level, summary and values of one and the same moment."""
+        publishers = self._topics
         silent = bool(self._threads) and time.monotonic() - self._heard_at > SILENT_S
         missing = (
             publishers.matched(self._settings.required_subscribers)
-            if publishers is not None and core.active and not core.ready
+            if publishers is not None and self._core.active and not self._core.ready
             else []
         )
-        return bridge_report.summary(core, missing, silent=silent)
+        with self._lock:
+            level, text = bridge_report.summary(self._core, missing, silent=silent)
+            return level, text, bridge_report.values(self._core, self._bus, self._names)
 
     def _publish_diagnostics(self) -> None:
         # One at a time: the states that threads report keep their order.
         with self._reporting:
-            level, text = self._summarise()
+            level, text, values = self._report()
             if (level, text) != self._summary:
                 self._summary = (level, text)
                 # Two calls: rclpy binds one severity to each place that logs.
@@ -342,6 +366,4 @@ class CanBridge(LifecycleNode):
                     self.get_logger().error(text)
                 else:
                     self.get_logger().info(text)
-            with self._lock:
-                values = bridge_report.values(self._core, self._bus, self._names)
             self._diagnostics.publish(LEVELS[level], text, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import can
@@ -16,6 +16,11 @@ from hydro_hw_bridge.sample_clock import SampleClock
 SUPPLY = "supply"
 #: Wall time without a frame of the device after which a bridge in real time stops driving.
 SILENCE_S = 0.05
+#: Cycles that are still answered with 0 V after deactivation: any one frame may be lost.
+CLOSING_CYCLES = 5
+#: Name of the fault of a device on another clock than the bridge was told.
+OTHER_CLOCK = "other_clock"
+CLOCK_WORDS = {True: "lockstep", False: "real_time"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +55,7 @@ class ValveState:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What follows from a frame or a command: publish these, send that.
+    """What followed from a frame or a command.
 
     Attributes
     ----------
@@ -59,7 +64,7 @@ class Step:
     valve_states : tuple of ValveState
         To publish.
     answer : can.Message or None
-        To send.
+        Has been sent; None where there was nothing to send or the bus did not take it.
     """
 
     sample: Sample | None = None
@@ -68,6 +73,10 @@ class Step:
 
 
 NOTHING = Step()
+
+
+def _taken(_frame: can.Message) -> bool:
+    return True
 
 
 @dataclass(slots=True)
@@ -90,13 +99,16 @@ class BridgeCore:
     and a tripped gate does, so that device time goes on; while waiting for subscribers or for a
     first command nothing does, and the device repeats its cycle.
 
-    Not thread-safe: callers hold one lock around every method.
+    Not thread-safe: callers hold one lock around every method. Frames are sent inside, so the
+    order on the bus is the order of decisions: nothing decided before a stop is sent after it.
 
     Parameters
     ----------
     codec : Codec
     limits : GateLimits
     lockstep : bool
+    send : callable
+        Sends a frame at once; False where the bus did not take it.
 
     Attributes
     ----------
@@ -107,12 +119,22 @@ class BridgeCore:
     active : bool
     ready : bool
         The subscribers that the bridge was told to wait for are there.
-    unknown_frames : int
+    spoke : bool
+        A valve frame was sent.
     """
 
-    def __init__(self, codec: Codec, limits: GateLimits, *, lockstep: bool) -> None:
+    def __init__(
+        self,
+        codec: Codec,
+        limits: GateLimits,
+        *,
+        lockstep: bool,
+        send: Callable[[can.Message], bool] = _taken,
+    ) -> None:
         self.codec = codec
         self.lockstep = lockstep
+        self.spoke = False
+        self._send = send
         self.gate = Gate(limits)
         self.clock = SampleClock(round(limits.period_s * 1e9), whole_seconds=lockstep)
         self.assembler = Assembler(codec.cycle_frames, codec.sample_counter)
@@ -120,12 +142,11 @@ class BridgeCore:
         self.active = False
         self.ready = False
         self.sample: Sample | None = None
-        self.unknown_frames = 0
         self._answer: can.Message | None = None
+        self._answer_v = self._on_wire = (0.0,) * len(codec.valve_names)
         self._answered = -1
         self._stated = -1
-        self._zero = (0.0,) * len(codec.valve_names)
-        self._on_wire = self._zero
+        self._closing = 0
 
     def activate(self, *, ready: bool = False) -> None:
         """From now on, drive.
@@ -139,16 +160,29 @@ class BridgeCore:
         self.gate.arm()
 
     def deactivate(self) -> can.Message | None:
-        """Stop driving; the returned frame (0 V, enable off) is to be sent."""
-        self.active = self.ready = False
-        self.gate.arm()
-        return self.zero_frame()
+        """Stop driving: 0 V and enable off now, and for a few cycles to come.
 
-    def zero_frame(self) -> can.Message | None:
-        """0 V and enable off, answering the newest cycle; None before the first one."""
-        if self.sample is None:
+        Returns
+        -------
+        can.Message or None
+            As of `send_zero`; None where it was not active.
+        """
+        if not self.active:
             return None
-        return self._encode(self.sample.counter)
+        self.active = self.ready = False
+        self._closing = CLOSING_CYCLES
+        self.gate.arm()
+        return self.send_zero()
+
+    def send_zero(self) -> can.Message | None:
+        """While not driving: 0 V and enable off, once more, as the answer to the newest cycle.
+
+        Returns
+        -------
+        can.Message or None
+            What was sent; None before the first cycle or where the bus did not take it.
+        """
+        return None if self.sample is None else self._emit(self.sample.counter)
 
     def receive(self, frame: Frame, now_ns: int) -> Step:
         """Take a frame of the device.
@@ -185,29 +219,48 @@ class BridgeCore:
             self.gate.trip("the device restarted: its sample counter went back")
         self.gate.forget()
         self._answered = self._stated = -1
+        self._on_wire = (0.0,) * len(self._on_wire)
         self.sample = None
 
     def _cycle(self, cycle: Cycle) -> Step:
-        repeated = cycle.kind is CycleKind.REPEAT
-        if repeated and self.sample is not None:
-            known = self.sample
-            self.sample = Sample(known.stamp_ns, known.counter, known.readings, True)
-            if self._answered == known.counter:
-                return Step(answer=self._answer if self.active else None)
-            return Step(self.sample, answer=self._own_answer())
+        if cycle.kind is CycleKind.REPEAT and self.sample is not None:
+            return self._repeated(self.sample)
         late = self._state_of_last()
         counter = self.clock.extend(cycle.counter)
         readings = self.codec.readings(cycle.data)
         self.sample = Sample(self.clock.stamp_ns(counter), counter, readings, False)
         self.gate.check(self._inputs(readings))
-        if not self.active:
-            self._on_wire = self._zero
-            # In lockstep the cycle is still open: it may be answered once the bridge is active.
-            own = () if self.lockstep else self._state_of_last()
-            return Step(self.sample, (*late, *own))
+        self._compare_clocks(readings)
         answer = self._own_answer()
-        own = () if answer is None else self._state_of_last()
+        # Inactive in lockstep the cycle is still open: it may be answered once active.
+        stated = answer is not None or not (self.active or self.lockstep)
+        own = self._state_of_last() if stated else ()
         return Step(self.sample, (*late, *own), answer)
+
+    def _repeated(self, known: Sample) -> Step:
+        """A cycle that the device sent again, as its answer did not come or was lost."""
+        self.sample = Sample(known.stamp_ns, known.counter, known.readings, True)
+        answered = self._answered == known.counter
+        if answered and self.active and self.gate.state is GateState.DRIVING:
+            answer = self._transmit()
+        else:
+            answer = self._own_answer()
+        own = self._state_of_last() if answer is not None else ()
+        return Step(None if answered else self.sample, own, answer)
+
+    def _compare_clocks(self, readings: Readings) -> None:
+        """A device on the other clock cannot be driven: neither would wait for the other."""
+        if not self.codec.tells_clock:
+            return
+        found, told = CLOCK_WORDS[readings.status.lockstep], CLOCK_WORDS[self.lockstep]
+        if found == told:
+            self.gate.end_fault(OTHER_CLOCK)
+            return
+        reason = f"the device's clock is {found}, the bridge's parameter 'clock' says {told}"
+        if self.active:
+            self.gate.set_fault(OTHER_CLOCK, reason)
+        else:
+            self.gate.faults[OTHER_CLOCK] = reason
 
     def _inputs(self, readings: Readings) -> Inputs:
         names, status = self.codec.pressure_names, readings.status
@@ -221,19 +274,35 @@ class BridgeCore:
         )
 
     def _own_answer(self) -> can.Message | None:
-        """What the bridge answers to the newest cycle without a command."""
-        if self.sample is None or not self.active or self.gate.state is GateState.DRIVING:
+        """What the bridge answered to the newest cycle without a command."""
+        if self.sample is None or (self.active and self.gate.state is GateState.DRIVING):
             return None
-        if self.lockstep and self.gate.state is GateState.WAITING:
+        if not self.active:
+            if not self._closing:
+                return None
+            self._closing -= 1
+        elif (
+            self.lockstep
+            and self.gate.state is GateState.WAITING
+            and self._answered != self.sample.counter
+        ):
             return None
-        return self._encode(self.sample.counter)
+        return self._emit(self.sample.counter)
 
-    def _encode(self, counter: int) -> can.Message:
-        """The gate's output as a frame, which becomes the answer to a cycle."""
+    def _emit(self, counter: int) -> can.Message | None:
+        """Send the gate's output as the answer to a cycle."""
         output = self.gate.output
-        self._on_wire = self.codec.quantised(output.voltages)
         self._answer = self.codec.encode_command(counter, output.voltages, output.enable)
+        self._answer_v = self.codec.quantised(output.voltages)
         self._answered = counter
+        return self._transmit()
+
+    def _transmit(self) -> can.Message | None:
+        """Send the newest answer; only what left is on the wire."""
+        if self._answer is None or not self._send(self._answer):
+            return None
+        self.spoke = True
+        self._on_wire = self._answer_v
         return self._answer
 
     def _state_of_last(self) -> tuple[ValveState, ...]:
@@ -268,22 +337,24 @@ class BridgeCore:
         name = outcome.value
         setattr(self.commands, name, getattr(self.commands, name) + 1)
         if outcome is Outcome.ACCEPTED and counter is not None:
-            answer = self._encode(counter)
-            return Step(valve_states=self._state_at(counter), answer=answer)
+            answer = self._emit(counter)
+            return Step(valve_states=self._state_at(counter, answer), answer=answer)
         if outcome is Outcome.RELEASED or self.gate.state is not was:
             return self.stop_now()
         return NOTHING
 
-    def _state_at(self, counter: int) -> tuple[ValveState, ...]:
+    def _state_at(self, counter: int, answer: can.Message | None) -> tuple[ValveState, ...]:
+        """The valve state of the newest cycle, if this is its answer."""
         newest = self.sample is not None and self.sample.counter == counter
-        return self._state_of_last() if newest else ()
+        return self._state_of_last() if newest and answer is not None else ()
 
     def stop_now(self) -> Step:
         """The gate stopped driving: tell the device at once."""
         if not self.active or self.gate.state is GateState.DRIVING or self.sample is None:
             return NOTHING
-        answer = self._encode(self.sample.counter)
-        return Step(valve_states=self._state_of_last(), answer=answer)
+        counter = self.sample.counter
+        answer = self._emit(counter)
+        return Step(valve_states=self._state_at(counter, answer), answer=answer)
 
     def silence(self, elapsed_s: float) -> Step:
         """The device sent nothing for a while of wall time.
@@ -320,3 +391,21 @@ class BridgeCore:
         was = self.gate.state
         self.gate.set_fault(name, reason)
         return self.stop_now() if self.gate.state is not was else NOTHING
+
+    def condition(self, name: str, reason: str) -> Step:
+        """A condition outside the commands, as it stands now.
+
+        Parameters
+        ----------
+        name : str
+        reason : str
+            Empty: it does not hold.
+
+        Returns
+        -------
+        Step
+        """
+        if not reason:
+            self.gate.end_fault(name)
+            return NOTHING
+        return NOTHING if name in self.gate.faults else self.fault(name, reason)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
 
@@ -38,7 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     return argparse.ArgumentParser(
         prog=NAME,
         description="CAN to ROS and back. A lifecycle node: inactive reads and publishes,"
-        " active also drives the valves. Ends with 0 V on Ctrl-C and SIGTERM.",
+        " active also drives the valves. Ends with 0 V on Ctrl-C, SIGTERM and SIGHUP.",
         usage=f"{NAME} [-h] [--ros-args -p NAME:=VALUE ...]",
         epilog="parameters:\n" + "\n".join(lines),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -53,8 +53,7 @@ def _run(ros_arguments: list[str]) -> int:
     from hydro_hw_bridge.bridge import CanBridge
 
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    on_end(stop.set)
     _init(rclpy, ros_arguments, SignalHandlerOptions.NO)
     try:
         node = CanBridge(stop)

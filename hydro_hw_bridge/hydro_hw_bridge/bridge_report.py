@@ -20,7 +20,7 @@ def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[
     waiting_for : list of str
         Topics that lack subscribers.
     silent : bool
-        The device sent nothing for a second.
+        The device sent nothing for longer than it should.
 
     Returns
     -------
@@ -70,5 +70,7 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         **{f"cycles_{key}": n for key, n in asdict(core.assembler.counters).items()},
         **{f"commands_{key}": n for key, n in asdict(core.commands).items()},
         **{f"bus_{key}": n for key, n in asdict(bus.counters).items()},
+        "bus_off": "yes" if bus.off else "no",
+        "bus_last_error_frame": bus.last_error,
         "bus_load_percent": f"{100 * core.codec.layout.bus_load:.1f}",
     }

@@ -3,6 +3,7 @@
 - `socketcan:can0` (or just `can0`) in the lab.
 - `udp_multicast:239.74.163.2:43113` where the kernel has no CAN: kept on the loopback device with
   hop limit 0, and IPv4 (python-can's own defaults leave the machine, by IPv6).
+- `simulated_faults:239.74.163.2:43113:FILE`: the same with bus-off and error frames on command.
 
 Frames are received by a blocking `Bus.receive` in the caller's own loop: a python-can Notifier
 dies silently when a listener raises.
@@ -22,6 +23,7 @@ from types import TracebackType
 
 import can
 
+from hydro_hw_bridge.error_frames import BUS_OFF, RESTARTED, name_of
 from hydro_hw_bridge.errors import BridgeError
 
 DEFAULT_BUS = "udp_multicast:239.74.163.2:43113"
@@ -29,6 +31,8 @@ LOOPBACK = "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 1 << 20
 #: A send queue that is full: the frame is dropped, as an old valve command must never be queued.
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
+#: Interfaces on which anybody may send what is no frame.
+_DATAGRAMS = ("udp_multicast", "simulated_faults")
 
 
 @dataclass(slots=True)
@@ -120,11 +124,17 @@ class Bus:
     ----------
     name : BusName
     counters : BusCounters
+    off : bool
+        Bus-off: the controller took itself off the bus, until it is restarted.
+    last_error : str
+        The newest error frame in words; empty before the first.
     """
 
     def __init__(self, name: BusName, bus: can.BusABC) -> None:
         self.name = name
         self.counters = BusCounters()
+        self.off = False
+        self.last_error = ""
         self._bus = bus
         self._sending = threading.Lock()
 
@@ -147,17 +157,26 @@ class Bus:
         try:
             message = self._bus.recv(timeout_s)
         except (can.CanError, OSError, ValueError) as error:
-            if self.name.interface == "udp_multicast" and _is_unpacking(error):
+            if self.name.interface in _DATAGRAMS and _is_unpacking(error):
                 self.counters.malformed += 1
                 return None
             raise BridgeError(f"{self.name}: receiving failed: {_text(error)}") from error
         if message is None:
             return None
         if message.is_error_frame:
-            self.counters.error_frames += 1
+            self._take_error(message)
             return None
+        self.off = False  # a controller in bus-off receives nothing
         self.counters.received += 1
         return message
+
+    def _take_error(self, message: can.Message) -> None:
+        self.counters.error_frames += 1
+        self.last_error = name_of(message)
+        if message.arbitration_id & BUS_OFF:
+            self.off = True
+        elif message.arbitration_id & RESTARTED:
+            self.off = False
 
     def send(self, message: can.Message) -> bool:
         """Send a frame now or not at all.
@@ -179,6 +198,7 @@ class Bus:
                     self.counters.dropped += 1
                 else:
                     self.counters.send_errors += 1
+                self.off = self.off or self._bus.state is can.BusState.ERROR
                 return False
             self.counters.sent += 1
             return True
@@ -224,7 +244,9 @@ def open_bus(text: str, identifiers: Sequence[int] | None = None) -> Bus:
     if identifiers is not None:
         filters = [can.typechecking.CanFilter(can_id=i, can_mask=0x1FFFFFFF) for i in identifiers]
     if name.interface == "udp_multicast":
-        return Bus(name, _open_multicast(name, filters))
+        return Bus(name, open_multicast(name, filters))
+    if name.interface == "simulated_faults":
+        return Bus(name, _open_simulated(name, filters))
     if name.interface == "socketcan":
         _check_interface(name)
     try:
@@ -242,7 +264,23 @@ def open_bus(text: str, identifiers: Sequence[int] | None = None) -> Bus:
     return Bus(name, bus)
 
 
-def _open_multicast(name: BusName, filters: list[can.typechecking.CanFilter] | None) -> can.BusABC:
+def open_multicast(name: BusName, filters: list[can.typechecking.CanFilter] | None) -> can.BusABC:
+    """Open `udp_multicast` on the loopback device.
+
+    Parameters
+    ----------
+    name : BusName
+    filters : list of filters, or None
+
+    Returns
+    -------
+    can.BusABC
+
+    Raises
+    ------
+    BridgeError
+        The port is busy, or multicast is not there.
+    """
     from can.interfaces.udp_multicast import UdpMulticastBus
 
     try:
@@ -264,6 +302,13 @@ def _open_multicast(name: BusName, filters: list[can.typechecking.CanFilter] | N
         bus.shutdown()
         raise BridgeError(f"cannot open CAN bus {name}: {_text(error)}") from error
     return bus
+
+
+def _open_simulated(name: BusName, filters: list[can.typechecking.CanFilter] | None) -> can.BusABC:
+    """Without python-can's search for interfaces: it needs the package to be installed."""
+    from hydro_hw_bridge.simulated_faults import SimulatedFaultsBus
+
+    return SimulatedFaultsBus(name.channel, can_filters=filters)
 
 
 def _check_interface(name: BusName) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
 
@@ -77,7 +77,7 @@ def _main(arguments: Sequence[str]) -> int:
     from hydro_hw_bridge.codec import Codec
     from hydro_model.robot_files import load_robot
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    on_end(_interrupt)
     quiet_python_can()
     robot = load_robot(options.robot)
     references = _references(options.reference, robot)
@@ -94,7 +94,7 @@ def _main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _interrupt(*_: object) -> None:
+def _interrupt() -> None:
     raise KeyboardInterrupt
 
 

@@ -13,6 +13,8 @@ from hydro_hw_bridge.errors import BridgeError, CalibrationError
 
 SILENCE_S = 3.0
 SLICE_S = 0.05
+STOP_FRAMES = 5
+STOP_PERIOD_S = 0.002
 
 
 class Session:
@@ -101,6 +103,8 @@ class Session:
             self._bus.send(self.codec.encode_command(self._counter, voltages, enable))
 
     def stop(self) -> None:
-        """0 V and enable off, now."""
+        """0 V and enable off, now and several times: any one frame may be lost."""
         self.drive(None)
-        self._answer()
+        for _ in range(STOP_FRAMES):
+            self._answer()
+            time.sleep(STOP_PERIOD_S)

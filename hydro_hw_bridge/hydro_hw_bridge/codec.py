@@ -126,6 +126,8 @@ class Codec:
         Identifiers that the device sends and that bridges send.
     cycle_frames : tuple of str
         The frames that make one sample, sync first.
+    tells_clock : bool
+        The sync frame says whether the device is in lockstep.
     """
 
     def __init__(self, robot: Robot, mapping: BusMapping, layout: Layout) -> None:
@@ -150,6 +152,7 @@ class Codec:
         mapping, robot = self.mapping, self.robot
         atmosphere = robot.atmospheric_pressure_pa
         self._counter = layout.raw(mapping.counter)
+        self.tells_clock = "lockstep" in mapping.status
         self._status = {name: layout.raw(signal) for name, signal in mapping.status.items()}
         self._positions = tuple(layout.bind(c) for c in mapping.joints.values())
         self._strokes = tuple(layout.bind(c) for c in mapping.strokes.values())

@@ -48,6 +48,8 @@ class GateLimits:
         Commands and silences older than this trip.
     min_supply_pa : float
         Gauge; 0 or less switches the check off.
+    reenable_slew_v_s : float
+        Slew rate of the output in the first second of driving after a trip was cleared.
     """
 
     valve_names: tuple[str, ...]
@@ -56,11 +58,22 @@ class GateLimits:
     slew_v_s: float
     max_age_cycles: int
     min_supply_pa: float
+    reenable_slew_v_s: float = 10.0
 
     @property
     def legal_step_v(self) -> float:
         """The largest legal change of voltage from one cycle to the next."""
         return self.slew_v_s * self.period_s
+
+    @property
+    def first_age_cycles(self) -> int:
+        """Age up to which a command may be the first: one at the limit would trip right after."""
+        return max(1, self.max_age_cycles // 2)
+
+    @property
+    def reenable_step_v(self) -> float:
+        """The largest change of the output from one cycle to the next after a cleared trip."""
+        return min(self.reenable_slew_v_s, self.slew_v_s) * self.period_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +107,8 @@ class Output:
 #: Twice the slew limit, less what rounding may add to a step that is exactly legal.
 _RATE_FACTOR = 2.0
 _ROUNDING_V = 1e-9
+#: How long the output stays slow after a trip was cleared: time to see what moves, and to stop it.
+REENABLE_S = 1.0
 
 
 class Gate:
@@ -131,6 +146,20 @@ class Gate:
         self._command = self._zero
         self._applied = self._zero
         self._ramping = False
+        self._cleared = False
+
+    def carry_over(self, other: Gate) -> None:
+        """Take over what must outlive a gate: its trip with the reason, faults and counts.
+
+        Parameters
+        ----------
+        other : Gate
+            The one before this.
+        """
+        self.trips, self.faults = other.trips, dict(other.faults)
+        self._cleared = other._cleared
+        if other.state is GateState.TRIPPED:
+            self.state, self.reason = GateState.TRIPPED, other.reason
 
     @property
     def output(self) -> Output:
@@ -200,6 +229,7 @@ class Gate:
             return False, f"still there: {cause}"
         reason = self.reason
         self._wait()
+        self._cleared = True
         self.arm()
         return True, f"cleared: {reason}"
 
@@ -270,7 +300,7 @@ class Gate:
             return self._deny(defect)
         if self.state is GateState.DRIVING:
             return self._follow(counter, values)
-        if self._newest - counter > self.limits.max_age_cycles:
+        if self._newest - counter > self.limits.first_age_cycles:
             return Outcome.OUTDATED  # nothing is driven yet: go on waiting for a fresh one
         return self._begin(counter, values)
 
@@ -304,6 +334,10 @@ class Gate:
     def _follow(self, counter: int, values: tuple[float, ...]) -> Outcome:
         cycles = counter - self._accepted
         legal = self.limits.legal_step_v * cycles
+        if values == self._zero:
+            # Whoever stops may stop at once.
+            self._accept(counter, values, cycles)
+            return Outcome.ACCEPTED
         for name, value, before in zip(
             self.limits.valve_names, values, self._command, strict=True
         ):
@@ -318,15 +352,23 @@ class Gate:
 
     def _accept(self, counter: int, values: tuple[float, ...], cycles: int) -> None:
         self._accepted, self._command = counter, values
-        if self._ramping:
+        slow = self._slow(counter)
+        if self._ramping and values != self._zero:
             # From 0 V towards a controller that is elsewhere already, never faster than legal.
-            legal = self.limits.legal_step_v * cycles
+            legal = (self.limits.reenable_step_v if slow else self.limits.legal_step_v) * cycles
             values = tuple(
                 before + min(max(value - before, -legal), legal)
                 for value, before in zip(values, self._applied, strict=True)
             )
-            self._ramping = values != self._command
+        self._ramping = slow or (self._ramping and values != self._command)
         self._applied = values
+
+    def _slow(self, counter: int) -> bool:
+        """Whether this is the first second of driving after a trip was cleared."""
+        if self._cleared:
+            driven_s = (counter - self._driving_since) * self.limits.period_s
+            self._cleared = driven_s < REENABLE_S
+        return self._cleared
 
     def _judge(
         self, names: Sequence[str], voltages: Sequence[float]

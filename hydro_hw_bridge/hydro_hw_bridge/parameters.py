@@ -51,13 +51,20 @@ PARAMETERS = (
     ParameterRule(
         "required_subscribers",
         "Subscribers to wait for before driving, as 'topic:count ...', such as"
-        " '/joint_states:2 /chamber_pressures:2 /valve_state:1'; empty: none.",
+        " '/joint_states:2 /chamber_pressures:2 /valve_state:2'; empty: none.",
         "",
     ),
     ParameterRule(
         "slew_limit_v_s",
         "Legal slew rate of a valve voltage, V/s; the gate trips above twice that.",
         1000.0,
+        1.0,
+        100000.0,
+    ),
+    ParameterRule(
+        "reenable_slew_v_s",
+        "Slew rate of the output in the first second of driving after a trip was cleared, V/s.",
+        10.0,
         1.0,
         100000.0,
     ),
@@ -93,6 +100,7 @@ class Settings:
     clock: str
     required_subscribers: Mapping[str, int]
     slew_limit_v_s: float
+    reenable_slew_v_s: float
     max_age_ms: float
     min_supply_pa: float
     slow_rate_hz: float

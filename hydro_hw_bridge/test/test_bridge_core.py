@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import NOTHING, BridgeCore, Step
+from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, NOTHING, BridgeCore, Step
 from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
 from hydro_hw_bridge.gate import GateLimits, GateState
 
@@ -24,13 +25,22 @@ class Bench:
     """A core, and the device and the controller at its ends."""
 
     def __init__(self, codec: Codec, readings: Make, *, lockstep: bool) -> None:
-        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep)
+        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep, send=self.send)
+        self.taking = True
+        self.wire: list[can.Message] = []
         self.codec = codec
         self.readings = readings
         self.early: list[Step] = []
 
+    def send(self, message: can.Message) -> bool:
+        """The bus: takes frames or refuses them."""
+        if self.taking:
+            self.wire.append(message)
+        return self.taking
+
     def cycle(self, counter: int, **changes: Any) -> Step:
         steps = []
+        changes = {"lockstep": self.core.lockstep} | changes
         for message in self.codec.encode_cycle(self.readings(counter, **changes)):
             frame = self.codec.receive(message)
             assert frame is not None
@@ -264,8 +274,13 @@ def test_deactivation_sends_zero_and_inactive_nothing(lockstep: Bench) -> None:
     command = lockstep.sent(lockstep.core.deactivate())
     assert command.answers(1)
     assert not command.enable
-    assert lockstep.cycle(1).answer is None
-    assert lockstep.cycle(2).answer is None
+    # Any frame may be lost: some more cycles are answered, repeated ones too.
+    for counter in (1, *range(2, CLOSING_CYCLES + 1)):
+        command = lockstep.sent(lockstep.cycle(counter).answer)
+        assert command.answers(counter)
+        assert (command.voltages, command.enable) == ((0.0, 0.0), False)
+    assert lockstep.cycle(CLOSING_CYCLES + 1).answer is None
+    assert lockstep.core.deactivate() is None  # was it already
     assert lockstep.core.gate.state is GateState.WAITING
 
 
@@ -311,3 +326,85 @@ def test_faults_trip_at_once_when_active_and_on_activation_otherwise(real_time: 
     step = real_time.core.fault("second_bridge", "a second bridge is on the bus")
     assert not real_time.sent(step.answer).enable
     assert real_time.core.fault("second_bridge", "again") is NOTHING
+
+
+def test_valve_state_says_what_left_not_what_was_meant(real_time: Bench) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    states = [*real_time.cycle(2).valve_states]
+    states += real_time.command(2, 1.0).valve_states
+    states += real_time.cycle(3).valve_states
+    states += real_time.command(3, 1.5).valve_states
+    real_time.taking = False
+    states += real_time.cycle(4).valve_states
+    step = real_time.command(4, 2.0)
+    assert step.answer is None
+    states += step.valve_states
+    real_time.taking = True
+    states += real_time.cycle(5).valve_states
+    states += real_time.command(5, 2.5).valve_states
+    zero = real_time.core.clock.zero_stamp_ns or 0
+    said = {(s.stamp_ns - zero) // PERIOD: s.voltages[0] for s in states}
+    assert said == {2: 0.0, 3: 1.5, 4: 1.5, 5: 2.5}
+
+
+def test_in_lockstep_an_answer_that_did_not_leave_is_sent_with_the_repeat(lockstep: Bench) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.taking = False
+    assert lockstep.command(0, 1.0).valve_states == ()
+    lockstep.taking = True
+    step = lockstep.cycle(0)
+    assert lockstep.sent(step.answer).voltages == (1.0, 0.0)
+    assert [s.voltages for s in step.valve_states] == [(1.0, 0.0)]
+    assert lockstep.cycle(0).valve_states == ()
+
+
+def test_a_repeat_after_a_trip_gets_zero_whatever_was_refused(lockstep: Bench) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.command(0, 1.0)
+    lockstep.taking = False
+    lockstep.core.condition("bus_off", "bus-off")
+    lockstep.taking = True
+    command = lockstep.sent(lockstep.cycle(0).answer)
+    assert (command.voltages, command.enable) == ((0.0, 0.0), False)
+
+
+@pytest.mark.parametrize("name", ["real_time", "lockstep"])
+def test_a_device_on_the_other_clock_is_a_fault(name: str, request: pytest.FixtureRequest) -> None:
+    bench = request.getfixturevalue(name)
+    other = not bench.core.lockstep
+    bench.cycle(1, lockstep=other)
+    bench.start()
+    assert "the device's clock is " in bench.core.gate.reason
+    assert bench.core.gate.reason.count("lockstep") == 1
+    bench.cycle(2, lockstep=other)
+    assert not bench.core.gate.clear()[0]
+    bench.cycle(3)
+    assert bench.core.gate.clear()[0]
+    bench.cycle(4)
+    assert bench.sent(bench.command(4, 1.0).answer).enable
+    assert not bench.sent(bench.cycle(5, lockstep=other).answer).enable
+    assert [s.voltages for s in bench.cycle(6).valve_states] == [(0.0, 0.0)]
+
+
+def test_a_device_that_does_not_tell_its_clock_is_believed(real_time: Bench) -> None:
+    real_time.codec = copy.copy(real_time.codec)
+    real_time.core.codec = real_time.codec
+    real_time.codec.tells_clock = False
+    real_time.start()
+    real_time.cycle(1, lockstep=True)
+    assert real_time.core.gate.state is GateState.WAITING
+
+
+def test_conditions_trip_once_and_hold_until_they_end(real_time: Bench) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    real_time.command(1, 1.0)
+    assert real_time.core.condition("bus_off", "") is NOTHING
+    assert not real_time.sent(real_time.core.condition("bus_off", "bus-off").answer).enable
+    assert real_time.core.condition("bus_off", "bus-off") is NOTHING
+    assert real_time.core.gate.clear() == (False, "still there: bus-off")
+    real_time.core.condition("bus_off", "")
+    assert real_time.core.gate.clear()[0]

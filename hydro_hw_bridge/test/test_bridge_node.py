@@ -53,9 +53,11 @@ class Device:
     def __init__(self, bus: Bus, codec: Codec, readings: Make) -> None:
         self.bus, self.codec, self.readings = bus, codec, readings
         self.counter = 0
+        self.lockstep = False
 
     def send(self, counter: int, **changes: Any) -> None:
         self.counter = counter
+        changes = {"lockstep": self.lockstep} | changes
         for message in self.codec.encode_cycle(self.readings(counter, **changes)):
             self.bus.send(message)
 
@@ -233,11 +235,18 @@ def first_sample(ros: Ros, device: Device, counter: int) -> int:
     return stamp_of(states[-1])
 
 
+def send_and_hear(ros: Ros, device: Device, counter: int, stamp: int) -> None:
+    """Send a cycle and wait for its sample: a command before it would be of no cycle."""
+    device.send(counter)
+    ros.until(lambda: any(stamp_of(m) >= stamp for m in ros.heard["/chamber_pressures"]))
+
+
 def test_a_day_in_lockstep(
     ros: Ros, device: Device, processes: Processes, can_name: str, robot: Any
 ) -> None:
     required = "/joint_states:1 /chamber_pressures:1 /valve_state:1"
     bring_up(ros, processes, can_name, "clock:=lockstep", f"required_subscribers:='{required}'")
+    device.lockstep = True
     # Inactive: reads, publishes, says nothing on the bus.
     stamp = first_sample(ros, device, 50)
     state, pressure = ros.heard["/joint_states"][-1], ros.heard["/chamber_pressures"][-1]
@@ -303,8 +312,9 @@ def test_a_day_in_lockstep(
     assert diagnosis["cycles_complete"] == "11"
 
 
-def test_real_time_stale_commands_end_at_zero_and_sigterm_too(
-    ros: Ros, device: Device, processes: Processes, can_name: str
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["term", "hup"])
+def test_real_time_stale_commands_end_at_zero_and_signals_too(
+    ros: Ros, device: Device, processes: Processes, can_name: str, number: signal.Signals
 ) -> None:
     bring_up(ros, processes, can_name)
     stamp = first_sample(ros, device, 0)
@@ -333,7 +343,7 @@ def test_real_time_stale_commands_end_at_zero_and_sigterm_too(
     device.commands(0.1)
     ros.ask(stamp + 9 * PERIOD_NS, 1.0, 1.0)
     assert device.answer().enable
-    processes[0].send_signal(signal.SIGTERM)
+    processes[0].send_signal(number)
     assert not device.answer().enable
     assert processes[0].wait(10) == 0
     assert "Traceback" not in processes.log.read_text(encoding="utf-8")
@@ -348,6 +358,7 @@ def test_it_waits_for_the_subscribers_it_was_told_of(
 
     required = "required_subscribers:='valve_state:2'"
     bring_up(ros, processes, can_name, "clock:=lockstep", required)
+    device.lockstep = True
     stamp = first_sample(ros, device, 0)
     ros.transition(ACTIVATE)
     device.send(0)
@@ -379,7 +390,7 @@ def test_a_second_bridge_is_refused_and_the_first_goes_on(
     # One that appears without asking first trips the bridge that drives.
     stamp = first_sample(ros, device, 0)
     ros.transition(ACTIVATE)
-    device.send(1)
+    send_and_hear(ros, device, 1, stamp + PERIOD_NS)
     ros.ask(stamp + PERIOD_NS, 0.5, 0.5)
     ros.until(lambda: any(answer.enable for answer in device.commands(0.05)))
     device.bus.send(device.codec.encode_claim(0x1234, 7))
@@ -387,6 +398,65 @@ def test_a_second_bridge_is_refused_and_the_first_goes_on(
     assert "still there" in ros.clear().message
     time.sleep(2.0)
     assert ros.clear().success  # gone, as it was not heard for so long
+
+
+def test_bus_off_trips_and_comes_back_at_zero(
+    ros: Ros, device: Device, processes: Processes, can_name: str, tmp_path: Path
+) -> None:
+    faults = tmp_path / "faults"
+    simulated = f"{can_name.replace('udp_multicast', 'simulated_faults')}:{faults}"
+    bring_up(ros, processes, simulated, "clock:=lockstep")
+    assert "bus-off and error frames are SIMULATED" in processes.log.read_text(encoding="utf-8")
+    device.lockstep = True
+    stamp = first_sample(ros, device, 0)
+    faults.write_text("error_frames 3")
+    ros.until(lambda: ros.diagnosis()["bus_error_frames"] == "3")
+    assert ros.diagnosis()["bus_last_error_frame"] == "protocol violation, bus error"
+    ros.transition(ACTIVATE)
+    ros.ask(stamp, 1.0, 1.0)
+    assert device.answer().enable
+    faults.write_text("bus_off")
+    ros.until(lambda: ros.diagnosis()["message"].startswith("tripped: bus-off"))
+    assert ros.diagnosis()["bus_off"] == "yes"
+    device.send(1)
+    assert device.commands(0.3) == []
+    assert ros.clear().message.startswith("still there: bus-off")
+    # Back on the bus: 0 V until cleared.
+    faults.write_text("ok")
+    ros.until(lambda: ros.diagnosis()["bus_off"] == "no")
+    assert ros.diagnosis()["bus_last_error_frame"] == "controller restarted"
+    for counter in range(1, 8):
+        device.send(counter)
+        answer = device.answer()
+        assert answer.answers(counter)
+        assert (answer.voltages, answer.enable) == ((0.0, 0.0), False)
+    assert ros.clear().success
+    device.send(8)
+    ros.ask(stamp + 8 * PERIOD_NS, 1.0, 1.0)
+    # After a cleared trip the first second is slow: 10 V/s.
+    assert device.answer().voltages == (0.02, 0.02)
+    assert "Traceback" not in processes.log.read_text(encoding="utf-8")
+
+
+def test_silence_is_counted_from_sync_frames_not_from_any(
+    ros: Ros, device: Device, processes: Processes, can_name: str
+) -> None:
+    bring_up(ros, processes, can_name)
+    stamp = first_sample(ros, device, 0)
+    ros.transition(ACTIVATE)
+    device.send(1)
+    assert not device.answer().enable
+    ros.ask(stamp + PERIOD_NS, 1.0, 1.0)
+    ros.until(lambda: any(answer.enable for answer in device.commands(0.02)))
+    encoders = device.codec.encode_cycle(device.readings(1))[1]
+    claim = device.codec.encode_claim(0, 0)
+    claim.data[0] ^= 1
+    end = time.monotonic() + 0.2
+    while time.monotonic() < end:
+        for message in (encoders, claim):
+            device.bus.send(message)
+        time.sleep(0.005)
+    ros.until(lambda: "nothing from the device for 50 ms" in ros.diagnosis()["message"])
 
 
 @pytest.mark.parametrize(

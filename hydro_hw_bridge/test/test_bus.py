@@ -7,12 +7,15 @@ import os
 import socket
 import subprocess
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 import can
 import pytest
 
 from hydro_hw_bridge.bus import Bus, BusName, open_bus, parse_bus
+from hydro_hw_bridge.error_frames import error_frame, name_of
 from hydro_hw_bridge.errors import BridgeError
 
 GROUP = "239.74.163.2"
@@ -181,3 +184,76 @@ def test_error_frames_are_counted_not_delivered() -> None:
         other.send(can.Message(is_error_frame=True, data=bytes(8)))
         assert bus.receive(2.0) is None
         assert bus.counters.error_frames == 1
+
+
+def taken(bus: Bus, frames: int = 1) -> can.Message | None:
+    """The next data frame, past error frames and what is none."""
+    for _ in range(20 * frames):
+        if (received := bus.receive(0.05)) is not None:
+            return received
+    return None
+
+
+def test_simulated_faults_on_command(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    control = tmp_path / "faults"
+    name = f"simulated_faults:{GROUP}:{PORT}:{control}"
+    with open_bus(name, [0x80]) as bus, open_bus(NAME) as other:
+        assert str(bus.name) == name
+        assert f"SIMULATED, on command of '{control}'" in caplog.text
+        other.send(message(0x81))
+        other.send(message())
+        received = taken(bus)
+        assert received is not None
+        assert received.arbitration_id == 0x80
+        control.write_text("error_frames 2\n")
+        assert taken(bus) is None
+        assert (bus.counters.error_frames, bus.off) == (2, False)
+        assert bus.last_error == "protocol violation, bus error"
+        control.write_text("bus_off")
+        time.sleep(0.02)
+        assert not bus.send(message(0x90))
+        assert (bus.off, bus.counters.send_errors) == (True, 1)
+        other.send(message())
+        assert taken(bus) is None
+        assert bus.last_error == "bus-off"
+        control.unlink()
+        assert taken(bus) is None
+        assert (bus.off, bus.last_error) == (False, "controller restarted")
+        assert bus.send(message(0x90))
+        other.send(message())
+        assert taken(bus) is not None
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            loopback = socket.inet_aton("127.0.0.1")
+            stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
+            stranger.sendto(b"hello", (GROUP, PORT))
+            assert taken(bus) is None
+        assert bus.counters.malformed == 1
+        control.write_text("meteorite")
+        with pytest.raises(BridgeError, match="should say ok, bus_off or error_frames N"):
+            taken(bus)
+
+
+def test_simulated_faults_without_a_file_never_happen(caplog: pytest.LogCaptureFixture) -> None:
+    with open_bus(f"simulated_faults:{GROUP}:{PORT}") as bus:
+        assert "SIMULATED, never" in caplog.text
+        assert bus.send(message())
+        assert taken(bus) is not None
+
+
+@pytest.mark.parametrize(
+    ("classes", "state", "text"),
+    [
+        (0x40, 0, "bus-off"),
+        (0x88, 0, "protocol violation, bus error"),
+        (0x04, 0x30, "controller (receive passive, transmit passive)"),
+        (0x04, 0x40, "controller (active again)"),
+        (0x100, 0, "controller restarted"),
+        (0x00, 0, "unknown"),
+    ],
+)
+def test_error_frames_are_named_as_linux_does(classes: int, state: int, text: str) -> None:
+    frame = error_frame(classes)
+    frame.data[1] = state
+    assert name_of(frame) == text
+    frame.data = bytearray()
+    assert name_of(frame) == text.partition(" (")[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import yaml
 from hydro_hw_bridge.bus import open_bus
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim
-from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.codec import Codec, CommandFrame
 
 PORT = 20_000 + (os.getpid() + 7_000) % 20_000
 CAN = f"udp_multicast:239.74.163.2:{PORT}"
@@ -113,6 +114,41 @@ def test_a_claimed_bus_is_refused(codec: Codec, tmp_path: Path) -> None:
         _, told = process.communicate()
     assert process.returncode == 2
     assert told.startswith(f"calibrate: another bridge (instance {claim.instance:08x})")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["term", "hup"])
+def test_signals_end_it_at_zero_volts(
+    codec: Codec, tmp_path: Path, number: signal.Signals
+) -> None:
+    arguments = [executable("calibrate"), "--can", CAN, "--out", str(tmp_path), "--zeros"]
+    with (
+        open_bus(CAN, codec.bridge_ids) as bus,
+        subprocess.Popen(
+            [executable("sim_rig"), "--can", CAN, "--real-time"], stdout=subprocess.PIPE, text=True
+        ) as rig,
+    ):
+        assert rig.stdout is not None
+        assert "ready" in rig.stdout.readline()
+        process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True)
+        assert process.stderr is not None
+        assert "waiting for the pump to be off" in process.stderr.readline()
+        commands: list[CommandFrame] = []
+        ended_at = time.monotonic() + 10.0
+        while time.monotonic() < ended_at:
+            message = bus.receive(0.02)
+            frame = None if message is None else codec.receive(message)
+            if frame is not None and frame.role == "command":
+                if not commands:
+                    process.send_signal(number)
+                commands.append(codec.decode_command(frame))
+            if process.poll() is not None:
+                ended_at = min(ended_at, time.monotonic() + 0.3)
+        rig.terminate()
+    assert process.returncode == 130
+    assert process.stderr.read() == ""
+    assert len(commands) >= 5
+    assert (commands[-1].voltages, commands[-1].enable) == ((0.0, 0.0), False)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -132,7 +133,7 @@ def test_range_at_and_beyond_the_rated_voltage(sign: float, valve: int, rated: f
 
 
 @pytest.mark.parametrize(
-    ("age", "outcome"), [(0, Outcome.ACCEPTED), (5, Outcome.ACCEPTED), (6, Outcome.OUTDATED)]
+    ("age", "outcome"), [(0, Outcome.ACCEPTED), (2, Outcome.ACCEPTED), (3, Outcome.OUTDATED)]
 )
 def test_age_of_a_first_command(age: int, outcome: Outcome) -> None:
     gate = waiting(100)
@@ -236,12 +237,110 @@ def test_the_rate_holds_while_ramping_too() -> None:
     assert_tripped(gate, "step of 4.100 V in 2 ms (limit 4.000 V)")
 
 
-def test_no_jump_on_being_enabled_again() -> None:
+def test_after_a_cleared_trip_the_output_is_slow_for_a_second() -> None:
     gate = driving(6.0, 6.0)
     gate.trip("test")
     assert gate.clear()[0]
-    assert step(gate, 101, 6.0, 6.0) is Outcome.ACCEPTED
-    assert gate.output.voltages == (2.0, 2.0)
+    slow = 10.0 * 0.002  # 10 V/s
+    outputs = []
+    for counter in range(101, 605):
+        assert step(gate, counter, 7.0, -3.0) is Outcome.ACCEPTED
+        outputs.append(gate.output.voltages)
+    assert outputs[0] == (slow, -slow)
+    steps = [abs(b[0] - a[0]) for a, b in itertools.pairwise(outputs[:500])]
+    assert max(steps) == pytest.approx(slow)
+    assert outputs[499] == pytest.approx((7.0, -3.0))
+    # It follows slowly though it had arrived already, and at once when the second is over.
+    assert step(gate, 605, 5.0, -3.0) is Outcome.ACCEPTED
+    assert gate.output.voltages == (5.0, -3.0)
+
+
+def test_the_slow_second_outlives_what_interrupts_it() -> None:
+    gate = driving(6.0)
+    gate.trip("test")
+    gate.clear()
+    step(gate, 101, 6.0, 0.0)
+    assert step(gate, 102, 0.0, 0.0) is Outcome.ACCEPTED  # a stop is as fast as ever
+    assert gate.output == Output((0.0, 0.0), enable=True)
+    step(gate, 103, 3.0, 0.0)
+    assert gate.output.voltages == (0.02, 0.0)
+    assert gate.command(103, NAMES, (0.0, 0.0)) is Outcome.RELEASED
+    step(gate, 104, 3.0, 0.0)
+    assert gate.output.voltages == (0.02, 0.0)
+    for counter in range(105, 700):
+        step(gate, counter, 3.0, 0.0)
+    # Once driven through, it is over: the next start is an ordinary one.
+    gate.arm()
+    step(gate, 700, 3.0, 0.0)
+    assert gate.output.voltages == (2.0, 0.0)
+
+
+def test_a_controller_far_away_is_reached_at_the_slew_limit_after_the_slow_second() -> None:
+    gate = Gate(replace(LIMITS, reenable_slew_v_s=1.0))
+    gate.advance(0)
+    gate.check(GOOD)
+    gate.trip("test")
+    gate.clear()
+    for counter in range(500):
+        step(gate, counter, 6.0, 0.0)
+    assert gate.output.voltages[0] == pytest.approx(1.0)
+    seen = []
+    for counter in range(500, 504):
+        step(gate, counter, 6.0, 0.0)
+        seen.append(gate.output.voltages[0])
+    assert seen == pytest.approx([3.0, 5.0, 6.0, 6.0])
+
+
+def test_a_slow_rate_above_the_slew_limit_changes_nothing() -> None:
+    assert replace(LIMITS, reenable_slew_v_s=1e5).reenable_step_v == LIMITS.legal_step_v
+
+
+def test_zero_at_once_is_legal_from_anywhere() -> None:
+    gate = driving(9.0, -7.0)
+    assert step(gate, 101, 0.0, 0.0) is Outcome.ACCEPTED
+    assert gate.output == Output((0.0, 0.0), enable=True)
+    # From there on the rate holds as ever; zero on one valve alone is no stop.
+    assert step(gate, 102, 4.0, 0.0) is Outcome.ACCEPTED
+    gate = driving(9.0, -7.0)
+    assert step(gate, 101, 0.0, -7.0) is Outcome.DENIED
+    assert_tripped(gate, "lift_valve: step of 9.000 V")
+
+
+def test_zero_at_once_while_ramping_too() -> None:
+    gate = waiting(100)
+    step(gate, 100, 7.0, -3.0)
+    assert step(gate, 101, 0.0, 0.0) is Outcome.ACCEPTED
+    assert gate.output == Output((0.0, 0.0), enable=True)
+
+
+def test_zero_does_not_help_where_something_is_wrong() -> None:
+    gate = driving(9.0)
+    gate.check(replace(GOOD, pump_on=False))
+    assert gate.command(101, NAMES, (0.0, 0.0)) is Outcome.DENIED
+    assert_tripped(gate, "pump is off")
+
+
+def test_a_new_gate_takes_over_a_trip_but_no_driving() -> None:
+    old, new = driving(3.0), Gate(LIMITS)
+    old.set_fault("x", "standing fault")
+    new.carry_over(old)
+    assert_tripped(new, "standing fault")
+    assert (new.trips, new.faults) == (1, {"x": "standing fault"})
+    new.end_fault("x")
+    assert old.faults == {"x": "standing fault"}
+    new.advance(1)
+    new.check(GOOD)
+    assert new.clear()[0]
+    after = Gate(LIMITS)
+    after.carry_over(new)
+    assert (after.state, after.trips) == (GateState.WAITING, 1)
+    after.advance(1)
+    after.check(GOOD)
+    after.command(1, NAMES, (3.0, 0.0))
+    assert after.output.voltages == (0.02, 0.0)  # cleared, and not driven since
+    fresh = Gate(LIMITS)
+    fresh.carry_over(driving(3.0))
+    assert (fresh.state, fresh.output) == (GateState.WAITING, OFF)
 
 
 def test_one_command_per_stamp() -> None:

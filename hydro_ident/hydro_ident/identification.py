@@ -36,6 +36,9 @@ from hydro_model.robot import Robot
 #: Gauss-Newton passes of listed null biases, and the step at which they end.
 _BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7
 
+#: A residual this many times the noise floor is not noise.
+LEFT_OUT = 5.0
+
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
 
 
@@ -119,10 +122,11 @@ def identify(
     """
     if not training:
         raise IdentError("expected at least one recording to identify from, found none")
+    _check_names([*training, *validation])
     settings = settings or Settings()
     effects = ListedEffects.of(robot)
     traces = traces_of(training)
-    checks = traces_of(validation) or traces
+    checks = traces_of(validation) if validation else traces
     split = HoldOut(every=0) if validation else _hold_out(training)
     model = _force_model(robot, effects, traces)
     inertial = fit_inertial(model, traces, settings.filters, split.training)
@@ -131,8 +135,10 @@ def identify(
     found = None
     if verdict != NOT_ENOUGH and inertial is not None:
         found = identified_robot(robot, inertial, hydraulic, fitted.biases)
-    scores = force_scores(inertial, robot, checks, split, settings.filters)
-    scores += flow_scores(hydraulic, robot, (effects, fitted), checks, split)
+    scores: list[ChannelScore] = []
+    if checks:
+        scores += force_scores(inertial, robot, checks, split, settings.filters)
+        scores += flow_scores(hydraulic, robot, (effects, fitted), checks, split)
     return Identification(
         verdict=verdict,
         given=robot,
@@ -140,11 +146,36 @@ def identify(
         parameters=parameter_list(robot, inertial, hydraulic, fitted.biases),
         channels=tuple(scores),
         problems=problems,
-        notes=_notes(training, effects, validation),
+        notes=(*_notes(training, effects, validation), *_score_notes(scores)),
         inertial=inertial,
         hydraulic=hydraulic,
         settings=settings,
     )
+
+
+def _check_names(recordings: Sequence[Recording]) -> None:
+    """Hold-out blocks, labels and hashes go by a bag's name."""
+    names = [recording.path.name for recording in recordings]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise IdentError(f"expected bags of different names, found '{twice[0]}' more than once")
+
+
+def _score_notes(scores: Sequence[ChannelScore]) -> list[str]:
+    """What the scores say of the stated intervals."""
+    if not scores:
+        return ["no stretch of the bags can be used to check the predictions: nothing was scored"]
+    notes = []
+    for score in scores:
+        summary = score.summary()
+        floor, after = float(summary["noise_floor"]), float(summary["rmse_after"])
+        if floor > 0.0 and after > LEFT_OUT * floor:
+            notes.append(
+                f"{score.name}: the residual is {after / floor:.0f} times what sensor noise"
+                " leaves; physics is left out, and parameters may be off by more than their"
+                " intervals say"
+            )
+    return notes
 
 
 def _fit_flows(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Identify, publish once, stay until SIGINT or SIGTERM; returns the exit code."""
+    """Identify, publish once, stay until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
@@ -30,7 +30,7 @@ def run(arguments: Sequence[str]) -> int:
         return 0
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _interrupt)
     try:
         node = rclpy.create_node("identification_node")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -118,6 +119,18 @@ def test_latched_topics_reach_who_comes_later(node, tmp_path) -> None:
         process.terminate()
         process.communicate(timeout=20)
     assert process.returncode == 0
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["term", "hup"])
+def test_signals_end_it_in_order(write_bag, run_columns, number) -> None:
+    process = _play(write_bag(run_columns(N)), "--loop", "--delay", "0")
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("playing ")
+    process.send_signal(number)
+    said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    assert said.startswith("played ")
 
 
 def test_what_is_played(write_bag, run_columns) -> None:

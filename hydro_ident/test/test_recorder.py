@@ -156,6 +156,17 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["term", "hup"])
+def test_signals_end_it_with_a_closed_bag(tmp_path, node, recorder, number) -> None:
+    process = recorder()
+    publishers = _publishers(node)
+    _wait_until_received(tmp_path, publishers)
+    process.send_signal(number)
+    assert process.wait(timeout=20) == 0, _said(tmp_path)
+    assert read_bag(_only_bag(tmp_path)).losses == ()
+
+
+@pytest.mark.ros
 def test_a_kill_costs_at_most_three_tenths_of_a_second(tmp_path, node, recorder) -> None:
     process = recorder()
     publishers = _publishers(node)

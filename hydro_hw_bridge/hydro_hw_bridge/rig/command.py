@@ -10,7 +10,9 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.rig.payload import payload_argument
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
         description="The simulated machine as a device on the CAN bus: encoders, pressures,"
         " valves. It is no ROS node; its true states go to a side file only.",
         epilog="SIGUSR1 turns all permissive inputs on, SIGUSR2 opens the emergency stop; Ctrl-C"
-        " and SIGTERM end it.",
+        ", SIGTERM and SIGHUP end it.",
     )
     add = parser.add_argument
     add("--robot", default="xs031", help="robot file or name of a shipped robot (%(default)s)")
@@ -66,6 +68,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     pose.add_argument(
         "--joints", type=float, nargs="+", metavar="Q", help="initial joint positions, rad or m"
+    )
+    add(
+        "--payload",
+        type=payload_argument,
+        nargs="+",
+        default=[],
+        metavar="KG@S",
+        help="point mass at the tip from this device time since the first drive on, each in place"
+        " of the one before: 50@6 0@12 takes 50 kg up and sets them down",
     )
     add("--truth-out", type=Path, metavar="FILE.npz", help="side file of true states")
     end = parser.add_mutually_exclusive_group()
@@ -120,7 +131,7 @@ def run(arguments: Sequence[str]) -> int:
     with open_bus(name, codec.bridge_ids) as bus, contextlib.ExitStack() as stack:
         log = None
         if options.truth_out is not None:
-            facts = {"robot": robot.name, "truth": truth.name, "seed": options.seed}
+            facts = _facts(options, core)
             log = stack.enter_context(TruthLog(options.truth_out, core.truth_names, facts))
         device = Device(core, codec, bus, lockstep=not options.real_time, log=log)
         _handle_signals(device)
@@ -134,6 +145,13 @@ def run(arguments: Sequence[str]) -> int:
         stack.callback(lambda: print(_summary(device), flush=True))
         device.run(options.cycles, driven)
     return 0
+
+
+def _facts(options: Any, core: RigCore) -> dict[str, Any]:
+    """What the side file says of the run."""
+    facts = {"robot": core.robot.name, "truth": core.truth.name, "seed": options.seed}
+    loads = [{"mass_kg": p.mass_kg, "from_s": p.from_s} for p in options.payload]
+    return facts | ({"payloads": loads} if loads else {})
 
 
 def _core(options: Any) -> RigCore:
@@ -151,6 +169,7 @@ def _core(options: Any) -> RigCore:
         tip_m=options.tip,
         inputs=Inputs(**off),
         first_counter=options.first_counter,
+        payloads=options.payload,
     )
 
 
@@ -163,7 +182,7 @@ def _driven_cycles(duration_s: float | None, cycle_s: float) -> int | None:
 
 
 def _handle_signals(device: Device) -> None:
-    def stop(number: int, frame: FrameType | None) -> None:
+    def stop() -> None:
         device.stopping = True
 
     def inputs_on(number: int, frame: FrameType | None) -> None:
@@ -172,8 +191,7 @@ def _handle_signals(device: Device) -> None:
     def press_stop(number: int, frame: FrameType | None) -> None:
         device.core.set_inputs(emergency_stop_ok=False)
 
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    on_end(stop)
     signal.signal(signal.SIGUSR1, inputs_on)
     signal.signal(signal.SIGUSR2, press_stop)
 

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.amplifier import Amplifier
 from hydro_hw_bridge.rig.instruments import Instruments, Measurement
+from hydro_hw_bridge.rig.payload import Payload
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip
 from hydro_hw_bridge.rig.truth import Truth
@@ -74,6 +75,8 @@ class RigCore:
     inputs : Inputs
     first_counter : int
         Sample counter of the first cycle.
+    payloads : sequence of Payload
+        Loads at the tip, each in place of the one before from its instant on.
 
     Attributes
     ----------
@@ -105,6 +108,7 @@ class RigCore:
         tip_m: Sequence[float] | None = None,
         inputs: Inputs | None = None,
         first_counter: int = 0,
+        payloads: Sequence[Payload] = (),
     ) -> None:
         self.robot = robot
         self.truth = truth
@@ -115,6 +119,8 @@ class RigCore:
         self.parked = True
         self.counter = first_counter % COUNTER_SPAN
         self.cycles = 0
+        self._driven_cycles = 0
+        self._payloads = sorted(payloads, key=lambda payload: payload.from_s)
         self._instruments = Instruments(self.plant, seed)
         names = [c.name for c in robot.cylinders]
         self._valve_cylinder = np.array([names.index(v.cylinder) for v in robot.valves], dtype=int)
@@ -152,12 +158,21 @@ class RigCore:
         if self.amplifier.enabled:
             self.parked = False
         if not self.parked:
+            self._take_payload()
             asked = np.zeros(len(self.robot.cylinders))
             asked[self._valve_cylinder] = output / self._rated_v
             self.plant.advance(np.clip(asked, -1.0, 1.0), self.cycle_s, pump=self.inputs.pump_on)
+            self._driven_cycles += 1
         self.counter = (self.counter + 1) % COUNTER_SPAN
         self.cycles += 1
         self._measurement = self._measure()
+
+    def _take_payload(self) -> None:
+        """Change the load at the tip where its instant has come."""
+        while self._payloads and self._driven_cycles >= round(
+            self._payloads[0].from_s / self.cycle_s
+        ):
+            self.plant.load_tip(self._payloads.pop(0).mass_kg)
 
     def set_inputs(
         self,

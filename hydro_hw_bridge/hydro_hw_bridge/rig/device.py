@@ -14,9 +14,8 @@ from hydro_hw_bridge.rig.amplifier import WATCHDOG_S
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_log import TruthLog
 
-#: Wall time after which an unanswered cycle is sent again in lockstep, moving and parked.
+#: Wall time after which an unanswered cycle is sent again in lockstep.
 REPEAT_S = 1.0
-PARKED_REPEAT_S = 0.2
 #: Longest wait for a frame before the device looks whether it shall stop.
 SLICE_S = 0.05
 #: Behind by more than this, the real-time clock starts afresh instead of catching up.
@@ -154,7 +153,7 @@ class Device:
         self._send()
         sent = time.monotonic()
         while not self.stopping:
-            wait = sent + (PARKED_REPEAT_S if self.core.parked else REPEAT_S) - time.monotonic()
+            wait = sent + REPEAT_S - time.monotonic()
             if wait <= 0.0:
                 self.counters.repeats += 1
                 self._send()

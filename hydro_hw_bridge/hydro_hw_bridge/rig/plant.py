@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig import kernel
-from hydro_hw_bridge.rig.truth import CylinderTruth, Truth, ValveTruth
+from hydro_hw_bridge.rig.payload import loaded
+from hydro_hw_bridge.rig.truth import CylinderTruth, LinkTruth, Truth, ValveTruth
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 
 Records = NDArray[Any]
@@ -144,6 +145,14 @@ class Plant:
         if not np.isfinite(self.state).all():
             raise BridgeError(f"plant of {self.robot.name}: the state is no longer finite")
 
+    def load_tip(self, mass_kg: float) -> None:
+        """Fix a point mass to the tip, in place of the one before; 0 takes it away.
+
+        Positions and velocities go on as they are: the load is taken at the tip's own speed.
+        """
+        link = loaded(self.truth.links[-1], mass_kg, self.robot.tip_offset_m)
+        _fill_link(self._links[-1], link)
+
     def rates(self, asked: FloatArray, *, pump: bool = True) -> FloatArray:
         """Time derivative of the whole state, in its layout."""
         out = np.zeros_like(self.state)
@@ -210,9 +219,13 @@ def _links(robot: Robot, truth: Truth) -> Records:
         row["prismatic"] = joint.prismatic
         row["stopped"] = joint.name not in driven
         row["lower"], row["upper"] = joint.lower, joint.upper
-        row["mass"], row["com"] = link.mass_kg, link.com_m
-        row["inertia"] = link.inertia_com_kg_m2
+        _fill_link(row, link)
     return out
+
+
+def _fill_link(row: Any, link: LinkTruth) -> None:
+    row["mass"], row["com"] = link.mass_kg, link.com_m
+    row["inertia"] = link.inertia_com_kg_m2
 
 
 def _cylinders(robot: Robot, truth: Truth) -> Records:

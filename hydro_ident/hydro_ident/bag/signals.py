@@ -9,14 +9,14 @@ from contextlib import contextmanager
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[bool]]:
-    """A list that turns non-empty on SIGINT or SIGTERM, so that work ends in order.
+    """A list that turns non-empty on SIGINT, SIGTERM or SIGHUP, so that work ends in order.
 
     rclpy's own handlers would shut the middleware down under a loop that still uses it.
     """
     stop: list[bool] = []
     before = {
         number: signal.signal(number, lambda *_: stop.append(True))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
         yield stop

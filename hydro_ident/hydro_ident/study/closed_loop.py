@@ -33,6 +33,8 @@ class Run:
     voltage_v : (N, m) array
     force_n, required_force_n : (N, n) array
         Piston forces measured and required.
+    estimates : (N, k) array
+        What the controller adapts, by `Adaptation.names`; k = 0 where it adapts nothing.
     """
 
     time_s: FloatArray
@@ -42,6 +44,7 @@ class Run:
     voltage_v: FloatArray
     force_n: FloatArray
     required_force_n: FloatArray
+    estimates: FloatArray
 
 
 def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float) -> Run:
@@ -72,12 +75,18 @@ def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float)
                 output.voltage_v,
                 output.force_n,
                 output.required_force_n,
+                _estimates(controller),
             )
         )
         rig.actuate(output.voltage_v.tolist())
     columns = [np.array(column, dtype=np.float64) for column in zip(*rows, strict=True)]
     time_s = np.arange(cycles, dtype=np.float64) * rig.cycle_s
     return Run(time_s, *columns)
+
+
+def _estimates(controller: ControllerCore) -> FloatArray:
+    adaptation = controller.law.adaptation
+    return np.zeros(0) if adaptation is None else adaptation.estimates
 
 
 def _answer(rig: RigCore, controller: ControllerCore) -> Output:

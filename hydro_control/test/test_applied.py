@@ -1,0 +1,190 @@
+"""Commands that the valves do not get: noticed, followed, and never caught up with at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hydro_control.adaptation_settings import AdaptationSettings
+from hydro_control.applied import MOST_WITHHELD, AppliedWatch
+from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.trajectory import Waypoint
+from hydro_model.paths import JointPath
+from hydro_model.paths_segments import Quintic
+from hydro_model.robot import FloatArray
+from hydro_model.robot_files import load_robot
+
+ROBOT = load_robot("xs031")
+POSE = np.array([0.6, -1.5])
+STEP_NS = 2_000_000
+ZERO = np.zeros(2)
+SOME = np.array([1.0, -0.5])
+PATH = JointPath((Quintic.at_rest([0.6], [0.8], 2.0),), joints=("lift",))
+
+
+def watch_of(
+    pairs: list[tuple[FloatArray, FloatArray]], *, moving: bool = False, first: str = "commanded"
+) -> AppliedWatch:
+    watch = AppliedWatch()
+    for stamp, (commanded, applied) in enumerate(pairs):
+        if first == "commanded":
+            watch.commanded(stamp, commanded, moving=moving)
+        watch.applied(stamp, applied)
+        if first != "commanded":
+            watch.commanded(stamp, commanded, moving=moving)
+    return watch
+
+
+@pytest.mark.parametrize("first", ["commanded", "applied"])
+def test_more_than_ten_stamps_in_a_row_are_withheld(first: str) -> None:
+    none = (SOME, ZERO)
+    assert not watch_of([none] * MOST_WITHHELD, first=first).withheld
+    watch = watch_of([none] * (MOST_WITHHELD + 1), first=first)
+    assert (watch.withheld, watch.settled, watch.count) == (True, False, MOST_WITHHELD + 1)
+    assert not watch_of([*[none] * 10, (SOME, SOME), *[none] * 10], first=first).withheld
+    watch = watch_of([*[none] * 11, (SOME, SOME / 9.0)], first=first)
+    assert (watch.withheld, watch.settled) == (False, False)
+    assert watch_of([*[none] * 11, (SOME, SOME / 9.0), (SOME, SOME)], first=first).settled
+
+
+def test_order_and_delay_of_what_was_applied_do_not_matter() -> None:
+    watch = AppliedWatch()
+    for stamp in range(150):
+        watch.commanded(stamp, SOME, moving=True)
+    for stamp in reversed(range(150)):
+        watch.applied(stamp, SOME)
+    assert (watch.withheld, watch.count, watch.moved) == (False, 0, True)
+
+
+def test_what_is_no_evidence_is_not_counted() -> None:
+    # 0 V commanded, within the wire's step: neither way. Another voltage than commanded: a ramp.
+    assert not watch_of([(np.full(2, 0.002), ZERO)] * 50).withheld
+    assert not watch_of([(SOME, SOME / 100.0)] * 50).withheld
+    mixed = [(SOME, ZERO), (ZERO, ZERO)] * (MOST_WITHHELD + 1)
+    assert watch_of(mixed).withheld
+    watch = AppliedWatch()
+    for stamp in range(1000):  # stamps that were never answered
+        watch.applied(stamp, ZERO)
+    assert watch.count == 0
+
+
+def test_half_a_story_is_forgotten_after_a_while() -> None:
+    watch = AppliedWatch()
+    for stamp in range(1000):
+        watch.commanded(stamp, SOME, moving=False)
+    watch.applied(0, ZERO)
+    assert watch.count == 0
+    watch.applied(999, ZERO)
+    assert watch.count == 1
+
+
+def sample(cycle: int, q: FloatArray) -> Sample:
+    half = np.full(2, 8e6)
+    return Sample(10**18 + cycle * STEP_NS, q, half, half, None, None)
+
+
+class Loop:
+    """A controller and the valves' side of it; the robot stands where it is told."""
+
+    def __init__(self, path: JointPath | None = None, **options: object) -> None:
+        self.core = ControllerCore(ROBOT, Gains(), path, **options)  # type: ignore[arg-type]
+        self.cycle = 0
+
+    def run(self, cycles: int, q: FloatArray = POSE, *, share: float | None = 1.0) -> Answer:
+        answer = None
+        for _ in range(cycles):
+            answer = self.core.answer(sample(self.cycle, q))
+            assert answer is not None
+            if share is not None:
+                self.core.applied(answer.stamp_ns, share * answer.output.voltage_v)
+            self.cycle += 1
+        assert answer is not None
+        return answer
+
+
+def test_applied_commands_change_no_bit_whenever_they_are_told() -> None:
+    def voltages(late: int | None) -> bytes:
+        core, told, out = ControllerCore(ROBOT, Gains(), PATH, 0.1), [], []
+        for k in range(300):
+            answer = core.answer(sample(k, POSE))
+            assert answer is not None
+            out.append(answer.output.voltage_v)
+            told.append(answer)
+            if late is not None and k >= late:
+                past = told[k - late]
+                core.applied(past.stamp_ns, past.output.voltage_v)
+        return np.array(out).tobytes()
+
+    assert voltages(None) == voltages(0) == voltages(1) == voltages(40)
+
+
+def test_a_motion_that_is_withheld_is_dropped_and_held_where_the_robot_is() -> None:
+    loop = Loop(PATH, start_delay_s=0.1)
+    moving = loop.run(500).reference
+    assert moving.velocity[0] > 0.0
+    loop.run(MOST_WITHHELD + 1, share=0.0)
+    sunk = POSE - 0.05
+    reference = loop.run(100, sunk, share=0.0).reference
+    np.testing.assert_array_equal(reference.position, sunk)
+    assert "do not get the commands" in loop.core.message
+    assert not loop.core.moving
+    assert loop.core.counts.withheld > 100
+    with pytest.raises(ControlError, match="do not get the commands"):
+        loop.core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], ZERO, ZERO)])
+    # Applied again, slowly: held where it was then, with no error to catch up with.
+    loop.run(1, sunk, share=0.01)
+    reference = loop.run(200, sunk - 0.01, share=0.01).reference
+    np.testing.assert_array_equal(reference.position, sunk)
+    np.testing.assert_array_equal(reference.velocity, ZERO)
+    assert loop.core.message.startswith("holding: the motion was dropped")
+    there = [Waypoint(1.0, np.array([0.6]), np.array([]), np.array([]))]
+    loop.core.request_trajectory("joint", ["lift"], there)
+    loop.run(1, sunk)
+    assert loop.core.moving
+    assert loop.core.message == ""
+
+
+def test_a_path_of_which_nothing_was_driven_starts_anew() -> None:
+    loop = Loop(PATH, start_delay_s=0.1)
+    loop.run(700, share=0.0)  # with the valves off it would be well under way
+    np.testing.assert_array_equal(loop.run(1, share=0.0).reference.position, POSE)
+    loop.run(1)
+    begin = loop.cycle
+    for k in range(300):
+        expected = PATH.sample(k * 0.002 - 0.1)[0][0]
+        np.testing.assert_allclose(
+            loop.run(1).reference.position, [expected, -1.5], atol=1e-12, err_msg=str(begin + k)
+        )
+    assert loop.core.message == ""
+
+
+def test_a_path_under_way_does_not_start_anew() -> None:
+    loop = Loop(PATH)
+    loop.run(20)
+    loop.run(50, share=0.0)
+    assert not np.any(loop.run(300).reference.velocity)
+
+
+def test_a_hold_stays_a_hold() -> None:
+    loop = Loop()
+    loop.run(20)
+    loop.run(50, share=0.0)
+    loop.run(3)
+    assert loop.core.message == ""
+    loop.core.restart()
+    assert not loop.core.moving
+
+
+def test_nothing_is_learnt_while_commands_have_no_effect() -> None:
+    settings = AdaptationSettings(kinds=("payload", "friction", "null_bias"))
+    loop = Loop(adaptation=settings)
+    loop.run(30, share=0.0)
+    adaptation = loop.core.law.adaptation
+    assert adaptation is not None
+    before = adaptation.estimates
+    for k in range(400):  # pushed by something else
+        loop.run(1, POSE + 0.05 * np.sin(0.02 * k), share=0.0)
+    np.testing.assert_array_equal(adaptation.estimates, before)
+    assert adaptation.frozen

@@ -1,0 +1,42 @@
+"""The bus as the way of valve frames: sends them, and knows what is wrong with it."""
+
+from __future__ import annotations
+
+import can
+
+from hydro_hw_bridge.bus import Bus
+
+UNSENT = "unsent"
+BUS_OFF = "bus_off"
+
+
+class CommandLink:
+    """Sends valve frames.
+
+    Parameters
+    ----------
+    bus : Bus
+    most_unsent : int
+        So many frames in a row may be refused by the bus before that is a fault.
+    """
+
+    def __init__(self, bus: Bus, most_unsent: int) -> None:
+        self._bus = bus
+        self._most_unsent = most_unsent
+        self._unsent = 0
+
+    def send(self, frame: can.Message) -> bool:
+        """Send a frame now or not at all; False where the bus did not take it."""
+        sent = self._bus.send(frame)
+        self._unsent = 0 if sent else self._unsent + 1
+        return sent
+
+    def conditions(self) -> tuple[tuple[str, str], ...]:
+        """Names of the faults that a bus can have, each with its reason or empty."""
+        return (
+            (BUS_OFF, "bus-off: the CAN controller left the bus" if self._bus.off else ""),
+            (
+                UNSENT,
+                "valve frames cannot be sent" if self._unsent > self._most_unsent else "",
+            ),
+        )

@@ -1,0 +1,177 @@
+"""How `can_bridge` falls silent: whatever delays or refuses a frame, the last one is 0 V."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import can
+import pytest
+
+from hydro_hw_bridge.bus import Bus, BusName, open_bus
+from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.gate import GateState
+
+rclpy = pytest.importorskip("rclpy")
+from sensor_msgs.msg import JointState  # noqa: E402
+
+from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
+from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
+from hydro_msgs_docs.messages import joint_state  # noqa: E402
+from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+CAN = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 13_000) % 20_000}"
+NAMES = ["lift_valve", "tilt_valve"]
+Make = Callable[..., Readings]
+
+
+class SlowBus(Bus):
+    """A real bus that can hold enabled frames back, and refuse frames with enable off."""
+
+    def __init__(self, name: BusName, bus: can.BusABC, codec: Codec) -> None:
+        super().__init__(name, bus)
+        self._codec = codec
+        self.holding = False
+        self.held, self.go = threading.Event(), threading.Event()
+        self.refusals = 0
+
+    def send(self, message: can.Message) -> bool:
+        frame = self._codec.receive(message)
+        if frame is not None and frame.role == "command":
+            enabled = self._codec.decode_command(frame).enable
+            if enabled and self.holding:
+                self.held.set()
+                assert self.go.wait(10.0)
+            if not enabled and self.refusals > 0:
+                self.refusals -= 1
+                return False
+        return super().send(message)
+
+
+class Bench:
+    """A bridge in this process, a scripted device on its bus and a controller."""
+
+    def __init__(self, bridge: CanBridge, device: Bus, codec: Codec, readings: Make) -> None:
+        self.bridge, self.device, self.codec, self.readings = bridge, device, codec, readings
+        self.node = rclpy.create_node("bridge_ends_test")
+        self.publisher = self.node.create_publisher(JointState, VALVE_COMMAND, reliable())
+        self.frames: list[CommandFrame] = []
+
+    @property
+    def bus(self) -> SlowBus:
+        bus = self.bridge._bus
+        assert isinstance(bus, SlowBus)
+        return bus
+
+    def until(self, true: Callable[[], object]) -> None:
+        end = time.monotonic() + 10.0
+        while not true():
+            assert time.monotonic() < end
+            time.sleep(0.005)
+
+    def cycle(self, counter: int) -> None:
+        for message in self.codec.encode_cycle(self.readings(counter, lockstep=True)):
+            self.device.send(message)
+        self.until(lambda: (s := self.bridge._core.sample) is not None and s.counter == counter)
+
+    def ask(self, counter: int, *voltages: float) -> None:
+        clock = self.bridge._core.clock
+        self.publisher.publish(joint_state(clock.stamp_ns(counter), NAMES, effort=voltages))
+
+    def collect(self) -> list[CommandFrame]:
+        while (message := self.device.receive(0.2)) is not None:
+            frame = self.codec.receive(message)
+            if frame is not None and frame.role == "command":
+                self.frames.append(self.codec.decode_command(frame))
+        return self.frames
+
+    def drive(self) -> None:
+        """Until a command is on the bus."""
+        self.bridge.trigger_configure()
+        self.cycle(1)
+        self.bridge.trigger_activate()
+        self.until(lambda: self.publisher.get_subscription_count() == 1)
+        time.sleep(0.2)
+        self.ask(1, 1.0, 0.0)
+        self.until(lambda: self.bridge._core.commands.accepted == 1)
+        self.cycle(2)
+
+
+@pytest.fixture
+def bench(codec: Codec, readings: Make, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+    def slow(text: str, identifiers: Any) -> SlowBus:
+        bus = open_bus(text, identifiers)
+        return SlowBus(bus.name, bus._bus, codec)
+
+    monkeypatch.setattr(bridge_module, "open_bus", slow)
+    rclpy.init(args=["--ros-args", "-p", f"can:={CAN}", "-p", "clock:=lockstep"], domain_id=48)
+    with open_bus(CAN, codec.bridge_ids) as device:
+        bridge = CanBridge(threading.Event())
+        bench = Bench(bridge, device, codec, readings)
+        yield bench
+        bench.bus.go.set()
+        bridge.close()
+        bench.node.destroy_node()
+        bridge.destroy_node()
+    rclpy.try_shutdown()
+
+
+def assert_ended_at_zero(bench: Bench) -> None:
+    frames = bench.collect()
+    assert any(frame.enable for frame in frames)
+    assert (frames[-1].voltages, frames[-1].enable) == ((0.0, 0.0), False)
+
+
+@pytest.mark.parametrize("end", ["trigger_deactivate", "trigger_shutdown", "close"])
+def test_a_command_held_back_by_the_bus_is_not_the_last_frame(bench: Bench, end: str) -> None:
+    bench.drive()
+    bench.bus.holding = True
+    bench.ask(2, 2.0, 0.0)
+    assert bench.bus.held.wait(5.0)
+    ending = threading.Thread(target=getattr(bench.bridge, end))
+    ending.start()
+    time.sleep(0.2)
+    bench.bus.go.set()
+    ending.join(10.0)
+    assert_ended_at_zero(bench)
+
+
+@pytest.mark.parametrize("end", ["trigger_deactivate", "close"])
+def test_zero_is_sent_until_the_bus_takes_it(bench: Bench, end: str) -> None:
+    bench.drive()
+    bench.bus.refusals = 4
+    getattr(bench.bridge, end)()
+    assert_ended_at_zero(bench)
+    assert bench.bus.refusals == 0
+
+
+def test_the_last_frames_are_several(bench: Bench) -> None:
+    bench.drive()
+    bench.bridge.close()
+    assert_ended_at_zero(bench)
+    off = [frame.enable for frame in bench.frames][::-1].index(True)
+    assert off >= 5
+
+
+def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:
+    bench.drive()
+    bench.ask(2, 99.0, 0.0)
+    bench.until(lambda: bench.bridge._core.gate.state is GateState.TRIPPED)
+    reason = bench.bridge._core.gate.reason
+    assert "command of 99.000 V" in reason
+    before = bench.bridge._core
+    for transition in ("deactivate", "cleanup", "configure", "activate"):
+        getattr(bench.bridge, f"trigger_{transition}")()
+    gate = bench.bridge._core.gate
+    assert bench.bridge._core is not before
+    assert (gate.state, gate.reason, gate.trips) == (GateState.TRIPPED, reason, 1)
+    bench.cycle(10)
+    assert not any(frame.enable for frame in bench.collect()[-3:])
+    assert gate.clear()[0]
