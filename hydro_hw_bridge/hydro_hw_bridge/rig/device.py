@@ -20,8 +20,8 @@ REPEAT_S = 1.0
 SLICE_S = 0.05
 #: Behind by more than this, the real-time clock starts afresh instead of catching up.
 LARGEST_LAG_S = 0.1
-#: How long a device listens for another one before it speaks.
-LISTEN_S = 0.3
+#: How long a device listens for another one before it speaks: one in lockstep is silent for less.
+LISTEN_S = REPEAT_S + 0.3
 
 
 @dataclass(slots=True)
