@@ -26,7 +26,10 @@ def unit_payload(robot: Robot) -> Robot:
     """The chain with nothing but 1 kg at its tip."""
     inertia = np.zeros_like(robot.link_inertia)
     inertia[-1] = standard_parameters(1.0, robot.tip_offset_m, np.zeros((3, 3)))
-    return replace(robot, link_inertia=inertia, effects=())
+    weightless = tuple(replace(c, barrel=None, rod=None) for c in robot.cylinders)
+    return replace(
+        robot, link_inertia=inertia, part_inertia=None, cylinders=weightless, effects=()
+    )
 
 
 def names_of(axes: tuple[Axis, ...]) -> tuple[str, ...]:

@@ -159,7 +159,10 @@ def test_cylinder_bodies_follow_lagrange() -> None:
 def test_weight_of_cylinder_bodies_by_hand() -> None:
     """Crane upright by numbers: gravity torque of barrel and rod from their centres of mass."""
     robot = load_robot("xs031")
-    truth = Truth.ideal(robot)
+    ideal = Truth.ideal(robot)
+    truth = replace(
+        ideal, cylinders=tuple(replace(c, barrel=None, rod=None) for c in ideal.cylinders)
+    )
     lift = robot.cylinders[0]
     heavy = replace(truth.cylinders[0], barrel=lift.barrel, rod=lift.rod)
     q = np.array([0.7, -1.0])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,121 +15,163 @@ from hydro_ident.estimate.chambers import (
     column_names,
 )
 from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows, measured_force
+from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.listed_effects import NULL_BIAS, OVER_BULK, ListedEffects
 from hydro_ident.estimate.noise import flow_noise, force_noise
-from hydro_ident.estimate.scores import ChannelScore, HoldOut, score
+from hydro_ident.estimate.scores import ChannelScore, HoldOut, Tally
+from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.parameters import listed_value
 from hydro_model.robot import FloatArray, Robot
 
 
-def force_scores(
-    fit: InertialFit | None,
-    robot: Robot,
-    traces: Sequence[Trace],
-    split: HoldOut,
-    filters: FilterSettings,
+@dataclass(frozen=True, slots=True)
+class ScorePlan:
+    """What predicts, and on which rows.
+
+    Attributes
+    ----------
+    robot : Robot
+        The given robot, for the predictions before.
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    effects : tuple of ListedEffects
+        As given, and as fitted.
+    split : HoldOut
+    filters : FilterSettings
+    still : mapping of str to mapping of int to float
+        By recording, where the joints are that stand still.
+    every : int
+        Rows kept for the plots, one in so many.
+    """
+
+    robot: Robot
+    inertial: InertialFit | None
+    hydraulic: HydraulicFit | None
+    effects: tuple[ListedEffects, ListedEffects]
+    split: HoldOut
+    filters: FilterSettings
+    still: Mapping[str, Mapping[int, float]]
+    every: int = 1
+
+
+@dataclass(slots=True)
+class ScoreKeeper:
+    """Scores one recording, trace by trace in order, on rows that took no part in the fit.
+
+    Attributes
+    ----------
+    plan : ScorePlan
+    tallies : dict of str to Tally
+        By channel.
+    """
+
+    plan: ScorePlan
+    tallies: dict[str, Tally] = field(default_factory=dict)
+
+    def add(self, trace: Trace) -> None:
+        """Take in the next trace, as recorded, without signal laws."""
+        if self.plan.inertial is not None:
+            self._add_forces(trace, self.plan.inertial)
+        if self.plan.hydraulic is not None:
+            found = {c.cylinder: c for c in self.plan.hydraulic.cylinders}
+            for chamber in chambers_of(self.plan.robot):
+                result = found.get(chamber.cylinder.name)
+                if result and chamber.side in [c.chamber.side for c in result.chambers]:
+                    self._add_flow(trace, chamber, self.plan.hydraulic, result)
+
+    def _add_forces(self, trace: Trace, fit: InertialFit) -> None:
+        plan, model = self.plan, fit.model
+        still = plan.still.get(trace.recording, {})
+        rows = force_rows(model, trace, plan.filters, still)
+        if rows is None:
+            return
+        rows = plan.split.held_out(rows)
+        before = rows.x @ _given_theta(model, plan.robot)
+        after = rows.x @ fit.fit.theta
+        for column, name in enumerate(model.channels):
+            self._tally(name).add(
+                rows.time_s, rows.y[:, column], before[:, column], after[:, column]
+            )
+
+    def _add_flow(
+        self, trace: Trace, chamber: Chamber, fit: HydraulicFit, result: CylinderFit
+    ) -> None:
+        plan, rows, names = self.plan, [], column_names(chamber)
+        delays = (plan.robot.command_delay_s, fit.delay_s)
+        for laws, delay in zip(plan.effects, delays, strict=True):
+            shaped = laws.with_signal_laws(trace)
+            listed, extra = laws.chamber_columns(chamber, shaped)
+            names = column_names(chamber, listed)
+            built = chamber_rows(chamber, shaped, delay, fit.windows, extra)
+            rows.append(plan.split.held_out(built))
+        given, fitted = rows
+        theta = np.array([result.value(name)[0] for name in names])
+        # The same windows at either delay: only the flow columns differ.
+        before = given.x @ _given_chamber(plan.robot, chamber, names)
+        after = fitted.x @ theta
+        tally = self._tally(chamber.channel)
+        tally.add(fitted.time_s, fitted.y[:, 0], before[:, 0], after[:, 0])
+
+    def _tally(self, name: str) -> Tally:
+        return self.tallies.setdefault(name, Tally(self.plan.every))
+
+
+def channel_scores(
+    plan: ScorePlan, recordings: Sequence[tuple[str, dict[str, Tally]]], signals: SignalSurvey
 ) -> list[ChannelScore]:
-    """Scores of the force channels on rows that took no part in the fit.
+    """Scores over all recordings.
 
     Parameters
     ----------
-    fit : InertialFit or None
-    robot : Robot
-        The given robot, for the predictions before.
-    traces : sequence of Trace
-    split : HoldOut
-    filters : FilterSettings
+    plan : ScorePlan
+    recordings : sequence of (str, dict of str to Tally)
+        Names and what `ScoreKeeper` found in them.
+    signals : SignalSurvey
+        Of these recordings, for the noise floors.
 
     Returns
     -------
     list of ChannelScore
-        Channels that were measured.
+        Channels that were measured: forces, then flows.
     """
-    if fit is None:
-        return []
-    model = fit.model
-    before = _given_theta(model, robot)
-    still = fit.still if split.every else ()
-    pieces = []
-    for trace in traces:
-        rows = force_rows(model, trace, filters, still)
-        if rows is not None:
-            chosen = split.held_out(rows)
-            pieces.append((chosen, chosen.x @ before, chosen.x @ fit.fit.theta))
-    measured = [t for t in traces if np.isfinite(t.q).all()]
-    floors = force_noise(model, measured, filters) if pieces else np.zeros(robot.dof)
-    units = dict(zip(model.channels, model.units, strict=True))
-    scores = [
-        score(name, units[name], pieces, column, float(floors[column]))
-        for column, name in enumerate(model.channels)
-        if any(np.isfinite(measured_force(model, t)[:, column]).any() for t in measured)
-    ]
-    return [s for s in scores if s is not None]
+    units: dict[str, str] = {}
+    floors: dict[str, float] = {}
+    used = {name for _, tallies in recordings for name, tally in tallies.items() if tally.count}
+    if plan.inertial is not None and used & set(plan.inertial.model.channels):
+        model = plan.inertial.model
+        noise = force_noise(model, signals, plan.filters)
+        units |= dict(zip(model.channels, model.units, strict=True))
+        floors |= dict(zip(model.channels, noise.tolist(), strict=True))
+    if plan.hydraulic is not None:
+        found = {c.cylinder: c for c in plan.hydraulic.cylinders}
+        for chamber in chambers_of(plan.robot):
+            if chamber.channel in used:
+                inverse = found[chamber.cylinder.name].value(INVERSE_BULK)[0]
+                windows = plan.hydraulic.windows
+                floors[chamber.channel] = flow_noise(
+                    plan.robot, chamber, signals, windows, inverse
+                )
+                units[chamber.channel] = "m^3/s"
+    scores = []
+    for name, unit in units.items():
+        total, where = Tally(plan.every), []
+        for label, tallies in recordings:
+            if name in tallies and tallies[name].count:
+                total.merge(tallies[name])
+                where.append(label)
+        if total.count:
+            scores.append(total.score(name, unit, floors[name], tuple(where)))
+    return scores
 
 
 def _given_theta(model: ForceModel, robot: Robot) -> FloatArray:
-    base = model.base.combination @ robot.link_inertia.ravel()
+    base = model.base.combination @ robot.parameter_vector
     friction = [cylinder.viscous_friction for cylinder in robot.cylinders]
+    friction += [robot.joints[j].viscous_friction for j in robot.dry_joints]
     listed = [listed_value(robot, name) for name in model.effect_names]
     return np.array([*base, *friction, *listed])
-
-
-def flow_scores(
-    fit: HydraulicFit | None,
-    robot: Robot,
-    effects: tuple[ListedEffects, ListedEffects],
-    traces: Sequence[Trace],
-    split: HoldOut,
-) -> list[ChannelScore]:
-    """Scores of the flow channels on windows that took no part in the fit.
-
-    Parameters
-    ----------
-    fit : HydraulicFit or None
-    robot : Robot
-        The given robot, for the predictions before.
-    effects : tuple of ListedEffects
-        As given, and as fitted.
-    traces : sequence of Trace
-        As recorded, without signal laws.
-    split : HoldOut
-
-    Returns
-    -------
-    list of ChannelScore
-        Channels that were measured.
-    """
-    if fit is None:
-        return []
-    found = {c.cylinder: c for c in fit.cylinders}
-    scores = []
-    for chamber in chambers_of(robot):
-        result = found.get(chamber.cylinder.name)
-        if result is None or chamber.side not in [c.chamber.side for c in result.chambers]:
-            continue
-        pieces = []
-        for trace in traces:
-            rows, names = [], column_names(chamber)
-            for laws, delay in zip(effects, (robot.command_delay_s, fit.delay_s), strict=True):
-                shaped = laws.with_signal_laws(trace)
-                listed, extra = laws.chamber_columns(chamber, shaped)
-                names = column_names(chamber, listed)
-                built = chamber_rows(chamber, shaped, delay, fit.windows, extra)
-                rows.append(split.held_out(built))
-            given, fitted = rows
-            theta = np.array([result.value(name)[0] for name in names])
-            # The same windows at either delay: only the flow columns differ.
-            before = given.x @ _given_chamber(robot, chamber, names)
-            pieces.append((fitted, before, fitted.x @ theta))
-        if not any(rows.time_s.size for rows, _, _ in pieces):
-            continue
-        inverse_bulk = result.value(INVERSE_BULK)[0]
-        floor = flow_noise(robot, chamber, traces, fit.windows, inverse_bulk)
-        scores.append(score(chamber.channel, "m^3/s", pieces, 0, floor))
-    return [s for s in scores if s is not None]
 
 
 def _given_chamber(robot: Robot, chamber: Chamber, names: Sequence[str]) -> FloatArray:

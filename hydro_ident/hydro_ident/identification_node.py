@@ -70,18 +70,21 @@ def _publisher(node: Any) -> Any:
 
 
 def _identified_message(node: Any) -> Any:
-    from hydro_ident.bag.recording import read_recording
-    from hydro_ident.identification import NOT_ENOUGH, identify
+    from hydro_ident.identification import identify
+    from hydro_ident.sources import bag_source
+    from hydro_ident.verdict import NOT_ENOUGH
     from hydro_model.robot_files import load_robot
     from hydro_msgs_docs.messages import joint_state
 
     bags, name = _parameters(node)
     robot = load_robot(name)
-    found = identify(robot, [read_recording(bag, robot) for bag in bags])
+    found = identify(robot, [bag_source(bag, robot) for bag in bags])
     if found.verdict == NOT_ENOUGH:
         raise NotEnoughDataError("; ".join(found.problems))
     for text in found.problems:
         node.get_logger().warning(text)
+    for loss in found.losses:
+        node.get_logger().info(f"lost: {loss.bag}: {loss.channel}: {loss.reason}")
     for text in found.notes:
         node.get_logger().info(text)
     known = determined(found)

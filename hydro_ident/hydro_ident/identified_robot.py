@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -10,8 +11,9 @@ import numpy as np
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.parameters import Parameter, parameter_list
+from hydro_model.closed_chain import with_parameters
+from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import (
-    STANDARD_PARAMETERS,
     BaseParameter,
     Cylinder,
     EffectSpec,
@@ -22,7 +24,7 @@ from hydro_model.robot import (
 
 def identified_robot(
     robot: Robot,
-    inertial: InertialFit,
+    inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
     biases: Mapping[str, float] | None = None,
 ) -> Robot:
@@ -31,8 +33,8 @@ def identified_robot(
     Parameters
     ----------
     robot : Robot
-    inertial : InertialFit
-        With every base parameter identifiable.
+    inertial : InertialFit or None
+        Base parameters that are not identifiable stay as given; so do all of them with None.
     hydraulic : HydraulicFit or None
     biases : mapping of str to float, optional
         Fitted null biases of the valves.
@@ -40,29 +42,75 @@ def identified_robot(
     Returns
     -------
     Robot
-        Its leading standard parameters carry the base parameters, the others are zero.
+        Its leading standard parameters carry the base parameters, the others are zero. Rows of
+        `base_covariance` are zero for base parameters that stayed as given.
     """
     accepted = replace_rejected(hydraulic)
     found = parameter_list(robot, inertial, accepted, biases)
     values = {p.name: p for p in found if p.identifiable}
-    base = inertial.model.base
-    count = len(base.names)
-    theta = np.zeros(len(robot.standard_names))
-    theta[base.leading] = inertial.fit.theta[:count]
-    parameters = tuple(
-        BaseParameter(name, base.coefficients(i), float(inertial.fit.theta[i]))
-        for i, name in enumerate(base.names)
+    base_names = () if inertial is None else inertial.model.base.names
+    deviations = {
+        name: float(p.std)
+        for name, p in values.items()
+        if name not in base_names and math.isfinite(p.std)
+    }
+    joints = tuple(
+        replace(
+            j,
+            viscous_friction=_value(values, f"{j.name}.viscous_friction", j.viscous_friction),
+        )
+        for j in robot.joints
     )
+    if inertial is not None:
+        robot = _with_base_parameters(robot, inertial)
     return replace(
         robot,
-        link_inertia=theta.reshape(-1, len(STANDARD_PARAMETERS)),
-        base_parameters=parameters,
-        base_covariance=inertial.fit.covariance[:count, :count],
+        joints=joints,
+        standard_deviations=deviations,
         cylinders=tuple(_cylinder(c, values) for c in robot.cylinders),
         valves=tuple(_valve(v, values) for v in robot.valves),
         command_delay_s=_value(values, "command_delay", robot.command_delay_s),
         effects=tuple(spec for e in robot.effects for spec in _effects(robot, e, values)),
     )
+
+
+def _with_base_parameters(robot: Robot, inertial: InertialFit) -> Robot:
+    base = inertial.model.base
+    count = len(base.names)
+    known = np.array(inertial.identifiable[:count])
+    given = base.combination @ robot.parameter_vector
+    values = np.where(known, inertial.fit.theta[:count], given)
+    theta = np.zeros(len(robot.parameter_names))
+    theta[base.leading] = values
+    covariance = inertial.fit.covariance[:count, :count]
+    return replace(
+        with_parameters(robot, theta),
+        base_parameters=tuple(
+            BaseParameter(name, base.coefficients(i), float(values[i]))
+            for i, name in enumerate(base.names)
+        ),
+        base_covariance=np.where(np.outer(known, known), covariance, 0.0),
+    )
+
+
+def has_definite_mass(robot: Robot, poses: int = 64) -> bool:
+    """Whether the mass matrix is positive definite over the joints' ranges.
+
+    Parameters
+    ----------
+    robot : Robot
+    poses : int
+        Drawn at random, always the same.
+
+    Returns
+    -------
+    bool
+    """
+    low = np.array([max(j.lower, -np.pi) for j in robot.joints])
+    high = np.array([min(j.upper, np.pi) for j in robot.joints])
+    draws = np.random.default_rng(0).uniform(size=(poses, robot.dof))
+    smallest = [np.linalg.eigvalsh(mass_matrix(robot, q))[0] for q in low + draws * (high - low)]
+    return bool(min(smallest) > 0.0)
 
 
 def replace_rejected(hydraulic: HydraulicFit | None) -> HydraulicFit | None:
@@ -141,15 +189,19 @@ def _valve(valve: Valve, values: Mapping[str, Parameter]) -> Valve:
 def _effects(
     robot: Robot, effect: EffectSpec, values: Mapping[str, Parameter]
 ) -> list[EffectSpec]:
-    """An effect with fitted parameters, once per cylinder where it was listed for all."""
+    """An effect with fitted parameters, once per owner where it was listed for all."""
+    owners = {
+        c.name: [c.name, c.joint, *(v.name for v in robot.valves if v.cylinder == c.name)]
+        for c in robot.cylinders
+    }
+    owners |= {robot.joint_names[j]: [robot.joint_names[j]] for j in robot.dry_joints}
     fitted = {}
-    for cylinder in robot.cylinders:
-        valves = [v.name for v in robot.valves if v.cylinder == cylinder.name]
-        if effect.target in (cylinder.name, cylinder.joint, robot.name, *valves):
-            prefix = f"{cylinder.name}.{effect.name}."
+    for owner, targets in owners.items():
+        if effect.target in (robot.name, *targets):
+            prefix = f"{owner}.{effect.name}."
             found = {n.removeprefix(prefix): p.value for n, p in values.items() if prefix in n}
             if found:
-                fitted[cylinder.name] = found
+                fitted[owner] = found
     if not fitted:
         return [effect]
     return [

@@ -58,6 +58,15 @@ def model_dict(robot: Robot, provenance: Mapping[str, Any] | None = None) -> dic
         ]
     if robot.base_covariance is not None:
         data["base_covariance"] = [[float(v) for v in row] for row in robot.base_covariance]
+    if robot.standard_deviations:
+        data["standard_deviations"] = {k: float(v) for k, v in robot.standard_deviations.items()}
+    if robot.standard_parameters:
+        data["standard_parameters"] = {k: float(v) for k, v in robot.standard_parameters.items()}
+    if robot.dry_joints:
+        data["joints"] = [
+            {"name": joint.name, "viscous_friction": float(joint.viscous_friction)}
+            for joint in (robot.joints[j] for j in robot.dry_joints)
+        ]
     data["cylinders"] = [_cylinder_dict(c) for c in robot.cylinders]
     data["valves"] = [_valve_dict(v) for v in robot.valves]
     data["command_delay_s"] = float(robot.command_delay_s)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import OVER_BULK
-from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
+from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
 #: Half width of a 95 % interval in standard deviations of a normal distribution.
 NORMAL_95 = 1.959963984540054
@@ -31,6 +31,10 @@ class Parameter:
     identifiable : bool
     combination : mapping of str to float
         Of a base parameter: coefficients over standard parameters.
+    reason : str
+        Why it was held at the given value, where it was.
+    dof : float
+        Degrees of freedom of `std`, which a finite recording knows to some percent only.
     """
 
     name: str
@@ -40,11 +44,23 @@ class Parameter:
     datasheet: float | None
     identifiable: bool
     combination: Mapping[str, float] = field(default_factory=dict)
+    reason: str = ""
+    dof: float = math.inf
 
     @property
     def ci95(self) -> tuple[float, float]:
-        """95 % confidence interval."""
-        return self.value - NORMAL_95 * self.std, self.value + NORMAL_95 * self.std
+        """95 % confidence interval, by Student's quantile."""
+        half = student_95(self.dof) * self.std
+        return self.value - half, self.value + half
+
+
+def student_95(dof: float) -> float:
+    """Half width of a 95 % interval in standard deviations."""
+    if not math.isfinite(dof):
+        return NORMAL_95
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, 0.975))
 
 
 def parameter_list(
@@ -82,6 +98,7 @@ def parameter_list(
                 "s",
                 robot.command_delay_s,
                 known,
+                dof=hydraulic.delay_dof,
             )
         )
     return tuple(found)
@@ -90,9 +107,13 @@ def parameter_list(
 def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]:
     base = inertial.model.base
     units = dict(zip(STANDARD_PARAMETERS, STANDARD_UNITS, strict=True))
-    given = base.combination @ robot.link_inertia.ravel()
+    given = base.combination @ robot.parameter_vector
     friction = {f"{c.name}.viscous_friction": c.viscous_friction for c in robot.cylinders}
+    dry = [robot.joints[j] for j in robot.dry_joints]
+    friction |= {f"{j.name}.viscous_friction": j.viscous_friction for j in dry}
+    reasons = {part.index: part.reason for part in inertial.held}
     found = []
+    dof = _known_dof(inertial.fit.dof, len(inertial.model.names))
     rows = zip(
         inertial.model.names,
         inertial.fit.theta,
@@ -109,9 +130,12 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
             unit, datasheet = "N s/m", friction[name] or None
         else:
             unit, datasheet = effect_unit(name), listed_value(robot, name)
-        found.append(
-            Parameter(name, float(value), float(std), unit, datasheet, known, combination)
-        )
+        owner = name.split(".")[0]
+        if any(owner == j.name and not j.prismatic for j in dry):
+            # On a turning joint, forces are torques and speeds are rad/s.
+            unit = unit.replace("N", "N m", 1).replace("/m", "/rad")
+        row = Parameter(name, float(value), float(std), unit, datasheet, known, combination)
+        found.append(replace(row, reason=reasons.get(i, ""), dof=dof[i]))
     return found
 
 
@@ -122,6 +146,7 @@ def _cylinder_parameters(
     # A rejected stage is shown, and nothing of it is used.
     usable = [known and not fit.rejected for known in fit.identifiable]
     good = dict(zip(fit.names, usable, strict=True))
+    dof = dict(zip(fit.names, _known_dof(fit.dof, len(fit.names)), strict=True))
     inverse, inverse_std = fit.value(INVERSE_BULK)
     bulk, bulk_std = fit.bulk_modulus() if inverse != 0.0 else (0.0, 0.0)
     found = [
@@ -132,6 +157,7 @@ def _cylinder_parameters(
             "Pa",
             robot.cylinder(fit.cylinder).bulk_modulus_pa,
             good[INVERSE_BULK],
+            dof=dof[INVERSE_BULK],
         )
     ]
     for name in fit.names:
@@ -150,8 +176,15 @@ def _cylinder_parameters(
                     value / inverse,
                     math.hypot(std, value * inverse_std / inverse) / inverse,
                 )
-        found.append(Parameter(full, value, abs(std), unit, datasheet, good[name]))
+        found.append(
+            Parameter(full, value, abs(std), unit, datasheet, good[name], dof=dof[name])
+        )
     return found
+
+
+def _known_dof(dof: FloatArray, count: int) -> list[float]:
+    """Degrees of freedom, infinite where a fit does not say."""
+    return [float(d) for d in dof] if dof.size else [math.inf] * count
 
 
 def effect_unit(name: str) -> str:
@@ -163,11 +196,14 @@ def effect_unit(name: str) -> str:
 
 
 def listed_value(robot: Robot, name: str) -> float:
-    """Value that the robot lists for `<cylinder>.<effect>.<parameter>`; 0 where it lists none."""
-    cylinder, effect, parameter = name.split(".")
-    joint = robot.cylinder(cylinder).joint
-    valves = [v.name for v in robot.valves if v.cylinder == cylinder]
+    """Value that the robot lists for `<owner>.<effect>.<parameter>`; 0 where it lists none.
+
+    The owner is a cylinder, or a joint without cylinder.
+    """
+    owner, effect, parameter = name.split(".")
+    targets = [owner, robot.name, *(v.name for v in robot.valves if v.cylinder == owner)]
+    targets += [c.joint for c in robot.cylinders if c.name == owner]
     for spec in robot.effects:
-        if spec.name == effect and spec.target in (cylinder, joint, robot.name, *valves):
+        if spec.name == effect and spec.target in targets:
             return float(spec.parameters.get(parameter, 0.0))
     return 0.0

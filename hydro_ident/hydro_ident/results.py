@@ -14,15 +14,33 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from hydro_ident.consistent_robot import physical_dict
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.summed_flow import summed_dict
+from hydro_ident.estimator_choice import Chosen
 from hydro_ident.identification import Identification
 from hydro_ident.parameters import Parameter
+from hydro_ident.validation_results import (
+    channel_rollouts,
+    comparison_dict,
+    free_run_dict,
+)
 
 SCHEMA = "hydro_ident/identification/1"
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 MODEL_FILE, CONTROLLER_FILE = "model.yaml", "controller.yaml"
+URDF_FILE = "identified.urdf"
 #: Everything the command may write: what a run leaves out is removed with the old result.
-OWN_FILES = (RESULT_FILE, REPORT_FILE, MODEL_FILE, CONTROLLER_FILE)
+OWN_FILES = (RESULT_FILE, REPORT_FILE, MODEL_FILE, CONTROLLER_FILE, URDF_FILE)
+
+
+#: What the estimators of the force channels do, in words.
+METHODS = {
+    "ols": "ordinary least squares",
+    "wls": "least squares, each channel weighted by its noise's size and autocorrelation",
+    "robust": "as wls, with Tukey's biweight on whitened residuals and outliers cleaned away",
+    "iv": "as wls, with the recorded references as instruments",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,21 +112,29 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `problems`, `notes`, `method` and `provenance` are added.
+        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added.
     """
     settings = found.settings
-    return {
+    data = {
         "schema": SCHEMA,
         "verdict": found.verdict,
         "robot": found.given.name,
         "parameters": [_parameter_dict(p) for p in found.parameters],
-        "channels": {c.name: c.summary() for c in found.channels},
+        "channels": _channels(found),
+        "losses": [
+            {"bag": loss.bag, "channel": loss.channel, "reason": loss.reason}
+            for loss in found.losses
+        ],
+        "free_run": free_run_dict(found.free_run),
+        "physical": physical_dict(found.physical),
+        "summed_flow": {c.cylinder: summed_dict(c) for c in found.summed},
         "problems": list(found.problems),
         "notes": list(found.notes),
+        "estimator": _estimator_dict(found.estimator),
         "method": {
-            "force": "least squares, each channel weighted by its residual",
+            "force": METHODS["wls" if found.estimator is None else found.estimator.name],
             "flow": "integrated mass balance per chamber, chambers combined by information",
-            "covariance": "Newey-West over the residuals' correlation time",
+            "covariance": "autoregressive noise per channel (REML), Student's t (Satterthwaite)",
             "differentiation_hz": settings.filters.differentiation_hz,
             "parallel_filter_hz": settings.filters.parallel_hz,
             "filter_order": settings.filters.order,
@@ -116,6 +142,24 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
         },
         "provenance": origin.as_dict(),
     }
+    if found.comparison is not None:
+        data["compare"] = comparison_dict(found.comparison)
+    return data
+
+
+def _channels(found: Identification) -> dict[str, Any]:
+    """Scores by channel; a joint's roll-outs stand with its force."""
+    rollouts = channel_rollouts(found.free_run)
+    channels: dict[str, Any] = {}
+    for channel in found.channels:
+        joint, kind = channel.name.split("/")
+        extra = rollouts.get(joint, {}) if kind in ("force", "torque") else {}
+        channels[channel.name] = {**channel.summary(), **extra}
+    return channels
+
+
+def _estimator_dict(chosen: Chosen | None) -> dict[str, str]:
+    return {} if chosen is None else {"name": chosen.name, "reason": chosen.reason}
 
 
 def _parameter_dict(p: Parameter) -> dict[str, Any]:
@@ -127,9 +171,12 @@ def _parameter_dict(p: Parameter) -> dict[str, Any]:
         "unit": p.unit,
         "datasheet": p.datasheet,
         "identifiable": p.identifiable,
+        "dof": _finite(p.dof),
     }
     if p.combination:
         row["combination"] = dict(p.combination)
+    if p.reason:
+        row["reason"] = p.reason
     return row
 
 

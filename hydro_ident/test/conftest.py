@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -80,3 +81,99 @@ def run_columns(robot: Robot) -> Callable[[int], dict[str, tuple[tuple[str, ...]
         }
 
     return columns
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A simulated run of the reference crane with noisy sensors, gauge pressures."""
+
+    robot: Robot
+    q: np.ndarray
+    p_a: np.ndarray
+    p_b: np.ndarray
+    voltage: np.ndarray
+
+    def columns(self) -> dict[str, tuple[tuple[str, ...], dict[str, np.ndarray]]]:
+        """Topics of a bag, to be thinned out by a test; absolute pressures."""
+        robot, count = self.robot, len(self.q)
+        gauge = np.zeros((count, 6))
+        gauge[:, 0:4:2], gauge[:, 1:4:2] = self.p_a, self.p_b
+        gauge[:, 4], gauge[:, 5] = robot.supply_pressure_pa, robot.tank_pressure_pa
+        return {
+            "/joint_states": (robot.joint_names, {"position": self.q}),
+            "/chamber_pressures": (
+                robot.pressure_names,
+                {"effort": gauge + robot.atmospheric_pressure_pa},
+            ),
+            "/valve_state": (robot.valve_names, {"effort": self.voltage}),
+        }
+
+
+def _motion(t: float, phase: float) -> np.ndarray:
+    fade = np.clip(t / 2.0, 0.0, 1.0)
+    fade = fade * fade * (3.0 - 2.0 * fade)
+    slow = np.sin(2 * np.pi * np.array([0.11, 0.17]) * t + phase * np.clip(t / 2.0, 0.0, 1.0))
+    quick = np.sin(2 * np.pi * (np.array([0.5, 0.6]) + 0.03 * t) * t)
+    return np.array([0.55, -1.2]) + fade * (
+        np.array([0.35, 0.5]) * slow + np.array([0.006, 0.008]) * quick
+    )
+
+
+def simulated_run(robot: Robot, seconds: float, seed: int = 0) -> SimulatedRun:
+    """Drive the model along a motion by a slow loop, then roll it out in one piece."""
+    from hydro_model.cylinder import lever
+    from hydro_model.simulate import simulate
+
+    step = PERIOD_NS * 1e-9
+    time = np.arange(round(seconds / step) + 1) * step
+    voltage, instant, phase = np.zeros((time.size, 2)), replace(robot, command_delay_s=0.0), seed
+    q, qd, pressures = _motion(0.0, phase), np.zeros(2), None
+    for k in range(0, time.size - 1, 10):
+        piece = slice(k, min(k + 11, time.size))
+        ahead, later = _motion(time[k] + 0.02, phase), _motion(time[k] + 0.021, phase)
+        for i, cylinder in enumerate(robot.cylinders):
+            speed = (later[i] - ahead[i]) / 0.001 + 2.0 * (ahead[i] - q[i])
+            flow = float(lever(cylinder, q[i])) * speed * cylinder.area_a_m2
+            voltage[piece, i] = np.clip(10.0 * flow / (9e-7 * 2800.0), -9.0, 9.0)
+        out = simulate(instant, time[piece], voltage[piece], q, qd, pressures)
+        q, qd = out.q[-1], out.qd[-1]
+        pressures = np.stack([out.p_a[-1], out.p_b[-1]], axis=1)
+    out = simulate(robot, time, voltage, _motion(0.0, phase))
+    rng, count = np.random.default_rng(seed), 2 * np.pi / 2**20
+    return SimulatedRun(
+        robot,
+        count * np.round(out.q / count + rng.normal(0, 0.5, out.q.shape)),
+        1e3 * np.round(out.p_a / 1e3 + rng.normal(0, 4, out.p_a.shape)),
+        1e3 * np.round(out.p_b / 1e3 + rng.normal(0, 4, out.p_b.shape)),
+        voltage,
+    )
+
+
+def true_crane(payload_kg: float = 0.0, bulk: float = 1.0) -> Robot:
+    """The reference crane as it really is in the simulated runs."""
+    robot = load_robot("xs031")
+    inertia = robot.link_inertia.copy()
+    inertia[1] *= 1.12
+    reach = float(robot.tip_offset_m[0])
+    inertia[1, [0, 1, 7, 9]] += payload_kg * np.array([1.0, reach, reach**2, reach**2])
+    return replace(
+        robot,
+        link_inertia=inertia,
+        cylinders=tuple(
+            replace(c, viscous_friction=b, bulk_modulus_pa=bulk * k)
+            for c, b, k in zip(robot.cylinders, (3.2e4, 4.1e4), (8.2e8, 7.4e8), strict=True)
+        ),
+        command_delay_s=0.0013,
+    )
+
+
+@pytest.fixture(scope="session")
+def crane_run() -> SimulatedRun:
+    """18 s of the true crane."""
+    return simulated_run(true_crane(), 18.0)
+
+
+@pytest.fixture(scope="session")
+def make_run() -> tuple[Callable[..., Robot], Callable[..., SimulatedRun]]:
+    """`true_crane` and `simulated_run`, for other machines and motions."""
+    return true_crane, simulated_run

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import t
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.least_squares import (
     Rows,
     collinearity,
-    integrated_correlation,
     weighted_least_squares,
 )
 
@@ -60,18 +60,21 @@ def test_white_noise_gives_the_textbook_standard_errors() -> None:
 
 
 def test_intervals_hold_where_residuals_are_strongly_autocorrelated() -> None:
-    covered_iid, covered, runs = 0, 0, 60
+    covered_iid, covered, covered_ols, runs = 0, 0, 0, 60
     for seed in range(runs):
         rng = np.random.default_rng(100 + seed)
         x = _regressors(rng, 3000)
         noise = lfilter([1.0], [1.0, -0.95], rng.normal(size=(3000, 1)), axis=0)
         fit = weighted_least_squares([_rows(x, noise)])
         flat = x.reshape(-1, 2)
-        iid = fit.channel_std[0] * np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
-        error = np.abs(fit.theta - THETA)
-        covered += int(np.sum(error < 1.96 * fit.std))
+        plain = weighted_least_squares([_rows(x, noise)], "ols")
+        iid = plain.channel_std[0] * np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
+        covered += int(np.sum(np.abs(fit.theta - THETA) < t.ppf(0.975, fit.dof) * fit.std))
+        error = np.abs(plain.theta - THETA)
+        covered_ols += int(np.sum(error < t.ppf(0.975, plain.dof) * plain.std))
         covered_iid += int(np.sum(error < 1.96 * iid))
-    assert covered / (2 * runs) > 0.85
+    assert 0.90 < covered / (2 * runs) < 0.99
+    assert 0.90 < covered_ols / (2 * runs) <= 1.0
     assert covered_iid / (2 * runs) < 0.60
 
 
@@ -85,11 +88,13 @@ def test_collinearity_names_what_cannot_be_told_apart() -> None:
     assert collinearity(np.stack([a, b], axis=1)) == pytest.approx([1.0, 1.0], abs=0.01)
 
 
-def test_correlation_time_of_an_autoregression() -> None:
+def test_the_noise_model_of_an_autoregression_is_found() -> None:
     rng = np.random.default_rng(5)
-    noise = lfilter([1.0], [1.0, -0.9], rng.normal(size=200_000))
-    assert integrated_correlation(noise) == pytest.approx(19.0, rel=0.15)
-    assert integrated_correlation(rng.normal(size=200_000)) == pytest.approx(1.0, abs=0.1)
+    x = _regressors(rng, 20_000)
+    noise = lfilter([1.0], [1.0, -1.2, 0.5], rng.normal(size=(20_000, 1)), axis=0)
+    fit = weighted_least_squares([_rows(x, noise)])
+    assert fit.noise[0] == pytest.approx([1.2, -0.5, 0.0], abs=0.03)
+    assert fit.channel_std[0] == pytest.approx(float(np.std(noise)), rel=0.02)
 
 
 def test_too_few_rows_are_refused() -> None:

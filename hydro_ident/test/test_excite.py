@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,17 +10,15 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.excite import main, run
+from hydro_ident.design.information import Residual
+from hydro_ident.design.limits import limit_ratios
+from hydro_ident.design.prediction import predict
 from hydro_ident.errors import IdentError
-from hydro_ident.experiment import (
-    FLOW_LIMIT,
-    MARGIN,
-    condition_number,
-    design_excitation,
-    start_pose,
-)
+from hydro_ident.experiment import LIMITS, design_excitation, start_pose
+from hydro_ident.study.excitation import repeated
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, load_path
-from hydro_model.paths_check import check_path
+from hydro_model.paths_check import check_path, joint_motion
 from hydro_model.robot import Robot
 
 
@@ -38,10 +37,14 @@ def _path(file: Path) -> JointPath:
 
 @pytest.mark.parametrize("name", ["excitation.yaml", "validation.yaml"])
 def test_runs_stay_inside_every_limit(robot: Robot, folder: Path, name: str) -> None:
+    path = _path(folder / name)
     check = check_path(
-        robot, _path(folder / name), margin=MARGIN, flow_limit=FLOW_LIMIT, step_s=0.005
+        robot, path, margin=LIMITS.margin, flow_limit=LIMITS.flow * 1.01, step_s=0.005
     )
     assert np.all(check.upper - check.lower > 0.4)
+    # Between the samples that the design checked, too.
+    motion = joint_motion(robot, path, np.arange(0.0, path.duration_s, 0.004))
+    assert limit_ratios(robot, LIMITS, *motion).max() < 1.01
 
 
 def test_the_run_is_about_as_long_as_asked(folder: Path) -> None:
@@ -59,18 +62,18 @@ def test_runs_start_and_end_at_rest_in_the_first_corner(
         assert np.abs(qd).max() < 1e-6
 
 
-def test_the_excitation_is_better_conditioned_than_a_slow_sine(
-    robot: Robot, folder: Path, tmp_path: Path
-) -> None:
-    slow = tmp_path / "slow.yaml"
-    slow.write_text(
-        "joints: [lift, tilt]\nstart: [0.825, -1.275]\nsegments:\n"
-        "  - {kind: fourier, duration_s: 60.0, fundamental_hz: 0.05, ramp_s: 5.0,"
-        " sine: [[0.4], [0.5]]}\n"
-    )
-    condition = condition_number(robot, _path(folder / "excitation.yaml"))
-    assert condition < 8.0
-    assert condition < 0.75 * condition_number(robot, _path(slow))
+def test_beats_the_parallelogram_of_equal_duration(robot: Robot, folder: Path) -> None:
+    told = json.loads((folder / "predicted.json").read_text())
+    motion = repeated(robot, "xs031/parallelogram", told["duration_s"])
+    plain = predict(robot, motion, Residual(), 0.002)
+    assert told["condition_number"] < plain.condition / 3.0
+    assert told["condition_number_unit_columns"] < plain.condition_scaled
+    gains = [
+        p.std / entry["std"] for p, entry in zip(plain.parameters, told["parameters"], strict=True)
+    ]
+    assert [p.name for p in plain.parameters] == [e["name"] for e in told["parameters"]]
+    assert np.exp(np.log(gains).mean()) > 3.0
+    assert min(gains) > 1.0
 
 
 def test_validation_is_a_different_motion(folder: Path) -> None:
@@ -83,19 +86,21 @@ def test_validation_is_a_different_motion(folder: Path) -> None:
         assert abs(np.corrcoef(one[:, joint], two[:, joint])[0, 1]) < 0.7
 
 
-def test_the_design_is_the_same_every_time(folder: Path, tmp_path: Path) -> None:
-    assert run(["--robot", "xs031", "--out", str(tmp_path)]) == 0
-    for name in ("excitation.yaml", "validation.yaml"):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+def test_a_start_of_ones_own_and_the_same_design_every_time(tmp_path: Path) -> None:
+    arguments = ["--robot", "xs031", "--duration", "30", "--start-joints", "0.8", "-1.2"]
+    for name in ("one", "two"):
+        assert run([*arguments, "--out", str(tmp_path / name)]) == 0
+    for name in ("excitation.yaml", "validation.yaml", "predicted.json"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+    path = _path(tmp_path / "one" / "excitation.yaml")
+    for time in (0.0, path.duration_s):
+        assert path.sample(time)[0] == pytest.approx([0.8, -1.2], abs=1e-6)
 
 
-def test_a_start_of_ones_own(robot: Robot, tmp_path: Path) -> None:
-    arguments = ["--robot", "xs031", "--out", str(tmp_path), "--duration", "40"]
-    assert run([*arguments, "--start-joints", "0.8", "-1.2"]) == 0
-    assert _path(tmp_path / "excitation.yaml").sample(0.0)[0] == pytest.approx([0.8, -1.2])
-    assert run([*arguments, "--start-tip", "2.6", "0", "0.1"]) == 0
-    q = _path(tmp_path / "excitation.yaml").sample(0.0)[0]
-    assert tip_position(robot, q) == pytest.approx([2.6, 0.0, 0.1], abs=1e-5)
+def test_start_poses(robot: Robot) -> None:
+    for tip in ([2.6, 0.0, 0.1], [2.0, 0.0, -1.2]):
+        assert tip_position(robot, start_pose(robot, np.array(tip))) == pytest.approx(tip)
+    assert tip_position(robot, start_pose(robot)) == pytest.approx([2.0, 0.0, -1.2])
 
 
 @pytest.mark.parametrize(
@@ -104,7 +109,10 @@ def test_a_start_of_ones_own(robot: Robot, tmp_path: Path) -> None:
         (["--start-joints", "0.8"], "expected 2 joint positions, found 1"),
         (["--start-tip", "9", "0", "0"], "cannot put its tip at"),
         (["--duration", "5"], "expected a duration of 30 s or more, found 5"),
-        (["--start-joints", "1.69", "-1.2"], "no motion fits the limits of robot xs031"),
+        (
+            ["--start-joints", "1.69", "-1.2"],
+            "no motion fits the limits of robot xs031: at",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_writes_nothing(
@@ -123,7 +131,13 @@ def test_what_cannot_be_done_is_one_line_and_writes_nothing(
     assert not out.exists()
 
 
-def test_a_weak_valve_shrinks_the_motion(robot: Robot, tmp_path: Path) -> None:
+@pytest.mark.parametrize("option", ["--force-residual", "--flow-residual", "--correlation"])
+def test_residuals_are_checked(option: str, tmp_path: Path) -> None:
+    with pytest.raises(IdentError, match=f"expected {option} above 0, found 0"):
+        run(["--robot", "xs031", "--out", str(tmp_path), option, "0"])
+
+
+def test_a_weak_valve_slows_the_motion(robot: Robot, folder: Path, tmp_path: Path) -> None:
     weak = replace(
         robot,
         valves=tuple(
@@ -131,11 +145,10 @@ def test_a_weak_valve_shrinks_the_motion(robot: Robot, tmp_path: Path) -> None:
             for v in robot.valves
         ),
     )
-    start = start_pose(robot)
-    full = design_excitation(robot, start, 64.0, tmp_path)
-    small = design_excitation(weak, start, 64.0, tmp_path)
-    assert small.scale < full.scale
-    assert np.all(small.check.flow_share <= FLOW_LIMIT)
+    small = design_excitation(weak, start_pose(robot), 30.0, tmp_path)
+    full = check_path(robot, _path(folder / "excitation.yaml"))
+    assert np.all(small.check.peak_piston_velocity_m_s < full.peak_piston_velocity_m_s)
+    assert np.all(small.check.flow_share <= LIMITS.flow)
 
 
 def test_a_robot_that_cannot_carry_itself_has_no_experiment(robot: Robot, tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_a_late_subscriber_gets_the_identified_parameters(
 ) -> None:
     names, values, deviations = _receive(60.0)  # type: ignore[misc]
     base = base_map(robot)
-    truth = dict(zip(base.names, base.combination @ robot.link_inertia.ravel(), strict=True))
+    truth = dict(zip(base.names, base.combination @ robot.parameter_vector, strict=True))
     found = dict(zip(names, values, strict=True))
     for name, value in truth.items():
         assert found[name] == pytest.approx(value, rel=1e-3, abs=0.05)

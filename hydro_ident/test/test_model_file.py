@@ -14,6 +14,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.model_file import write_model
 from hydro_model.base_parameters import base_map
+from hydro_model.closed_chain import with_parameters
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import BaseParameter, EffectSpec, Robot
@@ -38,12 +39,11 @@ def _plain(robot: Robot) -> dict[str, object]:
 
 def _identified(robot: Robot) -> Robot:
     base = base_map(robot)
-    values = base.combination @ robot.link_inertia.ravel() * 1.0123456789
-    theta = np.zeros(robot.link_inertia.size)
+    values = base.combination @ robot.parameter_vector * 1.0123456789
+    theta = np.zeros(len(robot.parameter_names))
     theta[base.leading] = values
     return replace(
-        robot,
-        link_inertia=theta.reshape(-1, 10),
+        with_parameters(robot, theta),
         base_parameters=tuple(
             BaseParameter(name, base.coefficients(i), float(values[i]))
             for i, name in enumerate(base.names)
@@ -59,7 +59,7 @@ def test_an_identified_robot_reads_back_bit_for_bit(robot: Robot, tmp_path: Path
     write_model(wanted, tmp_path / "model.yaml", {"command": "identify x"})
     read = load_robot(tmp_path / "model.yaml")
     assert _plain(read) == _plain(wanted)
-    for name in ("link_inertia", "base_covariance", "gravity_m_s2", "tip_offset_m"):
+    for name in ("link_inertia", "part_inertia", "base_covariance", "gravity_m_s2", "tip_offset_m"):
         assert np.array_equal(getattr(read, name), getattr(wanted, name)), name
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
     assert np.array_equal(inverse_dynamics(read, q, qd, qdd), inverse_dynamics(wanted, q, qd, qdd))

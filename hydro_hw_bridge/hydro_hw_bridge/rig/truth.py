@@ -247,7 +247,7 @@ class Truth:
             name="ideal",
             links=links_of(robot),
             cylinders=tuple(
-                CylinderTruth(c.name, viscous_friction=c.viscous_friction, barrel=None, rod=None)
+                CylinderTruth(c.name, c.viscous_friction, barrel=c.barrel, rod=c.rod)
                 for c in robot.cylinders
             ),
             valves=tuple(ValveTruth(v.name, v.c_pa, v.c_at, v.c_pb, v.c_bt) for v in robot.valves),

@@ -31,11 +31,7 @@ def project_metadata(robot: Robot, note: str, attachments: Sequence[str]) -> dic
     BagError
         An attachment that is not `KEY=FILE`, or a file that cannot be read as text.
     """
-    try:
-        software = version("hydro_ident")
-    except PackageNotFoundError:
-        software = "unknown"
-    metadata = {"robot": robot.name, "software": f"hydro_ident {software}", "note": note}
+    metadata = {"robot": robot.name, "software": software_version(), "note": note}
     if robot.source is not None:
         metadata["robot_file"] = _text_of(robot.source)
     for attachment in attachments:
@@ -44,6 +40,14 @@ def project_metadata(robot: Robot, note: str, attachments: Sequence[str]) -> dic
             raise BagError(f"expected --attach KEY=FILE, found '{attachment}'")
         metadata[key] = _text_of(Path(file))
     return metadata
+
+
+def software_version() -> str:
+    """Name and version of what writes."""
+    try:
+        return f"hydro_ident {version('hydro_ident')}"
+    except PackageNotFoundError:
+        return "hydro_ident unknown"
 
 
 def _text_of(path: Path) -> str:

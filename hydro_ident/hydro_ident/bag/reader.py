@@ -118,9 +118,9 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     healths = []
     for file in files:
         for block in file.blocks():
-            _count(infos, block)
+            count_block(infos, block)
             if topics is None or block.channel.topic in topics:
-                _decode(builders, statuses, block, notes)
+                decode_block(builders, statuses, block, notes)
         healths.append(file.health)
         metadata.update(file.metadata.get(PROJECT_METADATA, {}))
         notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
@@ -145,7 +145,8 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     )
 
 
-def _count(infos: dict[str, TopicInfo], block: MessageBlock) -> None:
+def count_block(infos: dict[str, TopicInfo], block: MessageBlock) -> None:
+    """Count a block of messages under its topic."""
     channel = block.channel
     first, last = int(block.log_ns.min()), int(block.log_ns.max())
     latency = int((block.log_ns - block.publish_ns).max())
@@ -159,15 +160,16 @@ def _count(infos: dict[str, TopicInfo], block: MessageBlock) -> None:
     info.latency_ns = max(info.latency_ns, latency)
 
 
-def _decode(
+def decode_block(
     builders: dict[str, SeriesBuilder],
-    statuses: list[Status],
+    statuses: list[Status] | None,
     block: MessageBlock,
     notes: list[str],
 ) -> None:
+    """Decode a block of messages into its topic's builder; diagnostics where they are wanted."""
     channel = block.channel
     if channel.message_type == DIAGNOSTIC_ARRAY:
-        if malformed := add_statuses(block, statuses):
+        if statuses is not None and (malformed := add_statuses(block, statuses)):
             notes.append(f"{channel.topic}: {malformed} messages could not be decoded")
         return
     if channel.message_type not in FIELDS:

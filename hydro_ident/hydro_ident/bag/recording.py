@@ -21,6 +21,7 @@ from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
+from hydro_model.cylinder import joint_position
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
@@ -81,12 +82,14 @@ def recording_of(bag: Bag, robot: Robot) -> Recording:
     grid = _grid(bag, joints, pressures)
     period_s = _period_s(joints.stamp_ns, robot)
     temperature = topics[OIL_TEMPERATURE]
+    joint_columns = _joint_columns(grid, joints, robot)
+    notes = _angles_from_strokes(joint_columns, robot)
     recording = Recording(
         path=bag.path,
         robot=robot,
         stamp_ns=grid,
         period_s=period_s,
-        **_joint_columns(grid, joints, robot),
+        **joint_columns,
         **_pressure_columns(grid, pressures, robot),
         **_valve_columns(grid, topics[VALVE_STATE], topics[VALVE_COMMAND], robot),
         **_reference_columns(grid, topics[JOINT_REFERENCE], topics[TIP_REFERENCE], robot),
@@ -95,7 +98,7 @@ def recording_of(bag: Bag, robot: Robot) -> Recording:
         losses=(),
         gaps=find_gaps(grid, period_s),
         duplicates={n: t.duplicates for n, t in topics.items() if t is not None and t.duplicates},
-        notes=(*bag.losses, *_irregular(topics)),
+        notes=(*bag.losses, *_irregular(topics), *notes),
         metadata=bag.metadata,
     )
     return _with_losses(recording)
@@ -108,6 +111,29 @@ def _joint_columns(grid: IntArray, joints: Topic, robot: Robot) -> dict[str, Any
         "stroke": join(grid, joints, [c.name for c in robot.cylinders], "position"),
         "effort": join(grid, joints, robot.joint_names, "effort"),
     }
+
+
+def _angles_from_strokes(columns: dict[str, Any], robot: Robot) -> list[str]:
+    """Fill joint positions that were not recorded from stroke sensors; says which.
+
+    Strokes at which the triangle of eq. 16 does not close give no angle.
+    """
+    q, strokes, notes = columns["q"], columns["stroke"], []
+    for i, cylinder in enumerate(robot.cylinders if strokes is not None else ()):
+        at = robot.joint_index(cylinder.joint)
+        x = strokes[:, i]
+        possible = np.isfinite(x)
+        if cylinder.l1_m != 0.0:
+            length = x + cylinder.x0_m
+            possible &= length >= abs(cylinder.l1_m - cylinder.l2_m)
+            possible &= length <= cylinder.l1_m + cylinder.l2_m
+        if np.isfinite(q[:, at]).any() or not possible.any():
+            continue
+        joint = robot.joints[at]
+        middle = 0.5 * (joint.lower + joint.upper)
+        q[possible, at] = joint_position(cylinder, x[possible], middle)
+        notes.append(f"position of {joint.name} from the stroke of {cylinder.name}")
+    return notes
 
 
 def _pressure_columns(grid: IntArray, pressures: Topic | None, robot: Robot) -> dict[str, Any]:
@@ -182,7 +208,8 @@ def _topic(bag: Bag, name: str) -> Topic | None:
 
 
 def _check_robot(bag: Bag, joints: Series, robot: Robot) -> None:
-    if not set(joints.names) & set(robot.joint_names):
+    strokes = {cylinder.name for cylinder in robot.cylinders}
+    if not set(joints.names) & (set(robot.joint_names) | strokes):
         raise BagError(
             f"{bag.path}: expected joints of robot {robot.name}"
             f" ({', '.join(robot.joint_names)}) in {JOINT_STATES},"

@@ -90,6 +90,8 @@ class SeriesBuilder:
     _count: int = 0
     _malformed: int = 0
     _why: str = ""
+    #: Oldest and newest stamp so far, ns; -1 before the first message.
+    stamp_span_ns: tuple[int, int] = (-1, -1)
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block of messages."""
@@ -131,8 +133,12 @@ class SeriesBuilder:
             fields = {
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
             }
-            piece = _Piece(taken + self._count, layout.stamp_ns(rows), layout.names, fields)
-            self._pieces.append(piece)
+            stamps = layout.stamp_ns(rows)
+            self._pieces.append(_Piece(taken + self._count, stamps, layout.names, fields))
+            first, last = self.stamp_span_ns
+            oldest, newest = int(stamps.min()), int(stamps.max())
+            first = oldest if first < 0 else min(first, oldest)
+            self.stamp_span_ns = (first, max(last, newest))
         return left if not len(taken) else np.setdiff1d(left, taken, assume_unique=True)
 
     def finish(self) -> Series:

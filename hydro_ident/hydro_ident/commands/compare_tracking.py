@@ -25,12 +25,13 @@ def parser() -> argparse.ArgumentParser:
         prog="compare_tracking",
         description="Tip tracking of several runs, side by side: by the rig's true tip and by"
         " the encoders. A run whose largest speed exceeds the reference's by more than"
-        f" {SPEED_EXCESS:.0%} is void.",
+        f" {SPEED_EXCESS:.0%} is void, and the command then exits with 1.",
     )
     p.add_argument(
         "runs", nargs="+", metavar="NAME=BAG,TRUTH", help="a name, a bag and the rig's side file"
     )
     p.add_argument("--robot", required=True, help="robot whose kinematics give the tip")
+    p.add_argument("--against", metavar="NAME", help="print the other runs' RMSE over this one's")
     p.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
     return p
 
@@ -42,6 +43,7 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.bag.recording import RECORDING_TOPICS
     from hydro_ident.commands.output import write_json
     from hydro_ident.commands.tracking import tracking_of
+    from hydro_ident.errors import IdentError
     from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
@@ -49,10 +51,19 @@ def run(arguments: Sequence[str]) -> int:
     for text in options.runs:
         name, bag, truth = _parts(text)
         rows[name] = tracking_of(read_bag(bag, RECORDING_TOPICS), robot, truth)
+    if options.against is not None and options.against not in rows:
+        raise IdentError(
+            f"--against: expected one of {', '.join(rows)}, found '{options.against}'"
+        )
     if options.json is not None:
         write_json(options.json, as_dict(rows))
     print(table(rows))
-    return 0
+    if options.against is not None:
+        print("\n".join(ratios(rows, options.against)))
+    void = [name for name, row in rows.items() if is_void(row["truth"])]
+    if void:
+        print(f"compare_tracking: void: {', '.join(void)}", file=sys.stderr)
+    return 1 if void else 0
 
 
 def _parts(text: str) -> tuple[str, Path, Path]:
@@ -78,6 +89,16 @@ def as_dict(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, Any]:
 def is_void(row: Tracking) -> bool:
     """Whether a run was faster than its reference allows."""
     return row.max_speed_m_s > (1.0 + SPEED_EXCESS) * row.reference_speed_m_s
+
+
+def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str]:
+    """How many times larger each other run's true RMSE is."""
+    best = rows[against]["truth"].rmse_mm
+    return [
+        f"RMSE of {name} is {row['truth'].rmse_mm / best:.2f} times that of {against}"
+        for name, row in rows.items()
+        if name != against
+    ]
 
 
 def table(rows: Mapping[str, Mapping[str, Tracking]]) -> str:

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
+    from hydro_ident.design.information import Residual
     from hydro_ident.experiment import Design
     from hydro_model.robot import FloatArray, Robot
 
 EXCITATION_FILE, VALIDATION_FILE = "excitation.yaml", "validation.yaml"
+PREDICTION_FILE = "predicted.json"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -23,12 +25,35 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="excite",
         description="Design an identification run and a validation run within the joint, stroke,"
-        " speed and flow limits of a robot, as path files that the controller plays.",
+        " speed, force and flow limits of a robot, as path files that the controller plays, and"
+        " predict the standard error of every parameter.",
     )
     p.add_argument("--robot", required=True, help="robot file or the name of a shipped robot")
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the files")
     p.add_argument(
         "--duration", type=float, default=64.0, metavar="S", help="of the run (default: 64)"
+    )
+    p.add_argument("--seed", type=int, default=0, help="of the design's start (default: 0)")
+    p.add_argument(
+        "--force-residual",
+        type=float,
+        default=0.02,
+        metavar="SHARE",
+        help="expected residual of the force fit over the supply's force range (default: 0.02)",
+    )
+    p.add_argument(
+        "--flow-residual",
+        type=float,
+        default=0.0075,
+        metavar="SHARE",
+        help="expected residual of the flow fit over an open edge's flow (default: 0.0075)",
+    )
+    p.add_argument(
+        "--correlation",
+        type=float,
+        default=0.4,
+        metavar="S",
+        help="time constant of the residuals' correlation (default: 0.4)",
     )
     start = p.add_mutually_exclusive_group()
     start.add_argument(
@@ -49,6 +74,7 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     import numpy as np
 
+    from hydro_ident.design.prediction import predicted_json
     from hydro_ident.errors import IdentError
     from hydro_ident.experiment import (
         design_excitation,
@@ -66,9 +92,11 @@ def run(arguments: Sequence[str]) -> int:
             raise IdentError(f"expected {robot.dof} joint positions, found {start.size}")
     else:
         start = start_pose(robot, None if options.start_tip is None else options.start_tip)
-    with tempfile.TemporaryDirectory() as folder:
-        excitation = design_excitation(robot, start, options.duration, Path(folder))
-        validation = design_validation(robot, start, 0.5 * options.duration, Path(folder))
+    residual = _residual(options)
+    with tempfile.TemporaryDirectory() as name:
+        folder, settings = Path(name), {"residual": residual, "seed": options.seed}
+        excitation = design_excitation(robot, start, options.duration, folder, **settings)
+        validation = design_validation(robot, start, 0.5 * options.duration, folder, **settings)
 
     def fill(fresh: Path) -> None:
         for file, design, text in (
@@ -77,18 +105,53 @@ def run(arguments: Sequence[str]) -> int:
         ):
             comment = f"A run of robot {robot.name} {text}, by hydro_ident excite."
             (fresh / file).write_text(path_text(design.content, comment), encoding="utf-8")
+        text = predicted_json(robot, excitation.prediction, residual, excitation.path.duration_s)
+        (fresh / PREDICTION_FILE).write_text(text, encoding="utf-8")
 
     write_together(options.out, fill, own=())
     print(_text(robot, excitation, options.out / EXCITATION_FILE))
     print(_text(robot, validation, options.out / VALIDATION_FILE))
+    print(_table(excitation, options.out / PREDICTION_FILE))
+    for what in excitation.left_out:
+        print(f"excite: left out, since no size of it fits the limits: {what}", file=sys.stderr)
     return 0
+
+
+def _residual(options: argparse.Namespace) -> Residual:
+    from hydro_ident.design.information import Residual
+    from hydro_ident.errors import IdentError
+
+    values = {
+        "--force-residual": options.force_residual,
+        "--flow-residual": options.flow_residual,
+        "--correlation": options.correlation,
+    }
+    for name, value in values.items():
+        if not 0.0 < value < float("inf"):
+            raise IdentError(f"expected {name} above 0, found {value:g}")
+    if options.seed < 0:
+        raise IdentError(f"expected a seed of 0 or more, found {options.seed}")
+    return Residual(options.force_residual, options.flow_residual, options.correlation)
+
+
+def _table(design: Design, file: Path) -> str:
+    """Expected standard errors, a line per parameter."""
+    width = max(len(p.name) for p in design.prediction.parameters)
+    lines = [f"{file}: expected standard errors of the excitation run"]
+    for p in design.prediction.parameters:
+        share = "" if p.relative is None else f"  {100.0 * p.relative:8.2f} %"
+        value = "" if p.datasheet is None else f"{p.datasheet:.4g}"
+        error = "undetermined" if p.std == float("inf") else f"+- {p.std:.3g} {p.unit}"
+        lines.append(f"  {p.name:{width}}  {value:>10}  {error:28}{share}".rstrip())
+    return "\n".join(lines)
 
 
 def _text(robot: Robot, design: Design, file: Path) -> str:
     check = design.check
     lines = [
-        f"{file}: {check.duration_s:.1f} s, condition number of the regressor"
-        f" {design.condition:.1f}"
+        f"{file}: {check.duration_s:.1f} s, condition number of the base regressor"
+        f" {design.prediction.condition:.1f}"
+        f" ({design.prediction.condition_scaled:.1f} with friction, unit columns)"
     ]
     for i, joint in enumerate(robot.joints):
         unit = "m" if joint.prismatic else "rad"

@@ -6,18 +6,20 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
-    from hydro_ident.identification import Identification
+    from hydro_ident.identification import Identification, Settings
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
-file) and controller.yaml (a ROS parameters file). Exit 0 done; 1 the data were not enough;
+file), controller.yaml (a ROS parameters file) and, where bodies with these base parameters can
+exist, identified.urdf with such bodies. Exit 0 done; 1 the data were not enough;
 2 bad usage or unreadable input, nothing written.
 """
 
@@ -44,6 +46,61 @@ def parser() -> argparse.ArgumentParser:
         metavar="BAG",
         help="bags to score the predictions on; without them every fifth block is held out",
     )
+    p.add_argument(
+        "--compare",
+        metavar="MODEL",
+        help="an earlier model.yaml: what changed since, per parameter, with its significance",
+    )
+    p.add_argument(
+        "--hold-out",
+        type=int,
+        default=5,
+        metavar="N",
+        help="without --validate, keep every N-th block from the fit and score on it; 0: fit"
+        " everything, score nothing (default %(default)d)",
+    )
+    filters = p.add_argument_group("filters of the force channels (zero-phase Butterworth)")
+    filters.add_argument(
+        "--differentiation-cutoff",
+        type=float,
+        default=25.0,
+        metavar="HZ",
+        help="of positions before they are differentiated, and of forces (default %(default)g)",
+    )
+    filters.add_argument(
+        "--parallel-cutoff",
+        type=float,
+        default=10.0,
+        metavar="HZ",
+        help="of both sides of the equation that is fitted (default %(default)g)",
+    )
+    filters.add_argument(
+        "--filter-order",
+        type=int,
+        default=4,
+        metavar="N",
+        help="of one pass (default %(default)d)",
+    )
+    filters.add_argument(
+        "--decimation",
+        type=int,
+        default=0,
+        metavar="N",
+        help="fit every N-th sample; 1: all (default: two per period of the parallel cut-off)",
+    )
+    p.add_argument(
+        "--estimator",
+        choices=("auto", "ols", "wls", "robust", "iv"),
+        default="auto",
+        help="ordinary, weighted by each channel's noise, robust against outliers and dropouts, or"
+        " with the recorded references as instruments (default %(default)s: robust where samples"
+        " stand out, iv where the references show a bias, else wls)",
+    )
+    p.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="spread the bags over this Dask cluster, which sees them under the same paths",
+    )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
     return p
 
@@ -51,24 +108,37 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hydro_ident.bag.recording import read_recording
-    from hydro_ident.identification import NOT_ENOUGH, identify
+    from hydro_ident.compare import check_same_machine, compare
+    from hydro_ident.identification import identify
     from hydro_ident.results import provenance
+    from hydro_ident.sources import bag_source
+    from hydro_ident.verdict import NOT_ENOUGH
+    from hydro_ident.workers import workers_at
     from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
-    training = [read_recording(bag, robot) for bag in options.bags]
-    validation = [read_recording(bag, robot) for bag in options.validate]
+    settings = settings_of(options)
+    old = load_robot(options.compare) if options.compare else None
+    if old is not None:
+        check_same_machine(old, robot, options.compare)
+    training = [bag_source(bag, robot) for bag in options.bags]
+    validation = [bag_source(bag, robot) for bag in options.validate]
     # Without --out: the same input gives the same result wherever it is written.
     command = ["identify", *options.bags, "--robot", options.robot]
     command += ["--validate", *options.validate] if options.validate else []
+    command += ["--compare", options.compare] if options.compare else []
+    command += changed_options(options)
     origin = provenance(
         shlex.join(command),
         options.robot,
-        [recording.path for recording in training],
-        [recording.path for recording in validation],
+        [source.path for source in training],
+        [source.path for source in validation],
     )
-    found = identify(robot, training, validation)
+    with workers_at(options.scheduler) as workers:
+        found = identify(robot, training, validation, settings, workers)
+    if old is not None and found.robot is not None:
+        comparison = compare(old, found.robot, found.parameters, options.compare)
+        found = replace(found, comparison=comparison)
     write_results(found, origin, options.out)
     print(summary_text(found))
     if found.verdict == NOT_ENOUGH:
@@ -76,6 +146,43 @@ def run(arguments: Sequence[str]) -> int:
         return 1
     print(f"written: {options.out}")
     return 0
+
+
+#: Command-line options of the filters and the field of `FilterSettings` that each one sets.
+_FILTER_OPTIONS = {
+    "differentiation_cutoff": "differentiation_hz",
+    "parallel_cutoff": "parallel_hz",
+    "filter_order": "order",
+    "decimation": "keep_every",
+}
+
+
+def settings_of(options: argparse.Namespace) -> Settings:
+    """The estimators' settings of a command line."""
+    from hydro_ident.errors import IdentError
+    from hydro_ident.estimate.derivatives import FilterSettings
+    from hydro_ident.identification import Settings
+
+    chosen = {field: getattr(options, name) for name, field in _FILTER_OPTIONS.items()}
+    if options.hold_out < 0 or options.hold_out == 1:
+        raise IdentError(f"expected --hold-out of 0, 2 or more, found {options.hold_out}")
+    filters = FilterSettings(**chosen)
+    return Settings(filters=filters, hold_out_every=options.hold_out, estimator=options.estimator)
+
+
+def changed_options(options: argparse.Namespace) -> list[str]:
+    """The estimators' options that are not at their defaults, as on a command line."""
+    defaults = parser()
+    return [
+        word
+        for name in ("hold_out", "estimator", *_FILTER_OPTIONS)
+        if getattr(options, name) != defaults.get_default(name)
+        for word in ("--" + name.replace("_", "-"), _word(getattr(options, name)))
+    ]
+
+
+def _word(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def write_results(found: Identification, origin: Provenance, folder: Path) -> None:
@@ -100,15 +207,18 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
         MODEL_FILE,
         REPORT_FILE,
         RESULT_FILE,
+        URDF_FILE,
         result_json,
         write_together,
     )
+    from hydro_ident.urdf_file import write_urdf
 
     def fill(fresh: Path) -> None:
         (fresh / RESULT_FILE).write_text(result_json(found, origin), encoding="utf-8")
         (fresh / REPORT_FILE).write_text(report_html(found, origin.as_dict()), encoding="utf-8")
         if found.robot is not None:
             write_model(found.robot, fresh / MODEL_FILE, origin.as_dict())
+            write_urdf(found.robot, fresh / URDF_FILE)
             text = controller_text(folder / MODEL_FILE)
             (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
 
@@ -118,9 +228,13 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
 def summary_text(found: Identification) -> str:
     """The result as a table for the terminal."""
     from hydro_ident.report.identification_report import readable
+    from hydro_ident.validation_results import comparison_lines, rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
+    if found.estimator is not None:
+        lines.append(f"estimator: {found.estimator.name}: {found.estimator.reason}")
     lines += [f"problem: {text}" for text in found.problems]
+    lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
     lines += [f"note: {text}" for text in found.notes]
     width = max((len(readable(p)) for p in found.parameters), default=0)
     for p in found.parameters:
@@ -135,6 +249,8 @@ def summary_text(found: Identification) -> str:
             f"  {channel.name:14} RMSE {s['rmse_before']:10.4g} -> {s['rmse_after']:10.4g}"
             f" {channel.unit}, fit {s['fit_before_pct']:6.1f} -> {s['fit_after_pct']:5.1f} %"
         )
+    lines += rollout_lines(found.free_run)
+    lines += [] if found.comparison is None else comparison_lines(found.comparison)
     return "\n".join(lines)
 
 

@@ -126,26 +126,58 @@ def chamber_rows(
         One channel: y is the mean volume rate, x the columns of `column_names`; windows that
         touch a sample without signal or pressure are left out.
     """
-    h = trace.step_s
     x = trace.stroke[:, chamber.index]
     volume = chamber_volumes(chamber.cylinder, x)[0 if chamber.side == "a" else 1]
     pressure = (trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index]
-    opening, closing = _edge_integrals(chamber, trace, delay_s)
-    known = _signal_known(trace.valve_signal[:, chamber.index], windows.max_delay_cycles)
+    opening, closing = edge_integrals(chamber, trace, delay_s)
     compressed = 0.5 * (volume[1:] + volume[:-1]) * np.diff(pressure)
     columns = [-compressed, opening, closing]
     if extra is not None:
         columns += list(extra.T)
     steps = np.stack([np.diff(volume), *columns], axis=1)
+    return window_rows(steps, trace, trace.valve_signal[:, chamber.index], windows)
+
+
+def window_rows(
+    steps: FloatArray, trace: Trace, signal: FloatArray, windows: WindowSettings
+) -> Rows:
+    """Sums over windows of what a balance takes up per sampling interval, as mean rates.
+
+    Parameters
+    ----------
+    steps : (N - 1, 1 + p) array
+        The left-hand side, then the columns.
+    trace : Trace
+    signal : (N,) array
+        Valve signal; windows that touch a sample where it is unknown are left out.
+    windows : WindowSettings
+
+    Returns
+    -------
+    Rows
+        One channel.
+    """
+    h = trace.step_s
+    known = _signal_known(signal, windows.max_delay_cycles)
     span = max(1, round(windows.length_s / h))
-    start = np.arange(0, steps.shape[0] - span + 1, max(1, round(windows.hop_s / h)))
+    hop = max(1, round(windows.hop_s / h))
+    begin, end = trace.owned.start, min(trace.owned.stop, steps.shape[0] - span + 1)
+    # Windows start on multiples of the hop in their recording, whatever pieces it comes in.
+    start = np.arange(begin + (-trace.cycle - begin) % hop, end, hop)
     # A gap would spoil every later sum: zero it, and drop the windows that touch it.
     broken = ~(known & np.isfinite(steps).all(axis=1))
     total = _running_sum(np.where(broken[:, None], 0.0, steps))
     gaps = _running_sum(broken.astype(float)[:, None])[:, 0]
     start = start[gaps[start + span] == gaps[start]]
     means = (total[start + span] - total[start]) / (span * h)
-    return Rows(means[:, :1], means[:, None, 1:], trace.time_s[start], trace.label)
+    return Rows(
+        means[:, :1],
+        means[:, None, 1:],
+        trace.time_s[start],
+        trace.label,
+        step_s=hop * h,
+        stride=max(1, round(span / hop)),
+    )
 
 
 def _running_sum(steps: FloatArray) -> FloatArray:
@@ -157,10 +189,22 @@ def unit_valve(valve: Valve) -> Valve:
     return replace(valve, c_pa=1.0, c_at=1.0, c_pb=1.0, c_bt=1.0)
 
 
-def _edge_integrals(
+def edge_integrals(
     chamber: Chamber, trace: Trace, delay_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Integrals over each sampling interval of the two edges' flows at unit coefficient."""
+    """Integrals over each sampling interval of the two edges' flows at unit coefficient.
+
+    Parameters
+    ----------
+    chamber : Chamber
+    trace : Trace
+    delay_s : float
+
+    Returns
+    -------
+    opening, closing : (N - 1,) array
+        Into the chamber while u > 0, and while u <= 0.
+    """
     i, h = chamber.index, trace.step_s
     u = trace.valve_signal[:, i]
     whole = math.floor(delay_s / h + 1e-9)

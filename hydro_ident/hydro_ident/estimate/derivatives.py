@@ -36,19 +36,44 @@ class FilterSettings:
         Applied to regressor and regressand, before decimation.
     order : int
         Order of the Butterworth filter; the magnitude of the two passes is its square.
+    keep_every : int
+        Every how many filtered samples enter the fit; 0: two per period of `parallel_hz`, beyond
+        which there is nothing new.
     """
 
     differentiation_hz: float = 25.0
     parallel_hz: float = 10.0
     order: int = 4
+    keep_every: int = 0
+
+    def __post_init__(self) -> None:
+        if not (self.differentiation_hz > 0.0 and self.parallel_hz > 0.0):
+            raise IdentError(
+                "expected cut-off frequencies above 0 Hz, found"
+                f" {self.differentiation_hz:g} and {self.parallel_hz:g}"
+            )
+        if self.order < 1 or self.keep_every < 0:
+            raise IdentError(
+                "expected a filter order of 1 or more and a decimation of 1 or more,"
+                f" found {self.order} and {self.keep_every}"
+            )
 
     def edge_samples(self, step_s: float) -> int:
-        """Samples to leave out at both ends of a segment: the filters' settling."""
-        return 3 + math.ceil(3.0 / (self.parallel_hz * step_s))
+        """Samples to leave out at both ends of a segment: the filters settle to 1e-6 in them."""
+        return 3 + math.ceil(6.0 / (self.parallel_hz * step_s))
 
     def decimation(self, step_s: float) -> int:
-        """Every how many samples are kept: five per period of the parallel cut-off."""
-        return max(1, math.floor(1.0 / (5.0 * self.parallel_hz * step_s)))
+        """Every how many samples are kept."""
+        if self.keep_every:
+            return self.keep_every
+        return self._resolved(step_s)
+
+    def stride(self, step_s: float) -> int:
+        """Kept samples that the parallel filter makes one of."""
+        return max(1, round(self._resolved(step_s) / self.decimation(step_s)))
+
+    def _resolved(self, step_s: float) -> int:
+        return max(1, math.floor(1.0 / (2.0 * self.parallel_hz * step_s) + 1e-9))
 
 
 def low_pass(data: FloatArray, step_s: float, cutoff_hz: float, order: int) -> FloatArray:
@@ -129,7 +154,12 @@ def motion(
     return (smooth, *central_differences(smooth, step_s))
 
 
-def parallel_filter(data: FloatArray, step_s: float, settings: FilterSettings) -> FloatArray:
+def parallel_filter(
+    data: FloatArray,
+    step_s: float,
+    settings: FilterSettings,
+    keep: NDArray[np.intp] | None = None,
+) -> FloatArray:
     """Low-pass filter, trim the edges and decimate a column of the equation to be fitted.
 
     Parameters
@@ -138,6 +168,8 @@ def parallel_filter(data: FloatArray, step_s: float, settings: FilterSettings) -
         Regressor or regressand on one contiguous segment; both must come through here.
     step_s : float
     settings : FilterSettings
+    keep : (M,) int array, optional
+        Samples to keep; those of `kept_samples` by default.
 
     Returns
     -------
@@ -145,10 +177,31 @@ def parallel_filter(data: FloatArray, step_s: float, settings: FilterSettings) -
         Empty where the segment is shorter than its two edges.
     """
     filtered = low_pass(data, step_s, settings.parallel_hz, settings.order)
-    return np.asarray(filtered[kept_samples(data.shape[0], step_s, settings)])
+    kept = kept_samples(data.shape[0], step_s, settings) if keep is None else keep
+    return np.asarray(filtered[kept])
 
 
-def kept_samples(count: int, step_s: float, settings: FilterSettings) -> NDArray[np.intp]:
-    """Indices of a segment of `count` samples that `parallel_filter` keeps."""
-    edge = settings.edge_samples(step_s)
-    return np.arange(edge, count - edge, settings.decimation(step_s), dtype=np.intp)
+def kept_samples(
+    count: int,
+    step_s: float,
+    settings: FilterSettings,
+    cycle: int = 0,
+    core: tuple[int, int] | None = None,
+) -> NDArray[np.intp]:
+    """Indices of a segment of `count` samples that `parallel_filter` keeps.
+
+    Parameters
+    ----------
+    count : int
+    step_s : float
+    settings : FilterSettings
+    cycle : int
+        Number of the first sample in its recording: whole recordings and pieces of them keep
+        the same samples.
+    core : tuple of int, optional
+        Samples that the segment owns, begin and end.
+    """
+    edge, every = settings.edge_samples(step_s), settings.decimation(step_s)
+    begin, end = (0, count) if core is None else core
+    begin, end = max(begin, edge), min(end, count - edge)
+    return np.arange(begin + (edge - cycle - begin) % every, end, every, dtype=np.intp)

@@ -8,20 +8,15 @@ result outside physical bounds is rejected and said, never replaced.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import (
-    INVERSE_BULK,
-    Chamber,
-    WindowSettings,
-    chamber_rows,
-    chambers_of,
-    column_names,
-)
-from hydro_ident.estimate.least_squares import Fit, Rows, weighted_least_squares
+from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
+from hydro_ident.estimate.delay import fit_delay
+from hydro_ident.estimate.flow_moments import ExtraColumns, FlowGatherer, Select
+from hydro_ident.estimate.least_squares import Fit, fit_of_ols
 from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import FloatArray, Robot
 
@@ -29,9 +24,6 @@ from hydro_model.robot import FloatArray, Robot
 BULK_BOUNDS_PA = (1.0e7, 5.0e9)
 #: A parameter whose column resembles the others this much is not told apart from them.
 MAX_COLLINEARITY = 1.0e3
-
-#: Names and columns of the listed effects' linear parameters for a chamber and a trace.
-ExtraColumns = Callable[[Chamber, Trace], tuple[tuple[str, ...], FloatArray]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +58,8 @@ class CylinderFit:
     rejected : str
         Why the values are not to be used; empty where they are good.
     chambers : tuple of ChamberFit
+    dof : (p,) array
+        Degrees of freedom of the standard deviations.
     """
 
     cylinder: str
@@ -76,6 +70,7 @@ class CylinderFit:
     identifiable: tuple[bool, ...]
     rejected: str
     chambers: tuple[ChamberFit, ...]
+    dof: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def value(self, name: str) -> tuple[float, float]:
         """A parameter and its standard deviation."""
@@ -99,12 +94,15 @@ class HydraulicFit:
     cylinders : tuple of CylinderFit
         Those with a valve and at least one chamber recorded.
     windows : WindowSettings
+    delay_dof : float
+        Degrees of freedom of the delay's deviation.
     """
 
     delay_s: float
     delay_std_s: float
     cylinders: tuple[CylinderFit, ...]
     windows: WindowSettings
+    delay_dof: float = math.inf
 
 
 def fit_hydraulics(
@@ -112,7 +110,7 @@ def fit_hydraulics(
     traces: Sequence[Trace],
     windows: WindowSettings | None = None,
     extra: ExtraColumns | None = None,
-    select: Callable[[Rows], Rows] | None = None,
+    select: Select | None = None,
 ) -> HydraulicFit | None:
     """Fit the command delay, then every chamber, then combine the chambers of each cylinder.
 
@@ -120,6 +118,7 @@ def fit_hydraulics(
     ----------
     robot : Robot
     traces : sequence of Trace
+        In order of time within each recording.
     windows : WindowSettings, optional
     extra : callable, optional
         Columns of listed effects.
@@ -132,103 +131,54 @@ def fit_hydraulics(
         None where no chamber has pressures, stroke and valve signal.
     """
     windows = windows or WindowSettings()
-    build = _RowBuilder(tuple(traces), windows, extra, select or (lambda rows: rows))
-    start = max(trace.step_s for trace in traces) * windows.max_delay_cycles if traces else 0.0
-    chambers = [c for c in chambers_of(robot) if build.enough(c, start)]
-    if not chambers:
+    gathered: dict[str, FlowGatherer] = {}
+    for trace in traces:
+        name = trace.recording
+        if name not in gathered:
+            gathered[name] = FlowGatherer(robot, name, windows, extra, select)
+        gathered[name].add(trace)
+    return hydraulic_fit(robot, list(gathered.values()), windows)
+
+
+def hydraulic_fit(
+    robot: Robot,
+    gathered: Sequence[FlowGatherer],
+    windows: WindowSettings,
+    factor: float = 1.0,
+    ordinary: Mapping[str, FloatArray] | None = None,
+) -> HydraulicFit | None:
+    """Fit chambers and delay to what was gathered of every recording.
+
+    Parameters
+    ----------
+    robot : Robot
+    gathered : sequence of FlowGatherer
+    windows : WindowSettings
+    factor : float
+        Of the variance, for robust weights.
+    ordinary : mapping of str to (p, p) array, optional
+        Ordinary least squares instead, with the covariance of X'e by chamber.
+
+    Returns
+    -------
+    HydraulicFit or None
+        None where no chamber has enough windows.
+    """
+    found = fit_delay(robot, gathered, windows, factor)
+    if found is None:
         return None
-    delay = _profile_delay(build, chambers, start)
-    fits = [build.fit(chamber, delay) for chamber in chambers]
-    cylinders = []
-    for index in sorted({chamber.index for chamber in chambers}):
-        cylinders.append(_combine([f for f in fits if f.chamber.index == index]))
-    return HydraulicFit(
-        delay, _delay_std(build, chambers, delay, start), tuple(cylinders), windows
+    by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}
+    fits = []
+    for name, one in found.chambers.items():
+        fit = one.fit
+        if ordinary is not None:
+            fit = fit_of_ols(one.solution, one.blocks, ordinary[name], fit.rows)
+        fits.append(ChamberFit(by_name[name], one.names, fit))
+    cylinders = tuple(
+        _combine([f for f in fits if f.chamber.index == index])
+        for index in sorted({f.chamber.index for f in fits})
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _RowBuilder:
-    traces: tuple[Trace, ...]
-    windows: WindowSettings
-    extra: ExtraColumns | None
-    select: Callable[[Rows], Rows]
-
-    def rows(self, chamber: Chamber, delay_s: float) -> list[Rows]:
-        built = []
-        for trace in self.traces:
-            columns = self.extra(chamber, trace)[1] if self.extra else None
-            rows = chamber_rows(chamber, trace, delay_s, self.windows, columns)
-            built.append(self.select(rows))
-        return [rows for rows in built if rows.time_s.size]
-
-    def names(self, chamber: Chamber) -> tuple[str, ...]:
-        listed = self.extra(chamber, self.traces[0])[0] if self.extra else ()
-        return column_names(chamber, listed)
-
-    def enough(self, chamber: Chamber, delay_s: float) -> bool:
-        rows = self.rows(chamber, delay_s)
-        return sum(r.time_s.size for r in rows) > 10 * len(self.names(chamber))
-
-    def fit(self, chamber: Chamber, delay_s: float) -> ChamberFit:
-        rows = self.rows(chamber, delay_s)
-        return ChamberFit(chamber, self.names(chamber), weighted_least_squares(rows))
-
-    def stacked(self, chamber: Chamber, delay_s: float) -> tuple[FloatArray, FloatArray]:
-        rows = self.rows(chamber, delay_s)
-        x = np.concatenate([r.x[:, 0] for r in rows])
-        return x, np.concatenate([r.y[:, 0] for r in rows])
-
-    def misfit(self, chamber: Chamber, delay_s: float) -> float:
-        """Log-likelihood of a chamber at a delay, its own variance fitted (a profile)."""
-        x, y = self.stacked(chamber, delay_s)
-        norms = np.linalg.norm(x, axis=0)
-        norms[norms == 0.0] = 1.0
-        theta = np.linalg.lstsq(x / norms, y, rcond=1e-12)[0]
-        squares = float(np.sum((y - (x / norms) @ theta) ** 2))
-        return y.size * math.log(max(squares, 1e-24 * float(y @ y), 1e-300))
-
-
-def _profile_delay(build: _RowBuilder, chambers: Sequence[Chamber], longest_s: float) -> float:
-    """The delay in [0, longest_s] that fits all chambers best: a coarse grid, then Brent."""
-    from scipy.optimize import minimize_scalar
-
-    def objective(delay_s: float) -> float:
-        return sum(build.misfit(chamber, float(delay_s)) for chamber in chambers)
-
-    if longest_s <= 0.0:
-        return 0.0
-    grid = np.linspace(0.0, longest_s, 6)
-    values = [objective(d) for d in grid]
-    best = int(np.argmin(values))
-    low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    found = minimize_scalar(
-        objective, bounds=(low, high), method="bounded", options={"xatol": 1e-4 * longest_s}
-    )
-    return float(found.x) if found.fun < values[best] else float(grid[best])
-
-
-def _delay_std(
-    build: _RowBuilder, chambers: Sequence[Chamber], delay_s: float, longest_s: float
-) -> float:
-    """Deviation of the delay: the sensitivity of the balance to it as one more column."""
-    step = 0.05 * longest_s
-    if step <= 0.0:
-        return math.inf
-    near = min(max(delay_s, step), longest_s - step)
-    information = 0.0
-    for chamber in chambers:
-        theta = build.fit(chamber, delay_s).fit.theta
-        ahead, behind = build.rows(chamber, near + step), build.rows(chamber, near - step)
-        augmented = []
-        for rows, after, before in zip(build.rows(chamber, delay_s), ahead, behind, strict=True):
-            count = min(rows.time_s.size, after.time_s.size, before.time_s.size)
-            slope = (after.x[-count:] - before.x[-count:]) @ theta / (2.0 * step)
-            x = np.concatenate([rows.x[-count:], slope[..., None]], axis=2)
-            augmented.append(Rows(rows.y[-count:], x, rows.time_s[-count:], rows.label))
-        std = weighted_least_squares(augmented).std[-1]
-        information += 1.0 / std**2 if std > 0.0 else 0.0
-    return 1.0 / math.sqrt(information) if information > 0.0 else math.inf
+    return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof)
 
 
 def _combine(fits: Sequence[ChamberFit]) -> CylinderFit:
@@ -268,7 +218,20 @@ def _combine(fits: Sequence[ChamberFit]) -> CylinderFit:
         known,
         _reason(values, dict(zip(order, known, strict=True)), len(fits)),
         tuple(fits),
+        _combined_dof(fits, order),
     )
+
+
+def _combined_dof(fits: Sequence[ChamberFit], order: Sequence[str]) -> FloatArray:
+    """Welch and Satterthwaite: chambers' degrees of freedom by their share of the information."""
+    result = np.ones(len(order))
+    for i, name in enumerate(order):
+        at = [(f.fit, f.names.index(name)) for f in fits if name in f.names]
+        information = np.array([1.0 / max(fit.covariance[j, j], 1e-300) for fit, j in at])
+        shares = information / information.sum()
+        dof = np.array([fit.dof[j] for fit, j in at])
+        result[i] = 1.0 / float(np.sum(shares**2 / dof))
+    return result
 
 
 def _essential(name: str) -> bool:

@@ -1,9 +1,6 @@
 """Base inertial parameters with viscous friction (paper III-A with its errata).
 
-One row per joint and kept sample, in newtons at the piston (or in N m where a joint torque is
-measured): eq. 18's torque rows divided by the lever, so that channels are piston forces and the
-friction column is the piston's velocity (eq. 18 prints ``(dx/dq)^2`` without the joint velocity;
-power 2 is right in torque rows). Regressor and regressand pass the same filter.
+The regression over the rows of `hydro_ident.estimate.force_rows`, with what it can tell.
 """
 
 from __future__ import annotations
@@ -13,19 +10,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.estimate.blocks import Blocks, blocks_of
+from hydro_ident.estimate.closed_chain import (
+    HeldPart,
+    IndexArray,
+    fit_with_parts,
+)
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
-    kept_samples,
-    low_pass,
-    motion,
-    parallel_filter,
 )
-from hydro_ident.estimate.least_squares import Fit, Rows, weighted_least_squares
+from hydro_ident.estimate.force_rows import (
+    ForceModel,
+    Motion,
+    force_columns,
+    force_model,
+    force_rows,
+    measured_force,
+)
+from hydro_ident.estimate.least_squares import Fit, Rows, fit_of_solution
+from hydro_ident.estimate.moments import Moments
+from hydro_ident.estimate.regression import Solution, solve_gls
 from hydro_ident.estimate.traces import Trace
-from hydro_model.base_parameters import BaseMap, base_map
-from hydro_model.cylinder import lever, piston_force
-from hydro_model.rigid_body import regressor
+from hydro_model.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
+
+__all__ = [
+    "ForceModel",
+    "InertialFit",
+    "Motion",
+    "fit_inertial",
+    "force_columns",
+    "force_model",
+    "force_rows",
+    "identifiable_parameters",
+    "inertial_fit",
+    "measured_force",
+    "parameter_scales",
+    "still_joints",
+]
 
 #: A parameter whose column resembles the others this much is not told apart from them.
 MAX_COLLINEARITY = 1.0e3
@@ -33,159 +55,6 @@ MAX_COLLINEARITY = 1.0e3
 #: moves less than `STILL_RANGE`, where friction hides everything else.
 STILL_COUNTS = 200.0
 STILL_RANGE = 0.01
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Filtered motion of one trace; edges not yet trimmed.
-
-    Attributes
-    ----------
-    q, qd, qdd : (N, n) array
-    """
-
-    q: FloatArray
-    qd: FloatArray
-    qdd: FloatArray
-
-
-#: Piston forces (N, m, e) of the listed effects at unit linear parameters.
-ForceColumns = Callable[[Trace, Motion], FloatArray]
-
-
-@dataclass(frozen=True, slots=True)
-class ForceModel:
-    """The linear model of the force channels.
-
-    Attributes
-    ----------
-    robot : Robot
-    base : BaseMap
-    channels : tuple of str
-        `<joint>/force`, or `<joint>/torque` for a joint without cylinder.
-    names : tuple of str
-        Base parameters, `<cylinder>.viscous_friction`, then the listed effects'.
-    torque : bool
-        Joint torques were measured, not chamber pressures.
-    effect_names : tuple of str
-    effect_columns : callable or None
-        Gives the (N, m, e) piston forces of unit parameters, opposing motion.
-    """
-
-    robot: Robot
-    base: BaseMap
-    channels: tuple[str, ...]
-    names: tuple[str, ...]
-    torque: bool = False
-    effect_names: tuple[str, ...] = ()
-    effect_columns: ForceColumns | None = None
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each channel."""
-        return tuple("N" if c.endswith("/force") else "N m" for c in self.channels)
-
-
-def force_model(
-    robot: Robot,
-    torque: bool = False,
-    effect_names: Sequence[str] = (),
-    effect_columns: ForceColumns | None = None,
-) -> ForceModel:
-    """The linear force model of a robot.
-
-    Parameters
-    ----------
-    robot : Robot
-    torque : bool
-        Use measured joint torques on every joint instead of chamber pressures.
-    effect_names : sequence of str
-        Linear parameters of listed effects.
-    effect_columns : callable, optional
-        Their columns.
-
-    Returns
-    -------
-    ForceModel
-    """
-    driven = set() if torque else {cylinder.joint for cylinder in robot.cylinders}
-    channels = tuple(f"{j}/{'force' if j in driven else 'torque'}" for j in robot.joint_names)
-    base = base_map(robot)
-    friction = tuple(f"{c.name}.viscous_friction" for c in robot.cylinders)
-    names = (*base.names, *friction, *effect_names)
-    return ForceModel(robot, base, channels, names, torque, tuple(effect_names), effect_columns)
-
-
-def measured_force(model: ForceModel, trace: Trace) -> FloatArray:
-    """Piston force (eq. 9) or measured torque of every joint, shape (N, n); NaN where unknown."""
-    robot = model.robot
-    result = trace.joint_torque.copy()
-    for i, cylinder in enumerate(() if model.torque else robot.cylinders):
-        at = robot.joint_index(cylinder.joint)
-        result[:, at] = piston_force(cylinder, trace.p_a[:, i], trace.p_b[:, i])
-    return result
-
-
-def force_columns(model: ForceModel, trace: Trace, moved: Motion) -> FloatArray:
-    """Regressor of every channel before the parallel filter, shape (N, n, p)."""
-    robot = model.robot
-    inertial = regressor(robot, moved.q, moved.qd, moved.qdd)[..., list(model.base.leading)]
-    friction = np.zeros((*moved.q.shape, len(robot.cylinders)))
-    effects = np.zeros((*moved.q.shape, len(model.effect_names)))
-    forces = model.effect_columns(trace, moved) if model.effect_columns is not None else None
-    for i, cylinder in enumerate(robot.cylinders):
-        at = robot.joint_index(cylinder.joint)
-        arm = lever(cylinder, moved.q[:, at])
-        friction[:, at, i] = arm * moved.qd[:, at]
-        if forces is not None:
-            effects[:, at] = forces[:, i]
-        if model.torque:
-            friction[:, at] *= arm[:, None]
-            effects[:, at] *= arm[:, None]
-        else:
-            inertial[:, at] /= arm[:, None]
-    return np.concatenate([inertial, friction, effects], axis=2)
-
-
-def force_rows(
-    model: ForceModel,
-    trace: Trace,
-    settings: FilterSettings,
-    still: Sequence[int] = (),
-) -> Rows | None:
-    """Filtered and decimated rows of one trace.
-
-    Parameters
-    ----------
-    model : ForceModel
-    trace : Trace
-    settings : FilterSettings
-    still : sequence of int
-        Joints that stand still throughout: held at their mean, so that encoder noise cannot
-        pass for motion.
-
-    Returns
-    -------
-    Rows or None
-        One channel per joint. None where the trace is shorter than the filter's edges, or a
-        joint angle or every force is missing: each force needs all the angles.
-    """
-    keep = kept_samples(trace.samples, trace.step_s, settings)
-    force = measured_force(model, trace)
-    known = np.isfinite(force).all(axis=0)
-    if keep.size < 2 or not known.any() or not np.isfinite(trace.q).all():
-        return None
-    q = trace.q.copy()
-    q[:, list(still)] = q[:, list(still)].mean(axis=0)
-    moved = Motion(*motion(q, trace.step_s, settings))
-    x = parallel_filter(force_columns(model, trace, moved), trace.step_s, settings)
-    # The forces pass the encoders' filter too: both sides of the equation are treated alike.
-    force[:, known] = low_pass(
-        force[:, known], trace.step_s, settings.differentiation_hz, settings.order
-    )
-    y = np.full((keep.size, force.shape[1]), np.nan)
-    y[:, known] = parallel_filter(force[:, known], trace.step_s, settings)
-    return Rows(y, x, trace.time_s[keep], trace.label)
 
 
 def still_joints(robot: Robot, traces: Sequence[Trace]) -> tuple[int, ...]:
@@ -220,6 +89,8 @@ class InertialFit:
     still : tuple of int
         Joints that did not move.
     settings : FilterSettings
+    held : tuple of HeldPart
+        Parameters of barrels and rods that stayed the robot file's.
     """
 
     model: ForceModel
@@ -227,12 +98,14 @@ class InertialFit:
     identifiable: tuple[bool, ...]
     still: tuple[int, ...]
     settings: FilterSettings
+    held: tuple[HeldPart, ...] = ()
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names that the data do not determine."""
-        pairs = zip(self.model.names, self.identifiable, strict=True)
-        return tuple(name for name, known in pairs if not known)
+        """Names that the data do not determine, other than barrels' and rods' held on purpose."""
+        held = {part.index for part in self.held}
+        pairs = enumerate(zip(self.model.names, self.identifiable, strict=True))
+        return tuple(name for i, (name, known) in pairs if not known and i not in held)
 
 
 def fit_inertial(
@@ -247,6 +120,7 @@ def fit_inertial(
     ----------
     model : ForceModel
     traces : sequence of Trace
+        In order of time within each recording.
     settings : FilterSettings, optional
     select : callable, optional
         Picks the rows that take part in the fit.
@@ -261,24 +135,67 @@ def fit_inertial(
     if not usable:
         return None
     still = still_joints(model.robot, usable)
-    pieces = [force_rows(model, trace, settings, still) for trace in usable]
-    chosen = [p if select is None else select(p) for p in pieces if p is not None]
-    chosen = [p for p in chosen if p.time_s.size]
-    if sum(int(np.isfinite(p.y).sum()) for p in chosen) <= 10 * len(model.names):
+    gathered: dict[str, Moments] = {}
+    for trace in usable:
+        rows = force_rows(model, trace, settings, still)
+        if rows is not None:
+            rows = rows if select is None else select(rows)
+            name = trace.recording
+            gathered.setdefault(name, Moments.like(rows, name)).add(rows)
+    return inertial_fit(model, list(gathered.values()), still, settings)
+
+
+def inertial_fit(
+    model: ForceModel,
+    gathered: Sequence[Moments],
+    still: tuple[int, ...],
+    settings: FilterSettings,
+    solve: Callable[[Blocks], Solution] = solve_gls,
+) -> InertialFit | None:
+    """Fit to what was gathered of every recording.
+
+    Parameters
+    ----------
+    model : ForceModel
+    gathered : sequence of Moments
+    still : tuple of int
+        Joints that did not move.
+    settings : FilterSettings
+    solve : callable
+        The estimator.
+
+    Returns
+    -------
+    InertialFit or None
+        None where there are too few rows.
+    """
+    count = sum(int(one.rows.sum()) for one in gathered)
+    if count <= 10 * len(model.names) or not any(one.lagged.any() for one in gathered):
         return None
-    fit = weighted_least_squares(chosen)
-    return InertialFit(model, fit, identifiable_parameters(model, fit), still, settings)
+    blocks = blocks_of(gathered)
+
+    def fit_free(free: IndexArray, shift: FloatArray) -> Fit:
+        part = blocks.held(free, shift)
+        return fit_of_solution(solve(part), part, count)
+
+    fit, held = fit_with_parts(model.robot, model.base, len(model.names), fit_free)
+    known = identifiable_parameters(model, fit, held)
+    return InertialFit(model, fit, known, still, settings, held)
 
 
-def identifiable_parameters(model: ForceModel, fit: Fit) -> tuple[bool, ...]:
+def identifiable_parameters(
+    model: ForceModel, fit: Fit, held: Sequence[HeldPart] = ()
+) -> tuple[bool, ...]:
     """Which parameters the recorded motion determines.
 
     Two conditions of the regressor, none of the value found: its column is not a combination of
     the others (`Fit.collinearity` below `MAX_COLLINEARITY`; joints that stand still have been
     held exactly, so that their columns degenerate exactly), and its standard deviation stays
     below what the parameter could be at most on a machine of this size (`parameter_scales`).
+    What was held is not determined.
     """
     scales = parameter_scales(model)
+    scales[[part.index for part in held]] = 0.0
     return tuple(
         bool(c < MAX_COLLINEARITY and s < scale)
         for c, s, scale in zip(fit.collinearity, fit.std, scales, strict=True)
@@ -288,7 +205,7 @@ def identifiable_parameters(model: ForceModel, fit: Fit) -> tuple[bool, ...]:
 def parameter_scales(model: ForceModel) -> FloatArray:
     """Largest plausible size of every parameter: total mass times powers of the reach.
 
-    For friction, the force limit of the joint's cylinder over its rated speed; for effects,
+    For friction, the force limit of the joint (its cylinder) over its rated speed; for effects,
     infinity (their bounds are the catalogue's).
     """
     robot = model.robot
@@ -304,4 +221,11 @@ def parameter_scales(model: ForceModel) -> FloatArray:
         joint = robot.joints[robot.joint_index(cylinder.joint)]
         arm = np.abs(lever(cylinder, np.linspace(joint.lower, joint.upper, 21))).max()
         scales.append(joint.effort_limit / arm / (joint.velocity_limit * arm))
+    dry = [robot.joints[j] for j in robot.dry_joints]
+    # An unlimited joint says nothing about the size of its friction.
+    limited = [np.isfinite([j.effort_limit, j.velocity_limit]).all() for j in dry]
+    scales += [
+        j.effort_limit / j.velocity_limit if known else np.inf
+        for j, known in zip(dry, limited, strict=True)
+    ]
     return np.array([*scales, *[np.inf] * len(model.effect_names)])

@@ -1,59 +1,54 @@
 """Weighted least squares over several channels, with errors that respect autocorrelation.
 
 Residuals of a crane are strongly autocorrelated: with the iid formula, nominal 95 % intervals
-cover 15-52 % of the true values. The covariance here is the sandwich
-``H^-1 (sum of lagged products of scores) H^-1`` with the Bartlett kernel (Newey and West,
-Econometrica 55, 1987), whose bandwidth follows from the residuals' own correlation time.
+cover 15-52 % of the true values. Here every channel is weighted by its noise, size and
+autocorrelation alike (`hydro_ident.estimate.regression`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.blocks import Blocks, blocks_of
+from hydro_ident.estimate.coloured import ColouredScores
+from hydro_ident.estimate.moments import Moments
+from hydro_ident.estimate.regression import (
+    Solution,
+    solve_gls,
+    solve_iv,
+    solve_ols,
+    stacked_columns,
+)
+from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights, robust_scale
+from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray
 
-BoolArray = NDArray[np.bool_]
-#: y, x with gaps set to zero, and what was measured.
-_Clean = tuple[FloatArray, FloatArray, BoolArray]
+__all__ = [
+    "BoolArray",
+    "Estimator",
+    "Fit",
+    "Rows",
+    "collinearity",
+    "fit_of_solution",
+    "weighted_least_squares",
+]
 
-#: Reweighting passes: the weights settle to 1e-9 well before.
-_PASSES = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Regression rows of one contiguous piece of recording.
-
-    Attributes
-    ----------
-    y : (T, k) array
-        One column per channel; NaN where a channel was not measured.
-    x : (T, k, p) array
-        Regressors of each channel.
-    time_s : (T,) array
-        Within the recording.
-    label : str
-        Where the rows come from.
-    """
-
-    y: FloatArray
-    x: FloatArray
-    time_s: FloatArray
-    label: str = ""
-
-    def take(self, index: BoolArray) -> Rows:
-        """The rows of a mask."""
-        return Rows(self.y[index], self.x[index], self.time_s[index], self.label)
+#: Ordinary; weighted per channel; weighted and robust; weighted with instruments.
+Estimator = Literal["ols", "wls", "robust", "iv"]
+#: Robust passes: Huber's weights first, then the biweight.
+HUBER_PASSES, ROBUST_PASSES = 3, 10
+#: A robust fit has settled when no parameter moves by more than this share of its deviation.
+ROBUST_SETTLED = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Outcome of `weighted_least_squares`.
+    """Outcome of a regression.
 
     Attributes
     ----------
@@ -61,36 +56,46 @@ class Fit:
     covariance : (p, p) array
         Autocorrelation-consistent.
     channel_std : (k,) array
-        Residual standard deviation per channel, whose inverse is the channel's weight.
+        Residual standard deviation per channel.
     collinearity : (p,) array
         Factor by which a parameter's error grows because its column resembles the others
         (square root of the variance inflation); infinite for a column of zeros.
-    bandwidth : int
-        Rows over which residuals were taken to be correlated.
     rows : int
         Measured rows used, all channels together.
+    dof : (p,) array
+        Degrees of freedom of the standard deviations.
+    noise : (k, lags) array
+        Autoregression of each channel's noise.
+    gram : (p, p) array
+        Mean product of the columns per row, each channel in units of its residual.
+    swallowed : bool
+        See `Solution`: the parameters are those of plain weights, their errors upper bounds.
     """
 
     theta: FloatArray
     covariance: FloatArray
     channel_std: FloatArray
     collinearity: FloatArray
-    bandwidth: int
     rows: int
+    dof: FloatArray = field(default_factory=lambda: np.zeros(0))
+    noise: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    gram: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    swallowed: bool = False
 
     @property
     def std(self) -> FloatArray:
         """Standard deviations, shape (p,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
 
-def weighted_least_squares(pieces: Sequence[Rows]) -> Fit:
-    """Least squares stacked over pieces and channels, each channel weighted by its residual.
+def weighted_least_squares(pieces: Sequence[Rows], estimator: Estimator = "wls") -> Fit:
+    """Regression over pieces and channels held in memory.
 
     Parameters
     ----------
     pieces : sequence of Rows
         Correlation is counted within a piece, never across two.
+    estimator : {"wls", "ols", "robust", "iv"}
 
     Returns
     -------
@@ -99,21 +104,125 @@ def weighted_least_squares(pieces: Sequence[Rows]) -> Fit:
     Raises
     ------
     IdentError
-        There are fewer measured rows than parameters.
+        There are fewer measured rows than parameters, or no instruments for `iv`.
     """
-    clean = [_without_gaps(piece) for piece in pieces]
-    channels, size = clean[0][1].shape[1:]
-    count = np.sum([measured.sum(axis=0) for _, _, measured in clean], axis=0)
-    if count.sum() <= size:
-        raise IdentError(f"{int(count.sum())} rows cannot determine {size} parameters")
-    std = np.ones(channels)
-    theta = np.zeros(size)
-    for _ in range(_PASSES):
-        theta = _solve(clean, std)
-        std = _channel_std(clean, theta, count, size)
-    stacked = np.concatenate([(x / std[:, None]).reshape(-1, size) for _, x, _ in clean])
-    covariance, bandwidth = _covariance(clean, theta, std, stacked)
-    return Fit(theta, covariance, std, collinearity(stacked), bandwidth, int(count.sum()))
+    moments = [_moments(piece, f"{i}") for i, piece in enumerate(pieces)]
+    count = int(sum(one.rows.sum() for one in moments))
+    size = pieces[0].x.shape[2]
+    if count <= size or not any(one.lagged.sum() for one in moments):
+        raise IdentError(f"{count} rows cannot determine {size} parameters")
+    blocks = blocks_of(moments)
+    if estimator == "iv":
+        return fit_of_solution(solve_iv(blocks), blocks, count)
+    solution = solve_gls(blocks)
+    if estimator == "ols":
+        total = np.zeros((size, size))
+        for i, piece in enumerate(pieces):
+            scores = ColouredScores(solution.phi, white_std(solution, blocks, f"{i}"))
+            scores.add(piece)
+            scores.finish()
+            total += scores.total
+        return fit_of_ols(solution, blocks, total, count)
+    if estimator == "robust":
+        weights = None
+        for number in range(ROBUST_PASSES):
+            weights = weights_of(solution, blocks, weights, number)
+            blocks = blocks_of([_moments(p, f"{i}", weights) for i, p in enumerate(pieces)])
+            before, solution = solution, solve_gls(blocks, VARIANCE_FACTOR)
+            if robust_settled(before, solution, number):
+                break
+    return fit_of_solution(solution, blocks, count)
+
+
+def fit_of_solution(solution: Solution, blocks: Blocks, rows: int) -> Fit:
+    """A solution with what is said about it."""
+    columns = stacked_columns(blocks, solution.residual_std)
+    return Fit(
+        solution.theta,
+        solution.covariance,
+        solution.residual_std,
+        collinearity(columns),
+        rows,
+        solution.dof,
+        solution.phi,
+        columns.T @ columns / max(float(blocks.count.sum()), 1.0),
+        solution.swallowed,
+    )
+
+
+def fit_of_ols(solution: Solution, blocks: Blocks, scores: FloatArray, rows: int) -> Fit:
+    """Ordinary least squares: its parameters, with the noise model of `solution`.
+
+    Parameters
+    ----------
+    solution : Solution
+        Generalised, of the same rows.
+    blocks : Blocks
+    scores : (p, p) array
+        Covariance of X'e (`ColouredScores.total`).
+    rows : int
+    """
+    theta, bread = solve_ols(blocks)
+    covariance = bread @ scores @ bread
+    return replace(fit_of_solution(solution, blocks, rows), theta=theta, covariance=covariance)
+
+
+def white_std(solution: Solution, blocks: Blocks, label: str) -> FloatArray:
+    """Standard deviation of the white noise behind each channel of a recording, (k,)."""
+    std = np.zeros(solution.phi.shape[0])
+    for channel, name, variance in zip(
+        blocks.channel, blocks.labels, solution.variance, strict=True
+    ):
+        if name == label:
+            std[channel] = np.sqrt(variance)
+    return std
+
+
+def weights_of(
+    solution: Solution,
+    blocks: Blocks,
+    before: Weights | None = None,
+    number: int = 0,
+    combine: FloatArray | None = None,
+) -> Weights:
+    """Weights of the next robust pass.
+
+    Parameters
+    ----------
+    solution : Solution
+        Of the pass before.
+    blocks : Blocks
+        That it was found from.
+    before : Weights, optional
+        Of the pass before: its residuals give the scale.
+    number : int
+        Of the next pass, from 0.
+    combine : (w, p) array, optional
+        The regressors as combinations of those gathered.
+    """
+    theta = solution.theta if combine is None else combine @ solution.theta
+    keys = zip(blocks.channel.tolist(), blocks.labels, strict=True)
+    scale = {k: float(np.sqrt(v)) for k, v in zip(keys, solution.variance, strict=True)}
+    if before is not None:
+        # Where half of the residuals vanish (exact data) the last scale stays.
+        scale |= {k: robust_scale(h) or scale[k] for k, h in before.residuals.items()}
+    ones = np.ones((solution.phi.shape[0], 1))
+    whitening = np.concatenate([ones, -solution.phi], axis=1)
+    return Weights(np.append(-theta, 1.0), whitening, scale, number >= HUBER_PASSES)
+
+
+def robust_settled(before: Solution, after: Solution, number: int) -> bool:
+    """Whether another robust pass would change nothing."""
+    if number <= HUBER_PASSES:
+        return False
+    std = np.sqrt(np.maximum(np.diag(after.covariance), 0.0))
+    return bool(np.all(np.abs(after.theta - before.theta) <= ROBUST_SETTLED * std))
+
+
+def _moments(piece: Rows, label: str, weights: Weights | None = None) -> Moments:
+    moments = Moments.like(piece, label)
+    moments.add(piece, weights)
+    return moments
 
 
 def collinearity(x: FloatArray) -> FloatArray:
@@ -139,87 +248,3 @@ def collinearity(x: FloatArray) -> FloatArray:
     result[used] = np.linalg.norm(rows.T * inverse, axis=1)
     result[result > 1e9] = np.inf
     return result
-
-
-def integrated_correlation(residual: FloatArray) -> float:
-    """Integrated autocorrelation time in samples, cut at the first lag that turns negative.
-
-    Parameters
-    ----------
-    residual : (T,) array
-
-    Returns
-    -------
-    float
-        ``1 + 2 sum rho_k``; 1 for white noise.
-    """
-    count = residual.size
-    centred = residual - residual.mean()
-    power = float(centred @ centred)
-    if count < 4 or power == 0.0:
-        return 1.0
-    spectrum = np.abs(np.fft.rfft(centred, 2 * count)) ** 2
-    rho = np.fft.irfft(spectrum)[:count] / power
-    negative = np.flatnonzero(rho < 0.0)
-    stop = int(negative[0]) if negative.size else count
-    return float(1.0 + 2.0 * rho[1:stop].sum())
-
-
-def _without_gaps(piece: Rows) -> _Clean:
-    measured: BoolArray = np.isfinite(piece.y) & np.isfinite(piece.x).all(axis=2)
-    y = np.where(measured, piece.y, 0.0)
-    x = np.where(measured[..., None], piece.x, 0.0)
-    return y, x, measured
-
-
-def _solve(clean: Sequence[_Clean], std: FloatArray) -> FloatArray:
-    size = clean[0][1].shape[2]
-    x = np.concatenate([(x / std[:, None]).reshape(-1, size) for _, x, _ in clean])
-    y = np.concatenate([(y / std).ravel() for y, _, _ in clean])
-    # Unit columns: the parameters span ten orders of magnitude, the conditioning must not.
-    norms = np.linalg.norm(x, axis=0)
-    norms[norms == 0.0] = 1.0
-    return np.asarray(np.linalg.lstsq(x / norms, y, rcond=1e-12)[0] / norms)
-
-
-def _channel_std(
-    clean: Sequence[_Clean],
-    theta: FloatArray,
-    count: FloatArray,
-    size: int,
-) -> FloatArray:
-    squares = np.sum([((y - x @ theta) ** 2).sum(axis=0) for y, x, _ in clean], axis=0)
-    level = np.sum([(y**2).sum(axis=0) for y, _, _ in clean], axis=0)
-    freedom = np.maximum(count - size / count.size, 1.0)
-    # A floor keeps exact data (algebraic tests, a channel not measured) from an infinite weight.
-    floor = np.where(level > 0.0, 1e-18 * level / np.maximum(count, 1.0), 1.0)
-    return np.asarray(np.sqrt(np.maximum(squares / freedom, floor)))
-
-
-def _covariance(
-    clean: Sequence[_Clean],
-    theta: FloatArray,
-    std: FloatArray,
-    stacked: FloatArray,
-) -> tuple[FloatArray, int]:
-    size = theta.size
-    norms = np.linalg.norm(stacked, axis=0)
-    norms[norms == 0.0] = 1.0
-    scores: list[FloatArray] = []
-    taus: list[float] = []
-    for y, x, _ in clean:
-        residual = (y - x @ theta) / std
-        scores.append(np.einsum("tk,tkp->tp", residual, x / std[:, None]) / norms)
-        taus.extend(integrated_correlation(r) for r in residual.T)
-    bandwidth = max(2, int(np.ceil(2.0 * max(taus))))
-    middle = np.zeros((size, size))
-    for score in scores:
-        # Sums over a sliding window, squared, are the Bartlett-weighted lagged products.
-        window = min(bandwidth, score.shape[0])
-        total = np.cumsum(np.pad(score, ((window, window), (0, 0))), axis=0)
-        sums = total[window:] - total[:-window]
-        middle += sums.T @ sums / window
-    unit = stacked / norms
-    bread = np.linalg.pinv(unit.T @ unit, rcond=1e-14, hermitian=True)
-    scale = np.outer(norms, norms)
-    return bread @ middle @ bread / scale, bandwidth

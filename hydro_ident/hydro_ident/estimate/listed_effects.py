@@ -16,7 +16,7 @@ from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import chamber_volumes, lever, piston_force
-from hydro_model.effects.catalogue import ActiveEffect, resolve
+from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
 from hydro_model.robot import FloatArray, Robot, Valve
 from hydro_model.signals import (
@@ -42,6 +42,8 @@ from hydro_model.valve import edge_flows
 NULL_BIAS = "valve_null_bias.bias"
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
+#: Parts of a sampling interval over which a law with internal states is averaged.
+_SUBSTEPS = 8
 _FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
@@ -67,24 +69,32 @@ class ListedEffects:
 
     @property
     def force_names(self) -> tuple[str, ...]:
-        """Names `<cylinder>.<effect>.<parameter>` of the fitted friction parameters."""
+        """Names `<owner>.<effect>.<parameter>` of the fitted friction parameters.
+
+        The owner is a cylinder, or a joint without cylinder.
+        """
         return tuple(
-            f"{self._cylinder_name(one)}.{name}"
+            f"{target_name(self.robot, one)}.{name}"
             for one in self._with(Stage.FRICTION)
             for name in _linear_names(one)
         )
 
     def force_columns(self, trace: Trace, moved: Motion) -> FloatArray:
-        """Piston forces of unit parameters, shape (N, m, e)."""
+        """Piston forces (joint forces without cylinder) of unit parameters, (N, n, e)."""
         columns = []
         for one in self._with(Stage.FRICTION):
-            signals = self._signals(trace, one.cylinder or 0, moved)
+            if one.joint is not None:
+                at, signals = one.joint, _dry_signals(trace, one.joint, moved)
+            else:
+                index = one.cylinder or 0
+                at = self.robot.joint_index(self.robot.cylinders[index].joint)
+                signals = self._signals(trace, index, moved)
             unit = one.effect.columns(signals, one.parameters, Stage.FRICTION)
-            block = np.zeros((unit.shape[0], len(self.robot.cylinders), unit.shape[1]))
-            block[:, one.cylinder or 0] = unit
+            block = np.zeros((unit.shape[0], self.robot.dof, unit.shape[1]))
+            block[:, at] = unit
             columns.append(block)
         if not columns:
-            return np.zeros((trace.samples, len(self.robot.cylinders), 0))
+            return np.zeros((trace.samples, self.robot.dof, 0))
         return np.concatenate(columns, axis=2)
 
     def chamber_columns(
@@ -168,7 +178,7 @@ class ListedEffects:
             signals = self._signals(trace, index)
             known = np.isfinite(result[:, index])
             signals[:, VALVE_SIGNAL] = np.where(known, result[:, index], 0.0)
-            law = one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, trace.step_s)
+            law = _mean_signal(one, signals, trace.step_s)
             result[:, index] = np.where(known, law, np.nan)
         return replace(trace, valve_signal=result)
 
@@ -219,12 +229,38 @@ class ListedEffects:
         return signals
 
 
+def _dry_signals(trace: Trace, joint: int, moved: Motion) -> FloatArray:
+    """Signals of a joint without cylinder: its piston is the joint itself."""
+    signals = np.full((trace.samples, SIGNAL_COUNT), np.nan)
+    signals[:, TIME] = trace.time_s
+    signals[:, PISTON_POSITION] = signals[:, JOINT_POSITION] = moved.q[:, joint]
+    signals[:, PISTON_VELOCITY] = signals[:, JOINT_VELOCITY] = moved.qd[:, joint]
+    signals[:, PISTON_ACCELERATION] = moved.qdd[:, joint]
+    signals[:, PISTON_FORCE] = trace.joint_torque[:, joint]
+    signals[:, LEVER] = 1.0
+    return signals
+
+
 def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
     c_pa, c_at, c_pb, c_bt = (
         fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge))
         for edge in ("c_pa", "c_at", "c_pb", "c_bt")
     )
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
+
+
+def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
+    """A law on the valve signal, averaged over each sampling interval.
+
+    The balance holds the signal over an interval. A law with internal states moves within it: its
+    value at the interval's start would be half a cycle late, which the fit would take for delay.
+    """
+    if not one.effect.states:
+        return one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
+    fine = np.repeat(signals, _SUBSTEPS, axis=0)
+    law = one.effect.evaluate(fine, one.parameters, Stage.SIGNAL, step_s / _SUBSTEPS)
+    middle = _middle(np.append(law, law[-1]))
+    return np.asarray(middle.reshape(-1, _SUBSTEPS).mean(axis=1))
 
 
 def _is_bias(one: ActiveEffect) -> bool:

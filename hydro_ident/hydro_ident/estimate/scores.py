@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from hydro_ident.estimate.least_squares import BoolArray, Rows
+from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray
 
 #: Rows this close to a held-out block take part in neither: the filters carry over (3 / 10 Hz).
@@ -56,6 +57,73 @@ class HoldOut:
         return np.asarray(index % self.every == self.every - 1)
 
 
+#: Points of a channel that are kept for its plot.
+PLOT_POINTS = 4000
+
+
+@dataclass(slots=True)
+class Tally:
+    """Sums of squares of one channel, row by row in flat memory, and some rows for the plot.
+
+    Attributes
+    ----------
+    count : int
+    mean, spread : float
+        Of the measured values: their mean and the sum of squares about it.
+    before, after : float
+        Sums of squared errors of the given and of the identified robot.
+    every : int
+        Rows are kept for the plot one in so many.
+    """
+
+    every: int = 1
+    count: int = 0
+    mean: float = 0.0
+    spread: float = 0.0
+    before: float = 0.0
+    after: float = 0.0
+    _kept: list[FloatArray] = field(default_factory=list)
+
+    def add(
+        self, time_s: FloatArray, measured: FloatArray, before: FloatArray, after: FloatArray
+    ) -> None:
+        """Take in the next rows, those not measured left out."""
+        known = np.isfinite(measured)
+        columns = np.stack([v[known] for v in (time_s, measured, before, after)])
+        rows = columns.shape[1]
+        if not rows:
+            return
+        values = columns[1]
+        mean = float(values.mean())
+        self._pool(rows, mean, float(np.sum((values - mean) ** 2)))
+        self.before += float(np.sum((values - columns[2]) ** 2))
+        self.after += float(np.sum((values - columns[3]) ** 2))
+        self._kept.append(columns[:, -(self.count - rows) % self.every :: self.every].copy())
+
+    def merge(self, other: Tally) -> None:
+        """Take in the rows of another recording."""
+        if other.count:
+            self._pool(other.count, other.mean, other.spread)
+            self.before += other.before
+            self.after += other.after
+            self._kept += other._kept
+
+    def _pool(self, count: int, mean: float, spread: float) -> None:
+        total = self.count + count
+        shift = mean - self.mean
+        self.spread += spread + shift**2 * self.count * count / total
+        self.mean += shift * count / total
+        self.count = total
+
+    def score(
+        self, name: str, unit: str, noise_floor: float, recordings: tuple[str, ...]
+    ) -> ChannelScore:
+        """The channel's score."""
+        kept = np.concatenate(self._kept, axis=1)
+        rows = kept[0], kept[1], kept[2], kept[3]
+        return ChannelScore(name, unit, *rows, noise_floor, recordings, self)
+
+
 @dataclass(frozen=True, slots=True)
 class ChannelScore:
     """Prediction of one channel by the given and by the identified robot.
@@ -64,11 +132,13 @@ class ChannelScore:
     ----------
     name, unit : str
     time_s, measured, before, after : (T,) array
-        On rows that took no part in the fit.
+        Rows that took no part in the fit; of long recordings some of them, for the plot.
     noise_floor : float
         What sensor noise alone leaves.
     recordings : tuple of str
         Where the rows come from.
+    tally : Tally or None
+        Sums over all rows; None: those of the arrays.
     """
 
     name: str
@@ -79,63 +149,25 @@ class ChannelScore:
     after: FloatArray
     noise_floor: float
     recordings: tuple[str, ...]
+    tally: Tally | None = None
 
     def summary(self) -> dict[str, float | str]:
         """The entry under `channels` of the result file."""
+        sums = self.tally
+        if sums is None:
+            sums = Tally()
+            sums.add(self.time_s, self.measured, self.before, self.after)
+        count = max(sums.count, 1)
         return {
             "unit": self.unit,
-            "rmse_before": _rms(self.measured - self.before),
-            "rmse_after": _rms(self.measured - self.after),
+            "rmse_before": math.sqrt(sums.before / count),
+            "rmse_after": math.sqrt(sums.after / count),
             "noise_floor": self.noise_floor,
-            "fit_before_pct": fit_percent(self.measured, self.before),
-            "fit_after_pct": fit_percent(self.measured, self.after),
+            "fit_before_pct": fit_percent(sums.before, sums.spread),
+            "fit_after_pct": fit_percent(sums.after, sums.spread),
         }
 
 
-def fit_percent(measured: FloatArray, predicted: FloatArray) -> float:
-    """``100 (1 - |y - yhat| / |y - mean y|)``; 0 where the channel is constant."""
-    spread = float(np.linalg.norm(measured - measured.mean()))
-    if spread == 0.0:
-        return 0.0
-    return 100.0 * (1.0 - float(np.linalg.norm(measured - predicted)) / spread)
-
-
-def score(
-    name: str,
-    unit: str,
-    rows: Sequence[tuple[Rows, FloatArray, FloatArray]],
-    column: int,
-    noise_floor: float,
-) -> ChannelScore | None:
-    """Score one channel.
-
-    Parameters
-    ----------
-    name, unit : str
-    rows : sequence of (Rows, before, after)
-        Rows with the (T, k) predictions of either model.
-    column : int
-        The channel's column.
-    noise_floor : float
-
-    Returns
-    -------
-    ChannelScore or None
-        None where the channel was not measured.
-    """
-    parts = []
-    for piece, before, after in rows:
-        known = np.isfinite(piece.y[:, column])
-        parts.append(
-            [v[known] for v in (piece.time_s, piece.y[:, column], before[:, column])]
-            + [after[known, column]]
-        )
-    if not parts or not sum(p[0].size for p in parts):
-        return None
-    time_s, measured, before, after = (np.concatenate(c) for c in zip(*parts, strict=True))
-    names = tuple(dict.fromkeys(r.label.rsplit("#", 1)[0] for r, _, _ in rows))
-    return ChannelScore(name, unit, time_s, measured, before, after, noise_floor, names)
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def fit_percent(errors: float, spread: float) -> float:
+    """``100 (1 - |y - yhat| / |y - mean y|)`` from sums of squares; 0 where y is constant."""
+    return 100.0 * (1.0 - math.sqrt(errors / spread)) if spread > 0.0 else 0.0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.streaming import Piece
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 
@@ -39,6 +40,13 @@ class Trace:
         Normalised signal by cylinder, limited to [-1, 1]; NaN while latched or unknown.
     joint_torque : (N, n) array
         Measured joint torque, N m or N, where the robot has no cylinder on the joint.
+    cycle : int
+        Number of the first sample in its recording.
+    core : tuple of int or None
+        Samples that this trace owns, begin and end; the others are for filters to settle on.
+        None: all.
+    q_ref : (N, n) array or None
+        What the controller followed, where that was recorded throughout.
     """
 
     label: str
@@ -52,11 +60,24 @@ class Trace:
     tank: FloatArray
     valve_signal: FloatArray
     joint_torque: FloatArray
+    cycle: int = 0
+    core: tuple[int, int] | None = None
+    q_ref: FloatArray | None = None
 
     @property
     def samples(self) -> int:
         """Number of samples N."""
         return int(self.time_s.size)
+
+    @property
+    def owned(self) -> slice:
+        """The samples that this trace owns."""
+        return slice(0, self.samples) if self.core is None else slice(*self.core)
+
+    @property
+    def recording(self) -> str:
+        """Name of the recording that the trace is from."""
+        return self.label.rsplit("#", 1)[0]
 
 
 def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
@@ -71,11 +92,20 @@ def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
     tuple of Trace
         Labelled `<bag>#<piece>`, at least two samples each.
     """
-    return tuple(
-        _trace(recording, piece, f"{recording.path.name}#{k}")
-        for recording in recordings
-        for k, piece in enumerate(_pieces(recording))
-    )
+    return tuple(trace for r in recordings for trace in traces_of_piece(Piece.whole(r)))
+
+
+def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
+    """The contiguous traces of a piece of recording; those that own no sample are left out."""
+    traces = []
+    for k, part in enumerate(_pieces(piece.recording)):
+        core = max(part.start, piece.core.start), min(part.stop, piece.core.stop)
+        if core[1] > core[0]:
+            own = core[0] - part.start, core[1] - part.start
+            label = f"{piece.recording.path.name}#{k}"
+            trace = _trace(piece.recording, part, label, piece.start_ns)
+            traces.append(replace(trace, core=own))
+    return tuple(traces)
 
 
 def _pieces(recording: Recording) -> list[slice]:
@@ -93,14 +123,14 @@ def _pieces(recording: Recording) -> list[slice]:
     ]
 
 
-def _trace(recording: Recording, piece: slice, label: str) -> Trace:
+def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Trace:
     robot, count = recording.robot, piece.stop - piece.start
     cylinders = len(robot.cylinders)
     q = recording.q[piece]
     return Trace(
         label=label,
         step_s=recording.period_s,
-        time_s=recording.time_s[piece],
+        time_s=np.asarray((recording.stamp_ns[piece] - start_ns) * 1e-9, dtype=float),
         q=q,
         stroke=_strokes(robot, q, _cut(recording.stroke, piece, (count, cylinders))),
         p_a=_cut(recording.p_a, piece, (count, cylinders)),
@@ -109,11 +139,19 @@ def _trace(recording: Recording, piece: slice, label: str) -> Trace:
         tank=_constant(recording.tank, piece, count, robot.tank_pressure_pa),
         valve_signal=_signals(recording, piece, count),
         joint_torque=_cut(recording.effort, piece, q.shape),
+        cycle=round((int(recording.stamp_ns[piece.start]) - start_ns) * 1e-9 / recording.period_s),
+        q_ref=_complete(recording.q_ref, piece),
     )
 
 
 def _cut(values: FloatArray | None, piece: slice, shape: tuple[int, ...]) -> FloatArray:
     return np.full(shape, np.nan) if values is None else values[piece].copy()
+
+
+def _complete(values: FloatArray | None, piece: slice) -> FloatArray | None:
+    if values is None or not np.isfinite(values[piece]).all():
+        return None
+    return values[piece].copy()
 
 
 def _constant(

@@ -9,7 +9,15 @@ from typing import Any
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.identification import Identification
 from hydro_ident.parameters import Parameter
+from hydro_ident.report.html import bullets as _list
+from hydro_ident.report.html import table as _table
+from hydro_ident.report.physical_report import physical_section, summed_section
 from hydro_ident.report.svg import Line, line_plot
+from hydro_ident.report.validation_report import (
+    comparison_section,
+    free_run_section,
+    losses_section,
+)
 
 _STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;padding:0 1em;color:#222}
@@ -45,11 +53,17 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         f"<h1>{title}</h1>",
         f'<p class="verdict">{escape(found.verdict.replace("_", " "))}</p>',
         _list(found.problems, "no"),
+        _estimator(found),
         "<h2>Parameters</h2>",
         _parameters(found.parameters),
+        physical_section(found.physical),
+        comparison_section(found.comparison),
+        losses_section(found.losses),
         "<h2>Predictions on data that took no part in the fit</h2>",
         _channels(found.channels),
         *[_plot(channel) for channel in found.channels],
+        free_run_section(found.free_run),
+        summed_section(found.summed),
         "<h2>Notes</h2>",
         _list(found.notes, ""),
         "<h2>Provenance</h2>",
@@ -59,19 +73,12 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     return "\n".join(parts) + "\n"
 
 
-def _list(lines: Sequence[str], style: str) -> str:
-    if not lines:
+def _estimator(found: Identification) -> str:
+    """Which estimator was used, and why."""
+    if found.estimator is None:
         return ""
-    kind = f' class="{style}"' if style else ""
-    return f"<ul{kind}>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th>{escape(h)}</th>" for h in head)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+    text = f"Estimator: {found.estimator.name} ({found.estimator.reason})."
+    return f"<p>{escape(text)}</p>"
 
 
 def _parameters(parameters: Sequence[Parameter]) -> str:
@@ -86,7 +93,7 @@ def _parameters(parameters: Sequence[Parameter]) -> str:
                 f"{low:.5g} .. {high:.5g}",
                 p.unit,
                 "-" if p.datasheet is None else f"{p.datasheet:.5g}",
-                "yes" if p.identifiable else "no",
+                "yes" if p.identifiable else "held" if p.reason else "no",
             )
         )
     return _table(head, rows)

@@ -78,7 +78,10 @@ def exact_model(robot: Robot, truth: Truth) -> Robot:
         replace(v, c_pa=t.c_pa, c_at=t.c_at, c_pb=t.c_pb, c_bt=t.c_bt)
         for v, t in zip(robot.valves, truth.valves, strict=True)
     )
-    cylinders = tuple(replace(c, bulk_modulus_pa=bulk) for c in robot.cylinders)
+    cylinders = tuple(
+        replace(c, bulk_modulus_pa=bulk, barrel=t.barrel, rod=t.rod)
+        for c, t in zip(robot.cylinders, truth.cylinders, strict=True)
+    )
     exact = replace(robot, link_inertia=np.array(links), valves=valves, cylinders=cylinders)
     return with_viscous_friction(exact, _friction(truth))
 

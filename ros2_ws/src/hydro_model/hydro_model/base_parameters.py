@@ -20,13 +20,15 @@ coefficient grows large however nearly the axes align.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_model.part_regrouping import with_parts
+from hydro_model.payload_parameters import PAYLOAD_NAMES, inertia_map, payload_effect
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint, Robot
-from hydro_model.spatial import axis_rotation, body_regressor, motion_transform, spatial_inertia
+from hydro_model.spatial import axis_rotation, body_regressor, motion_transform
 
 _SIZE = len(STANDARD_PARAMETERS)
 #: Power of the length unit in each standard parameter's unit.
@@ -52,16 +54,30 @@ class BaseMap:
     leading : (p,) int array
         Their columns. The columns of a regressor at `leading` are the base regressor:
         ``Y @ theta = Y[..., leading] @ (combination @ theta)``.
-    combination : (p, 10 n) array
-        K. The leading parameter's coefficient is 1.
+    combination : (p, c) array
+        K over all c = 10 n + 6 k columns. The leading parameter's coefficient is 1.
     standard_names : tuple of str
-        The 10 n names of the columns.
+        The names of the columns, `Robot.parameter_names`.
+    link_count : int
+        Number of base parameters that a link's parameter leads; they come first.
     """
 
     names: tuple[str, ...]
     leading: NDArray[np.intp]
     combination: FloatArray
     standard_names: tuple[str, ...]
+    link_count: int
+
+    @property
+    def of_links(self) -> BaseMap:
+        """The base parameters that a link's parameter leads, alone."""
+        n = self.link_count
+        return replace(
+            self,
+            names=self.names[:n],
+            leading=self.leading[:n],
+            combination=self.combination[:n],
+        )
 
     def coefficients(self, index: int) -> dict[str, float]:
         """Coefficients of base parameter `index` by standard name, the leading one first."""
@@ -81,7 +97,7 @@ class BaseMap:
         return text
 
 
-def base_map(robot: Robot, tolerance: float = 1.0e-12) -> BaseMap:
+def base_map(robot: Robot, tolerance: float = 1.0e-12, *, payload: bool = False) -> BaseMap:
     """Base parameters of a robot on a fixed base, from its geometry and gravity's direction.
 
     Parameters
@@ -92,12 +108,58 @@ def base_map(robot: Robot, tolerance: float = 1.0e-12) -> BaseMap:
         A signal below this share of the largest one counts as absent, as in a numerical rank.
         Axes tilted against one another by e give signals of e and e^2: the default tells apart
         what a URDF's rounding (1.5708 for a right angle) has tilted; 1e-4 does not.
+    payload : bool
+        Add the ten `PAYLOAD_NAMES` of a body fixed to the tip, which regroup with the last link.
 
     Returns
     -------
     BaseMap
-        Parameters in column order, from the base outwards.
+        Parameters in column order: the links' from the base outwards, then those of barrels and
+        rods (`hydro_model.part_regrouping`).
     """
+    leading, combination = _links_map(robot, tolerance)
+    if robot.closed_chains:
+        leading, combination = with_parts(robot, leading, combination)
+    names = robot.parameter_names
+    if payload:
+        combination = np.hstack([combination, payload_effect(robot, combination)])
+        names = (*names, *PAYLOAD_NAMES)
+    of_links = int(np.sum(leading < _SIZE * robot.dof))
+    return BaseMap(tuple(names[k] for k in leading), leading, combination, names, of_links)
+
+
+def payload_map(robot: Robot, tolerance: float = 1.0e-12) -> tuple[BaseMap, FloatArray]:
+    """What of a payload two recordings tell, one with it and one without.
+
+    Parameters
+    ----------
+    robot : Robot
+    tolerance : float
+
+    Returns
+    -------
+    BaseMap
+        Identifiable combinations of `PAYLOAD_NAMES`.
+    (p, r) array
+        E: the base parameters of `base_map` with the payload less those without are E times
+        the r identifiable combinations.
+    """
+    effect = payload_effect(robot, base_map(robot, tolerance).combination)
+    scale = _length(robot) ** _LENGTH_POWER
+    rows = effect * scale
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    basis = _null_space(rows / np.where(sizes > 0.0, sizes, 1.0), 1e-10)
+    given, weights = _bounded(basis * scale[:, None], _eliminated(basis))
+    leading = np.setdiff1d(np.arange(_SIZE), given)
+    combination = np.zeros((leading.size, _SIZE))
+    combination[np.arange(leading.size), leading] = 1.0
+    combination[:, given] = weights
+    names = tuple(PAYLOAD_NAMES[k] for k in leading)
+    return BaseMap(names, leading, combination, PAYLOAD_NAMES, 0), effect[:, leading]
+
+
+def _links_map(robot: Robot, tolerance: float) -> tuple[NDArray[np.intp], FloatArray]:
+    """Leading columns and K of the links alone."""
     length = _length(robot)
     transfers = _transfers(robot, length, tolerance)
     scale = np.tile(length**_LENGTH_POWER, robot.dof)
@@ -108,8 +170,7 @@ def base_map(robot: Robot, tolerance: float = 1.0e-12) -> BaseMap:
     combination = np.zeros((leading.size, _SIZE * robot.dof))
     combination[np.arange(leading.size), leading] = 1.0
     combination[:, given] = weights
-    names = robot.standard_names
-    return BaseMap(tuple(names[k] for k in leading), leading, combination, names)
+    return leading, combination
 
 
 def _length(robot: Robot) -> float:
@@ -136,7 +197,7 @@ def _transfers(robot: Robot, length: float, tolerance: float) -> list[FloatArray
         # Own torque: s^T M(theta) v for every attainable v, gravity's direction among them.
         own = s @ body_regressor(attainable, np.zeros_like(attainable))
         carried = [
-            observed @ _to_parent(_transform(joint, q, length)) for q in _positions(joint, 2)
+            observed @ inertia_map(_transform(joint, q, length)) for q in _positions(joint, 2)
         ]
         changes = [rows - carried[0] for rows in carried[1:]]
         transfers.append(_null_space(np.vstack([own, *changes]), tolerance))
@@ -166,17 +227,6 @@ def _transform(joint: Joint, q: float, length: float) -> FloatArray:
     return motion_transform(turned, shift)
 
 
-def _to_parent(transform: FloatArray) -> FloatArray:
-    """The (10, 10) map of parameters in the child frame to the same body's in the parent."""
-    upper = np.triu_indices(3)
-    columns = []
-    for unit in np.eye(_SIZE):
-        moved = transform.T @ spatial_inertia(unit) @ transform
-        first = [moved[2, 4], moved[0, 5], moved[1, 3]]
-        columns.append([moved[3, 3], *first, *moved[:3, :3][upper]])
-    return np.array(columns).T
-
-
 def _null_basis(robot: Robot, transfers: list[FloatArray], length: float) -> FloatArray:
     """All undetectable changes (10 n, d): what a link gives away, its parent takes."""
     columns = []
@@ -184,7 +234,7 @@ def _null_basis(robot: Robot, transfers: list[FloatArray], length: float) -> Flo
         block = np.zeros((robot.dof, _SIZE, basis.shape[1]))
         block[i] = basis
         if i > 0:
-            block[i - 1] = -_to_parent(_transform(joint, 0.0, length)) @ basis
+            block[i - 1] = -inertia_map(_transform(joint, 0.0, length)) @ basis
         columns.append(block.reshape(_SIZE * robot.dof, -1))
     return np.hstack(columns)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hydro_model.closed_chain import part_rows
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 
@@ -26,6 +27,8 @@ class ChainArrays:
     gravity_m_s2 : (3,) array
     theta : (n, 10) array
         Standard parameters of the links.
+    parts : (2 k, PART_COLUMNS) array
+        Barrels and rods, see `hydro_model.closed_chain`.
     tip_offset_m : (3,) array
     """
 
@@ -35,12 +38,18 @@ class ChainArrays:
     prismatic: NDArray[np.bool_]
     gravity_m_s2: FloatArray
     theta: FloatArray
+    parts: FloatArray
     tip_offset_m: FloatArray
 
     @property
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
         """`rotation, translation, axis, prismatic` as the kernels' arguments follow each other."""
         return self.rotation, self.translation_m, self.axis, self.prismatic
+
+    @property
+    def bodies(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """`gravity, theta, parts` as the kernels' arguments follow each other."""
+        return self.gravity_m_s2, self.theta, self.parts
 
 
 # A Robot is frozen but neither hashable nor weakly referable: keyed by id, and kept alive by its
@@ -82,6 +91,7 @@ def _build(robot: Robot) -> ChainArrays:
         prismatic=np.array([joint.prismatic for joint in joints], dtype=np.bool_),
         gravity_m_s2=copied(robot.gravity_m_s2),
         theta=copied(robot.link_inertia),
+        parts=part_rows(robot),
         tip_offset_m=copied(robot.tip_offset_m),
     )
 

@@ -17,6 +17,7 @@ from hydro_model.chain_kernels import (
     add_wrench_to_parent,
     on_axis,
 )
+from hydro_model.part_kernels import add_part_bodies, add_part_rates
 
 
 @njit(cache=True, error_model="numpy")
@@ -92,13 +93,17 @@ def axis_force(scratch: Array, i: int, axis: Array, prismatic: bool) -> None:
 
 @njit(cache=True, error_model="numpy")
 def mass_matrix_placed(
-    axis: Array, prismatic: Array, theta: Array, scratch: Array, mass: Array
+    axis: Array, prismatic: Array, theta: Array, parts: Array, scratch: Array, mass: Array
 ) -> None:
-    """Joint-space mass matrix by composite bodies, into `mass` (n, n), after `place`."""
+    """Joint-space mass matrix by composite bodies, into `mass` (n, n).
+
+    After `place` and `place_parts`.
+    """
     n = theta.shape[0]
     for i in range(n):
         for k in range(10):
             scratch[i, BODY + k] = theta[i, k]
+    add_part_bodies(n, parts, scratch)
     for i in range(n - 1, 0, -1):
         add_body_to_parent(scratch, i)
     for i in range(n):
@@ -111,6 +116,7 @@ def mass_matrix_placed(
             part = 3 if prismatic[j - 1] else 0
             mass[i, j - 1] = on_axis(scratch, j - 1, COLUMN, axis, j - 1, part)
             mass[j - 1, i] = mass[i, j - 1]
+    add_part_rates(axis, prismatic, parts, scratch, mass)
 
 
 @njit(cache=True, error_model="numpy")

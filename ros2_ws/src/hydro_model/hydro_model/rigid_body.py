@@ -4,8 +4,9 @@ The recursions run compiled (`hydro_model.rigid_body_kernels`); the same equatio
 in numpy, are in `hydro_model.rigid_body_reference`.
 
 Joint vectors have shape (n,) or (N, n): positions in rad or m, torques in N m or forces in N.
-The links' standard parameters are `robot.link_inertia`. Cylinders and friction are not part of
-it: their forces enter through the lever arms.
+The inertial parameters are `robot.parameter_vector`: the links' standard parameters, then those
+of the cylinders' barrels and rods, which move with the joints (`hydro_model.closed_chain`). Forces
+and friction of cylinders are not part of it: they enter through the lever arms.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) 
     chain = chain_arrays(robot)
     (qs, qds, qdds), single = samples(robot, q, qd, qdd)
     out = np.empty_like(qs)
-    loops.torques(qs, qds, qds, qdds, 0.0, *chain.frames, chain.gravity_m_s2, chain.theta, out)
+    loops.torques(qs, qds, qds, qdds, 0.0, *chain.frames, *chain.bodies, out)
     return out[0] if single else out
 
 
@@ -58,7 +59,8 @@ def required_torque(
     carried inwards by eq. 7 and projected on the joint axes. ``v_d`` follows from `qd_r` by
     eq. 5, ``vdot_d`` is its derivative in the moving frames. With ``e = v_d - v`` the power of
     the difference to the actual torque is
-    ``(qd_r - qd) . (tau_r - tau) = d/dt sum(e^T M e / 2) + k_v sum(e^T e)``.
+    ``(qd_r - qd) . (tau_r - tau) = d/dt sum(e^T M e / 2) + k_v sum(e^T e)``. Barrels and rods
+    add their own ``Y theta``, and their ``e^T M e / 2`` to the first sum, but no feedback.
 
     Parameters
     ----------
@@ -85,7 +87,7 @@ def required_torque(
     (qs, qds, qdrs, qddrs), single = samples(robot, q, qd, qd_r, qdd_r)
     out = np.empty_like(qs)
     gain = float(k_v)
-    loops.torques(qs, qds, qdrs, qddrs, gain, *chain.frames, chain.gravity_m_s2, chain.theta, out)
+    loops.torques(qs, qds, qdrs, qddrs, gain, *chain.frames, *chain.bodies, out)
     return out[0] if single else out
 
 
@@ -99,9 +101,9 @@ def regressor(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floa
 
     Returns
     -------
-    (n, 10 n) or (N, n, 10 n) array
-        Columns in the order of `robot.standard_names`;
-        ``regressor @ robot.link_inertia.ravel()`` is `inverse_dynamics`.
+    (n, p) or (N, n, p) array
+        Columns in the order of `robot.parameter_names`;
+        ``regressor @ robot.parameter_vector`` is `inverse_dynamics`.
 
     Raises
     ------
@@ -110,8 +112,8 @@ def regressor(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floa
     """
     chain = chain_arrays(robot)
     (qs, qds, qdds), single = samples(robot, q, qd, qdd)
-    out = np.empty((*qs.shape, 10 * robot.dof))
-    loops.regressors(qs, qds, qdds, *chain.frames, chain.gravity_m_s2, out)
+    out = np.empty((*qs.shape, len(robot.parameter_names)))
+    loops.regressors(qs, qds, qdds, *chain.frames, chain.gravity_m_s2, chain.parts, out)
     return out[0] if single else out
 
 
@@ -136,7 +138,7 @@ def mass_matrix(robot: Robot, q: ArrayLike) -> FloatArray:
     chain = chain_arrays(robot)
     (qs,), single = samples(robot, q)
     out = np.empty((*qs.shape, robot.dof))
-    loops.masses(qs, *chain.frames, chain.theta, out)
+    loops.masses(qs, *chain.frames, chain.theta, chain.parts, out)
     return out[0] if single else out
 
 
@@ -162,7 +164,7 @@ def forward_dynamics(robot: Robot, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) 
     chain = chain_arrays(robot)
     (qs, qds, taus), single = samples(robot, q, qd, tau)
     out = np.empty_like(qs)
-    bad = loops.accelerations(qs, qds, taus, *chain.frames, chain.gravity_m_s2, chain.theta, out)
+    bad = loops.accelerations(qs, qds, taus, *chain.frames, *chain.bodies, out)
     if bad >= 0:
         raise RobotError(
             f"robot {robot.name}: expected finite inputs and a positive definite mass matrix,"
@@ -172,7 +174,7 @@ def forward_dynamics(robot: Robot, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) 
 
 
 def kinetic_energy(robot: Robot, q: ArrayLike, qd: ArrayLike) -> FloatArray:
-    """Kinetic energy of the links in J, ``qd^T M(q) qd / 2``.
+    """Kinetic energy of links, barrels and rods in J, ``qd^T M(q) qd / 2``.
 
     Parameters
     ----------
@@ -194,7 +196,7 @@ def kinetic_energy(robot: Robot, q: ArrayLike, qd: ArrayLike) -> FloatArray:
 
 
 def potential_energy(robot: Robot, q: ArrayLike) -> FloatArray:
-    """Potential energy of the links in gravity in J, zero at the base frame's origin.
+    """Potential energy of links, barrels and rods in J, zero at the base frame's origin.
 
     With a model file's base parameters it is right up to a constant, as masses that gravity
     never shows on a joint are not in it.
@@ -216,5 +218,5 @@ def potential_energy(robot: Robot, q: ArrayLike) -> FloatArray:
     chain = chain_arrays(robot)
     (qs,), single = samples(robot, q)
     out = np.empty(qs.shape[0])
-    loops.potentials(qs, *chain.frames, chain.gravity_m_s2, chain.theta, out)
+    loops.potentials(qs, *chain.frames, *chain.bodies, out)
     return np.asarray(out[0] if single else out)

@@ -11,7 +11,8 @@ Arguments shared by all kernels, n joints:
   child frame sits in its parent at q = 0, and its joint;
 - `gravity` (3,): in the base frame, m/s^2;
 - `theta` (n, 10): standard parameters of the links (eq. 28);
-- `scratch` (n, SCRATCH): working memory, contents irrelevant before and after.
+- `parts` (k, PART_COLUMNS): barrels and rods, see `hydro_model.part_kernels`;
+- `scratch` (n + k, SCRATCH): working memory, contents irrelevant before and after.
 """
 
 from __future__ import annotations
@@ -32,6 +33,13 @@ from hydro_model.chain_kernels import (
     place,
 )
 from hydro_model.composite_kernels import mass_matrix_placed, solve_spd
+from hydro_model.part_kernels import (
+    add_part_forces,
+    carry_inwards,
+    move_parts,
+    part_regressor,
+    place_parts,
+)
 
 __all__ = [
     "SCRATCH",
@@ -84,6 +92,7 @@ def required_torque_kernel(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     scratch: Array,
     out: Array,
 ) -> None:
@@ -92,12 +101,16 @@ def required_torque_kernel(
     With `qd_r` = `qd` and `k_v` = 0 this is the recursive Newton-Euler inverse dynamics.
     """
     place(q, rotation, translation, axis, prismatic, scratch)
+    place_parts(q, parts, scratch)
     move(qd, qd_r, qdd_r, axis, prismatic, gravity, scratch)
+    move_parts(qd, qd_r, qdd_r, gravity, parts, scratch)
     n = q.shape[0]
     for i in range(n):
+        out[i] = 0.0
         _net_force(theta, k_v, scratch, i)
+    add_part_forces(parts, scratch, out)
     for i in range(n - 1, -1, -1):
-        out[i] = on_axis(scratch, i, FORCE, axis, i, 3 if prismatic[i] else 0)
+        out[i] += on_axis(scratch, i, FORCE, axis, i, 3 if prismatic[i] else 0)
         if i > 0:
             add_wrench_to_parent(scratch, i, FORCE)
 
@@ -113,6 +126,7 @@ def inverse_dynamics_kernel(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     scratch: Array,
     out: Array,
 ) -> None:
@@ -129,6 +143,7 @@ def inverse_dynamics_kernel(
         prismatic,
         gravity,
         theta,
+        parts,
         scratch,
         out,
     )
@@ -182,28 +197,24 @@ def regressor_kernel(
     axis: Array,
     prismatic: Array,
     gravity: Array,
+    parts: Array,
     scratch: Array,
     out: Array,
 ) -> None:
-    """Joint torque regressor (eq. 18 without friction) into `out` (n, 10 n)."""
+    """Joint torque regressor (eq. 18 without friction) into `out` (n, 10 n + 3 k), k parts."""
     place(q, rotation, translation, axis, prismatic, scratch)
+    place_parts(q, parts, scratch)
     move(qd, qd, qdd, axis, prismatic, gravity, scratch)
+    move_parts(qd, qd, qdd, gravity, parts, scratch)
     n = q.shape[0]
     for link in range(n):
         for p in range(10):
             column = 10 * link + p
-            for i in range(link + 1, n):
+            for i in range(n):
                 out[i, column] = 0.0
             _body_column(p, scratch, link)
-            out[link, column] = on_axis(
-                scratch, link, COLUMN, axis, link, 3 if prismatic[link] else 0
-            )
-            for j in range(link, 0, -1):
-                for k in range(6):
-                    scratch[j - 1, COLUMN + k] = 0.0
-                add_wrench_to_parent(scratch, j, COLUMN)
-                part = 3 if prismatic[j - 1] else 0
-                out[j - 1, column] = on_axis(scratch, j - 1, COLUMN, axis, j - 1, part)
+            carry_inwards(link, column, axis, prismatic, scratch, out)
+    part_regressor(axis, prismatic, parts, scratch, out)
 
 
 @njit(cache=True, error_model="numpy")
@@ -214,12 +225,14 @@ def mass_matrix_kernel(
     axis: Array,
     prismatic: Array,
     theta: Array,
+    parts: Array,
     scratch: Array,
     mass: Array,
 ) -> None:
     """Joint-space mass matrix into `mass` (n, n)."""
     place(q, rotation, translation, axis, prismatic, scratch)
-    mass_matrix_placed(axis, prismatic, theta, scratch, mass)
+    place_parts(q, parts, scratch)
+    mass_matrix_placed(axis, prismatic, theta, parts, scratch, mass)
 
 
 @njit(cache=True, error_model="numpy")
@@ -232,6 +245,7 @@ def mass_matrix_and_bias(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     scratch: Array,
     mass: Array,
     bias: Array,
@@ -254,7 +268,8 @@ def mass_matrix_and_bias(
         prismatic,
         gravity,
         theta,
+        parts,
         scratch,
         bias,
     )
-    mass_matrix_placed(axis, prismatic, theta, scratch, mass)
+    mass_matrix_placed(axis, prismatic, theta, parts, scratch, mass)

@@ -10,6 +10,8 @@ from numba import njit
 
 from hydro_model import rigid_body_kernels as kernels
 from hydro_model.chain_kernels import SHIFT, Array
+from hydro_model.closed_chain import HOST
+from hydro_model.part_kernels import part_moment, place_parts
 
 
 @njit(cache=True, error_model="numpy")
@@ -25,10 +27,11 @@ def torques(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     out: Array,
 ) -> None:
     """Required torques of N samples into `out` (N, n)."""
-    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.required_torque_kernel(
             q[k],
@@ -42,6 +45,7 @@ def torques(
             prismatic,
             gravity,
             theta,
+            parts,
             scratch,
             out[k],
         )
@@ -57,13 +61,24 @@ def regressors(
     axis: Array,
     prismatic: Array,
     gravity: Array,
+    parts: Array,
     out: Array,
 ) -> None:
-    """Regressors of N samples into `out` (N, n, 10 n)."""
-    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    """Regressors of N samples into `out` (N, n, 10 n + 3 k), k parts."""
+    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.regressor_kernel(
-            q[k], qd[k], qdd[k], rotation, translation, axis, prismatic, gravity, scratch, out[k]
+            q[k],
+            qd[k],
+            qdd[k],
+            rotation,
+            translation,
+            axis,
+            prismatic,
+            gravity,
+            parts,
+            scratch,
+            out[k],
         )
 
 
@@ -75,13 +90,14 @@ def masses(
     axis: Array,
     prismatic: Array,
     theta: Array,
+    parts: Array,
     out: Array,
 ) -> None:
     """Mass matrices of N samples into `out` (N, n, n)."""
-    scratch = np.empty((q.shape[1], kernels.SCRATCH))
+    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.mass_matrix_kernel(
-            q[k], rotation, translation, axis, prismatic, theta, scratch, out[k]
+            q[k], rotation, translation, axis, prismatic, theta, parts, scratch, out[k]
         )
 
 
@@ -96,11 +112,12 @@ def accelerations(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     out: Array,
 ) -> int:
     """Accelerations into `out` (N, n); the first sample that has none, or -1."""
     n = q.shape[1]
-    scratch = np.empty((n, kernels.SCRATCH))
+    scratch = np.empty((n + parts.shape[0], kernels.SCRATCH))
     mass, bias = np.empty((n, n)), np.empty(n)
     for k in range(q.shape[0]):
         kernels.mass_matrix_and_bias(
@@ -112,6 +129,7 @@ def accelerations(
             prismatic,
             gravity,
             theta,
+            parts,
             scratch,
             mass,
             bias,
@@ -132,16 +150,24 @@ def potentials(
     prismatic: Array,
     gravity: Array,
     theta: Array,
+    parts: Array,
     out: Array,
 ) -> None:
     """Potential energies of N samples into `out` (N,)."""
     n = q.shape[1]
-    scratch = np.empty((n, kernels.SCRATCH))
+    scratch = np.empty((n + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.place(q[k], rotation, translation, axis, prismatic, scratch)
+        place_parts(q[k], parts, scratch)
         # First moment of all that hangs on frame i, carried inwards: m, m c.
         m, h0, h1, h2 = 0.0, 0.0, 0.0, 0.0
-        for i in range(n - 1, -1, -1):
+        for i in range(n - 1, -2, -1):
+            for p in range(parts.shape[0]):
+                if parts[p, HOST] == i:
+                    dm, d0, d1, d2 = part_moment(n, p, parts, scratch)
+                    m, h0, h1, h2 = m + dm, h0 + d0, h1 + d1, h2 + d2
+            if i < 0:
+                break
             m += theta[i, 0]
             x, y, z = h0 + theta[i, 1], h1 + theta[i, 2], h2 + theta[i, 3]
             s = scratch[i]

@@ -22,6 +22,11 @@ FloatArray = NDArray[np.float64]
 STANDARD_PARAMETERS = ("mass", "mcx", "mcy", "mcz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 STANDARD_UNITS = ("kg", "kg m", "kg m", "kg m") + ("kg m^2",) * 6
 
+#: Parameters of a cylinder's barrel or rod, `<cylinder>_barrel.<parameter>`: mass, first moment
+#: along the line from its own pin, inertia about that pin transverse to the line.
+PART_PARAMETERS = ("mass", "mcx", "izz")
+PARTS = ("barrel", "rod")
+
 
 @dataclass(frozen=True, slots=True)
 class Joint:
@@ -43,6 +48,9 @@ class Joint:
         Position limits, rad or m.
     velocity_limit, effort_limit : float
         rad/s or m/s; N m or N.
+    viscous_friction : float
+        N m s/rad or N s/m, of a joint without cylinder only (`<dynamics damping>` of the URDF):
+        where there is a cylinder, the friction is the piston's.
     """
 
     name: str
@@ -56,6 +64,7 @@ class Joint:
     upper: float
     velocity_limit: float
     effort_limit: float
+    viscous_friction: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +84,12 @@ class CylinderPart:
     mass_kg: float
     com_from_pin_m: float
     inertia_com_kg_m2: float
+
+    @property
+    def parameters(self) -> tuple[float, float, float]:
+        """`PART_PARAMETERS`: mass, first moment and inertia about the pin."""
+        moment = self.mass_kg * self.com_from_pin_m
+        return self.mass_kg, moment, self.inertia_com_kg_m2 + moment * self.com_from_pin_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +251,14 @@ class Robot:
     base_parameters : tuple of BaseParameter
         Empty for a datasheet robot.
     base_covariance : (p, p) array or None
+    part_inertia : (2 k, 3) array or None
+        `PART_PARAMETERS` of barrel and rod of every closed chain, in the place of the
+        cylinders' own: an identified robot has regrouped them with the links'.
+    standard_deviations : mapping of str to float
+        Of the other identified numbers, by the names of the identification's result file.
+    standard_parameters : mapping of str to float
+        Physically consistent `<link>.<parameter>` that reproduce the base parameters; empty where
+        there are none. For other tools and as a reference: the dynamics are `link_inertia`'s.
     source : Path or None
         The file it was read from.
     urdf : Path or None
@@ -257,6 +280,9 @@ class Robot:
     effects: tuple[EffectSpec, ...] = ()
     base_parameters: tuple[BaseParameter, ...] = ()
     base_covariance: FloatArray | None = None
+    part_inertia: FloatArray | None = None
+    standard_deviations: Mapping[str, float] = field(default_factory=dict)
+    standard_parameters: Mapping[str, float] = field(default_factory=dict)
     source: Path | None = None
     urdf: Path | None = None
 
@@ -281,6 +307,40 @@ class Robot:
         return tuple(f"{link}.{p}" for link in self.link_names for p in STANDARD_PARAMETERS)
 
     @property
+    def closed_chains(self) -> tuple[Cylinder, ...]:
+        """The k cylinders on triangles, whose barrels and rods turn against the links."""
+        return tuple(c for c in self.cylinders if c.l1_m != 0.0)
+
+    @property
+    def part_names(self) -> tuple[str, ...]:
+        """The 6 k names `<cylinder>_<barrel or rod>.<parameter>` in regressor column order."""
+        return tuple(
+            f"{c.name}_{part}.{p}"
+            for c in self.closed_chains
+            for part in PARTS
+            for p in PART_PARAMETERS
+        )
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """All columns of the regressor: `standard_names`, then `part_names`."""
+        return (*self.standard_names, *self.part_names)
+
+    @property
+    def part_parameters(self) -> FloatArray:
+        """`part_inertia`, or where that is None what the cylinders' records say, (2 k, 3)."""
+        if self.part_inertia is not None:
+            return self.part_inertia
+        parts = [part for c in self.closed_chains for part in (c.barrel, c.rod)]
+        rows = [(0.0, 0.0, 0.0) if part is None else part.parameters for part in parts]
+        return np.array(rows, dtype=np.float64).reshape(-1, len(PART_PARAMETERS))
+
+    @property
+    def parameter_vector(self) -> FloatArray:
+        """Values of `parameter_names`: the regressor times these is the inverse dynamics."""
+        return np.concatenate([self.link_inertia.ravel(), self.part_parameters.ravel()])
+
+    @property
     def pressure_names(self) -> tuple[str, ...]:
         """Entries of `/chamber_pressures`: every chamber, then supply and tank."""
         chambers = [f"{c.name}/{side}" for c in self.cylinders for side in "ab"]
@@ -290,6 +350,12 @@ class Robot:
     def valve_names(self) -> tuple[str, ...]:
         """Names of the valves."""
         return tuple(valve.name for valve in self.valves)
+
+    @property
+    def dry_joints(self) -> tuple[int, ...]:
+        """Indices of the joints that no cylinder moves."""
+        driven = {cylinder.joint for cylinder in self.cylinders}
+        return tuple(i for i, joint in enumerate(self.joints) if joint.name not in driven)
 
     def joint_index(self, name: str) -> int:
         """Index of a joint by name; raises RobotError naming the known joints."""

@@ -6,6 +6,7 @@ identification found. Either names its URDF relative to itself.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,14 @@ import yaml
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_model.robot import (
+    PART_PARAMETERS,
     STANDARD_PARAMETERS,
     BaseParameter,
     Cylinder,
     CylinderPart,
     EffectSpec,
     FloatArray,
+    Joint,
     Robot,
     Sensors,
     Valve,
@@ -108,8 +111,8 @@ def _robot_from(top: Fields, path: Path) -> Robot:
     names = [f"{j.child_link}.{p}" for j in chain.joints for p in STANDARD_PARAMETERS]
     robot = Robot(
         name=top.text("robot"),
-        joints=chain.joints,
-        link_inertia=_link_inertia(chain, base, names, path),
+        joints=_joints(top, chain, path),
+        link_inertia=chain.link_inertia,
         tip_link=tip,
         tip_offset_m=chain.tip_offset_m,
         gravity_m_s2=top.vector("gravity_m_s2", 3, [0.0, 0.0, -9.81]),
@@ -123,11 +126,62 @@ def _robot_from(top: Fields, path: Path) -> Robot:
         effects=tuple(_effect(f) for f in top.items("effects")),
         base_parameters=base,
         base_covariance=_covariance(top, len(base)),
+        standard_deviations=_deviations(top),
+        standard_parameters=_standard_parameters(top, names, path),
         source=path,
         urdf=urdf,
     )
     _check(robot, path)
-    return robot
+    return _with_base(robot, path) if base else robot
+
+
+def _joints(top: Fields, chain: Chain, path: Path) -> tuple[Joint, ...]:
+    """The chain's joints, with what the file says of joints without cylinder."""
+    friction = {f.text("name"): f.number("viscous_friction") for f in top.items("joints")}
+    names = tuple(joint.name for joint in chain.joints)
+    for name in friction:
+        _check_known("joints", "joint", name, names, path)
+    return tuple(
+        replace(j, viscous_friction=friction.get(j.name, j.viscous_friction)) for j in chain.joints
+    )
+
+
+def _deviations(top: Fields) -> dict[str, float]:
+    if "standard_deviations" not in top:
+        return {}
+    return top.mapping_of_numbers("standard_deviations")
+
+
+def _standard_parameters(top: Fields, names: list[str], path: Path) -> dict[str, float]:
+    """Parameters of every link, and of other bodies where the file has them."""
+    if "standard_parameters" not in top:
+        return {}
+    values = top.mapping_of_numbers("standard_parameters")
+    absent = [name for name in names if name not in values]
+    if absent:
+        raise RobotError(f"{path}: standard_parameters lack '{absent[0]}', expected every link's")
+    return values
+
+
+def datasheet_inertia(robot: Robot) -> FloatArray:
+    """Standard parameters (n, 10) of the links as the URDF has them.
+
+    An identified robot's `link_inertia` carries its base parameters; this reads the URDF again.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    (n, 10) array
+        Zeros for an identified robot without URDF.
+    """
+    if not robot.base_parameters:
+        return robot.link_inertia
+    if robot.urdf is None:
+        return np.zeros_like(robot.link_inertia)
+    return read_chain(robot.urdf, robot.tip_link).link_inertia
 
 
 def _base_parameter(f: Fields) -> BaseParameter:
@@ -141,24 +195,25 @@ def _covariance(top: Fields, size: int) -> FloatArray | None:
     return top.matrix("base_covariance", (size, size))
 
 
-def _link_inertia(
-    chain: Chain, base: tuple[BaseParameter, ...], names: list[str], path: Path
-) -> FloatArray:
-    if not base:
-        return chain.link_inertia
+def _with_base(robot: Robot, path: Path) -> Robot:
+    """The robot whose inertia is that of its base parameters."""
+    from hydro_model.closed_chain import with_parameters
+
+    names = robot.parameter_names
     values = np.zeros(len(names))
-    _check_once("base parameter", [parameter.name for parameter in base], path)
-    for parameter in base:
+    _check_once("base parameter", [parameter.name for parameter in robot.base_parameters], path)
+    for parameter in robot.base_parameters:
         unknown = [n for n in (parameter.name, *parameter.combination) if n not in names]
         if unknown:
             raise RobotError(
                 f"{path}: base parameter '{parameter.name}' names '{unknown[0]}', expected"
                 f" <link>.<parameter> with a link of the chain and one of"
-                f" {', '.join(STANDARD_PARAMETERS)}"
+                f" {', '.join(STANDARD_PARAMETERS)}, or <cylinder>_<barrel or rod>.<parameter>"
+                f" with one of {', '.join(PART_PARAMETERS)}"
             )
         # The leading parameter alone reproduces the dynamics: the rest lies in the nullspace.
         values[names.index(parameter.name)] = parameter.value
-    return values.reshape(-1, len(STANDARD_PARAMETERS))
+    return with_parameters(robot, values)
 
 
 def _part(f: Fields | None, pin: str) -> CylinderPart | None:

@@ -49,7 +49,8 @@ PRESSURE_SCALE_PA = 1.0e6
 class ModelArrays(NamedTuple):
     """The model in numbers; n joints, m cylinders, e effects, t laws, k states of effects.
 
-    Rows m of `spans` belong to the whole robot. The state is
+    Rows m of `spans` belong to the whole robot, those behind to the d joints without cylinder.
+    The state is
     ``[q (n), qd (n), p_a (m), p_b (m), effect states (k)]``.
     """
 
@@ -59,12 +60,15 @@ class ModelArrays(NamedTuple):
     prismatic: NDArray[np.bool_]  # (n,)
     gravity: FloatArray  # (3,)
     theta: FloatArray  # (n, 10)
+    parts: FloatArray  # (2 k, PART_COLUMNS) barrels and rods
     joint: IntArray  # (m,) joint of each cylinder
     geometry: FloatArray  # (m, 9)
     edges: FloatArray  # (m, 4) c_pa, c_at, c_pb, c_bt
+    dry_joint: IntArray  # (d,) joints without cylinder
+    dry_viscous: FloatArray  # (d,) their viscous friction
     parameters: FloatArray  # (e, p) padded with zeros
     terms: IntArray  # (t, 3) address of the law, effect, whether it drives the effect's states
-    spans: IntArray  # (m + 1, stages, 2) rows of `terms`
+    spans: IntArray  # (m + 1 + d, stages, 2) rows of `terms`
     owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
     rates: IntArray  # (k,) address of the rate law of each effect state
     initials: IntArray  # (k,) address of the law of its value at rest
@@ -76,12 +80,12 @@ class Work(NamedTuple):
 
     q: FloatArray  # (n,)
     qd: FloatArray  # (n,)
-    chain: FloatArray  # (n, SCRATCH)
+    chain: FloatArray  # (n + 2 k, SCRATCH)
     mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
     bias: FloatArray  # (n,) and its bias
     factor: FloatArray  # (n, n)
     force: FloatArray  # (n,) joint forces, then accelerations
-    signals: FloatArray  # (m + 1, SIGNAL_COUNT) what laws see; row m for the whole robot
+    signals: FloatArray  # (m + 1 + d, SIGNAL_COUNT) what laws see; rows as of `spans`
     friction: FloatArray  # (m,) N
 
 
@@ -106,7 +110,7 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     chain = chain_arrays(robot)
     cylinders = robot.cylinders
     valves = [robot.valve_of(cylinder.name) for cylinder in cylinders]
-    terms, spans = _terms(active, len(cylinders))
+    terms, spans = _terms(active, _places(robot))
     states = [state for one in active for state in one.effect.states]
     rigid = 2 * robot.dof
     scale = [1.0] * rigid + [PRESSURE_SCALE_PA] * (2 * len(cylinders))
@@ -117,9 +121,12 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         prismatic=chain.prismatic,
         gravity=chain.gravity_m_s2,
         theta=chain.theta,
+        parts=chain.parts,
         joint=np.array([robot.joint_index(c.joint) for c in cylinders], dtype=np.int64),
         geometry=np.array([_geometry(c) for c in cylinders], dtype=float).reshape(-1, 9),
         edges=np.array([_edges(v) for v in valves], dtype=float).reshape(-1, 4),
+        dry_joint=np.array(robot.dry_joints, dtype=np.int64),
+        dry_viscous=np.array([robot.joints[j].viscous_friction for j in robot.dry_joints]),
         parameters=_padded(active),
         terms=terms,
         spans=spans,
@@ -133,12 +140,12 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
 def new_work(robot: Robot) -> Work:
     """Working memory for a robot; signals that a roll-out does not know are NaN."""
     n, m = robot.dof, len(robot.cylinders)
-    signals = np.full((m + 1, SIGNAL_COUNT), np.nan)
+    signals = np.full((len(_places(robot)), SIGNAL_COUNT), np.nan)
     signals[:, ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
     return Work(
         q=np.zeros(n),
         qd=np.zeros(n),
-        chain=np.zeros((n, SCRATCH)),
+        chain=np.zeros((n + 2 * len(robot.closed_chains), SCRATCH)),
         mass=np.zeros((n, n)),
         bias=np.zeros(n),
         factor=np.zeros((n, n)),
@@ -174,15 +181,22 @@ def _owners(active: Sequence[ActiveEffect], first: int) -> IntArray:
     return table
 
 
-def _terms(active: Sequence[ActiveEffect], cylinders: int) -> tuple[IntArray, IntArray]:
+def _places(robot: Robot) -> list[tuple[int | None, int | None]]:
+    """Where effects act: every cylinder, the whole robot, every joint without cylinder."""
+    wet: list[tuple[int | None, int | None]] = [(i, None) for i in range(len(robot.cylinders))]
+    return [*wet, (None, None), *((None, j) for j in robot.dry_joints)]
+
+
+def _terms(
+    active: Sequence[ActiveEffect], places: Sequence[tuple[int | None, int | None]]
+) -> tuple[IntArray, IntArray]:
     rows: list[tuple[int, int, int]] = []
-    spans = np.zeros((cylinders + 1, len(_STAGES), 2), dtype=np.int64)
-    for place in range(cylinders + 1):
-        wanted = None if place == cylinders else place
+    spans = np.zeros((len(places), len(_STAGES), 2), dtype=np.int64)
+    for place, wanted in enumerate(places):
         for code, stage in enumerate(_STAGES):
             start = len(rows)
             for index, one in enumerate(active):
-                if one.cylinder == wanted:
+                if (one.cylinder, one.joint) == wanted:
                     rows += _rows(one, index, stage)
             spans[place, code] = start, len(rows)
     return np.array(rows, dtype=np.int64).reshape(-1, 3), spans

@@ -174,6 +174,19 @@ def _cylinder(
 
 
 @njit(cache=True, error_model="numpy")
+def _dry(model: Any, work: Any, y: Array, dy: Array, d: int, time: float, mode: int) -> None:
+    """Friction of a joint without cylinder, on which the piston is the joint itself."""
+    n, m = model.axis.shape[0], model.joint.shape[0]
+    j = model.dry_joint[d]
+    s = work.signals[m + 1 + d]
+    s[TIME] = time
+    s[JOINT_POSITION], s[JOINT_VELOCITY] = y[j], y[n + j]
+    s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = y[j], y[n + j], 1.0
+    viscous = model.dry_viscous[d] * y[n + j]
+    work.force[j] -= _apply(model, work, y, dy, m + 1 + d, FRICTION, viscous, mode)
+
+
+@njit(cache=True, error_model="numpy")
 def right_hand_side(
     model: Any,
     work: Any,
@@ -212,6 +225,8 @@ def right_hand_side(
         work.force[j] = inputs[m + 2 + j]
     for i in range(m):
         _cylinder(model, work, y, dy, i, time, inputs[i], mode)
+    for d in range(model.dry_joint.shape[0]):
+        _dry(model, work, y, dy, d, time, mode)
     for effect in range(model.owners.shape[0]):
         wide = model.owners[effect, ROBOT_WIDE]
         if wide == 1:
@@ -228,6 +243,7 @@ def right_hand_side(
             model.prismatic,
             model.gravity,
             model.theta,
+            model.parts,
             work.chain,
             work.mass,
             work.bias,

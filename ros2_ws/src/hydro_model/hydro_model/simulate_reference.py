@@ -49,7 +49,7 @@ def reference_rates(
     common[sig.TIME] = time_s
     common[sig.ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
     effects = list(_with_states(active, 2 * n + 2 * m))
-    wide = [(one, where) for one, where in effects if one.cylinder is None]
+    wide = [(one, where) for one, where in effects if one.cylinder is None and one.joint is None]
     common[sig.SUPPLY_PRESSURE] = inputs[m] + _sum(Stage.SUPPLY, wide, common, state)
     common[sig.TANK_PRESSURE] = inputs[m + 1] + _sum(Stage.TANK, wide, common, state)
 
@@ -60,6 +60,9 @@ def reference_rates(
         force, lever, used = _cylinder(robot, i, own, common, inputs[i], state, rates)
         torque[robot.joint_index(robot.cylinders[i].joint)] += lever * force
         flows += used
+    for j in robot.dry_joints:
+        own = [(one, where) for one, where in effects if one.joint == j]
+        torque[j] -= _dry_friction(robot, j, own, common, state, rates)
     common[sig.SUPPLY_FLOW], common[sig.RETURN_FLOW] = flows
     for one, where in wide:
         _drive(one, where, common, state, rates)
@@ -111,6 +114,25 @@ def _cylinder(
     rates[2 * n + m + i] = into_b / ((volume_b + _sum(Stage.VOLUME_B, own, s, state)) * soft_b)
     friction = cylinder.viscous_friction * v + _sum(Stage.FRICTION, own, s, state)
     return force - friction, lever, used
+
+
+def _dry_friction(
+    robot: Robot,
+    j: int,
+    own: list[tuple[ActiveEffect, slice]],
+    common: FloatArray,
+    state: FloatArray,
+    rates: FloatArray,
+) -> float:
+    """Friction of a joint without cylinder, on which the piston is the joint itself."""
+    q, qd = state[[j, robot.dof + j]]
+    s = common.copy()
+    s[[sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE]] = np.nan
+    s[[sig.JOINT_POSITION, sig.JOINT_VELOCITY, sig.LEVER]] = q, qd, 1.0
+    s[[sig.PISTON_POSITION, sig.PISTON_VELOCITY]] = q, qd
+    for one, where in own:
+        _drive(one, where, s, state, rates)
+    return float(robot.joints[j].viscous_friction * qd + _sum(Stage.FRICTION, own, s, state))
 
 
 def _with_states(

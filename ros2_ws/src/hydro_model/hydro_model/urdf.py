@@ -140,7 +140,9 @@ def _check_numbers(model: Any, path: Path) -> None:
     for joint in model.joints:
         limit = joint.limit
         limits = [limit.lower, limit.upper, limit.velocity, limit.effort] if limit else []
-        _check_finite(f"joint '{joint.name}'", [*_pose(joint.origin), joint.axis, limits], path)
+        damping = [joint.dynamics.damping] if joint.dynamics else []
+        numbers = [*_pose(joint.origin), joint.axis, limits, damping]
+        _check_finite(f"joint '{joint.name}'", numbers, path)
     for link in model.links:
         if (body := link.inertial) is None:
             continue
@@ -210,6 +212,7 @@ def _joint(xml: Any, rotation: FloatArray, translation: FloatArray, path: Path) 
         upper=float(upper),
         velocity_limit=float(limit.velocity or np.inf) if limit else np.inf,
         effort_limit=float(limit.effort or np.inf) if limit else np.inf,
+        viscous_friction=float((xml.dynamics and xml.dynamics.damping) or 0.0),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hydro_model.base_parameters import BaseMap, base_map
+from hydro_model.base_parameters import BaseMap, base_map, payload_map
 from hydro_model.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Joint, Robot
 from hydro_model.robot_files import load_robot
@@ -64,7 +64,7 @@ def check(robot: Robot) -> BaseMap:
     assert np.linalg.matrix_rank(stacked[:, found.leading], tol=1e-12 * sizes[0]) == len(
         found.names
     )
-    theta = robot.link_inertia.ravel()
+    theta = robot.parameter_vector
     torque = columns @ theta
     base = columns[..., found.leading] @ (found.combination @ theta)
     assert np.abs(base - torque).max() < 1e-11 * np.abs(torque).max()
@@ -87,6 +87,76 @@ def test_nearly_parallel_chains(make_chain: MakeChain, seed: int, dof: int) -> N
     assert np.abs(found.combination).max() < 1e3
 
 
+def nearly_aligned(robot: Robot, seed: int) -> Robot:
+    """Axes tilted by 1e-6 to 0.1 rad against one another, or parallel."""
+    rng = np.random.default_rng([7, seed])
+    joints = []
+    for joint in robot.joints:
+        tilt = rng.choice([0.0, 1.0]) * 10.0 ** rng.uniform(-6.0, -1.0)
+        rotation = Rotation.from_rotvec(tilt * rng.normal(size=3)).as_matrix()
+        joints.append(replace(joint, rotation=rotation, axis=np.array([0.0, 0.0, 1.0])))
+    return replace(robot, joints=tuple(joints))
+
+
+def test_two_hundred_random_robots(make_chain: MakeChain) -> None:
+    """Count and span against the numerical rank; tilts of 1e-6 show by 1e-12, as rounding does."""
+    sharp = 0
+    for k in range(200):
+        robot = make_chain(1000 + k, 1 + k % 7)
+        robot = nearly_aligned(robot, k) if k % 2 else robot
+        found = base_map(robot)
+        assert np.abs(found.combination).max() < 1e3, k
+        motion = np.random.default_rng(k).uniform(-3.0, 3.0, size=(3, 60, robot.dof))
+        columns = regressor(robot, *motion).reshape(-1, 10 * robot.dof)
+        sizes = np.linalg.svd(columns, compute_uv=False) / np.linalg.norm(columns)
+        least, most = int(np.sum(sizes > 1e-11)), int(np.sum(sizes > 1e-14))
+        assert least <= len(found.names) <= most, k
+        sharp += least == most
+        torque = columns @ robot.link_inertia.ravel()
+        base = columns[:, found.leading] @ (found.combination @ robot.link_inertia.ravel())
+        assert np.abs(base - torque).max() < 1e-11 * np.abs(torque).max(), k
+    assert sharp > 180
+
+
+@pytest.mark.parametrize(("seed", "dof"), CASES)
+def test_a_payload_regroups_with_the_last_link(make_chain: MakeChain, seed: int, dof: int) -> None:
+    """Carried all the time it is lumped; with and without it, its own parameters show."""
+    robot = make_chain(seed, dof)
+    rng = np.random.default_rng(seed)
+    body = make_chain(seed + 50, 1).link_inertia[0]
+    mass, at_tip = body[0], robot.tip_offset_m
+    inertia = np.array([body[[4, 5, 6]], body[[5, 7, 8]], body[[6, 8, 9]]])
+    # Steiner from the tip to the joint, by the first moment.
+    moment, shift = body[1:4] + mass * at_tip, np.outer(at_tip, body[1:4])
+    inertia = inertia + 2.0 * np.trace(shift) * np.eye(3) - shift - shift.T
+    inertia += mass * (at_tip @ at_tip * np.eye(3) - np.outer(at_tip, at_tip))
+    links = robot.link_inertia.copy()
+    links[-1] += [mass, *moment, *inertia[np.triu_indices(3)]]
+    loaded = replace(robot, link_inertia=links)
+    lumped = base_map(robot, payload=True)
+    wanted = base_map(loaded).combination @ links.ravel()
+    found = lumped.combination @ np.concatenate([robot.link_inertia.ravel(), body])
+    assert np.allclose(found, wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+    own, effect = payload_map(robot)
+    before = base_map(robot).combination @ robot.link_inertia.ravel()
+    assert np.allclose(before + effect @ (own.combination @ body), wanted, rtol=0, atol=1e-9)
+    assert np.linalg.matrix_rank(effect, tol=1e-9) == len(own.names)
+    # Nothing else of it shows: what its combinations leave free moves no joint torque.
+    free = rng.normal(size=10)
+    free -= np.linalg.pinv(own.combination) @ (own.combination @ free)
+    hidden = lumped.combination[:, -10:] @ free
+    assert np.abs(hidden).max() < 1e-9 * max(np.linalg.norm(free), 1.0)
+
+
+def test_a_payload_of_the_crane_shows_four_parameters() -> None:
+    own, _ = payload_map(load_robot("xs031"))
+    assert own.names == ("payload.mass", "payload.mcx", "payload.mcz", "payload.iyy")
+    [mass] = [
+        n for n in base_map(load_robot("xs031"), payload=True).coefficients(0) if "load" in n
+    ]
+    assert mass == "payload.mass"
+
+
 @pytest.mark.parametrize(("seed", "dof"), [(0, 2), (1, 4), (2, 7)])
 def test_changes_in_the_nullspace_show_on_no_joint(
     make_chain: MakeChain, seed: int, dof: int
@@ -105,7 +175,7 @@ def test_changes_in_the_nullspace_show_on_no_joint(
 
 
 def test_table_one_of_the_paper() -> None:
-    robot = load_robot("xs031")
+    robot = replace(load_robot("xs031"), cylinders=())
     found = base_map(robot)
     assert [found.readable(i) for i in range(len(found.names))] == [
         "lift_link.mcx + 1.6 tilt_link.mass",
@@ -124,7 +194,9 @@ def test_table_one_of_the_paper() -> None:
 def test_gravity_along_the_first_axis_hides_first_moments() -> None:
     """The crane on its side: nothing pulls on joint 1, so only its inertia shows there."""
     robot = replace(load_robot("xs031"), gravity_m_s2=np.array([0.0, -9.81, 0.0]))
-    assert [name for name in base_map(robot).names if name.startswith("lift")] == ["lift_link.iyy"]
+    assert [name for name in base_map(robot).names if name.startswith("lift_l")] == [
+        "lift_link.iyy"
+    ]
     check(robot)
 
 

@@ -62,6 +62,7 @@ EQUATIONS = [
         2e-4 * (P_A + P_B) * np.tanh(V / 0.01),
     ),
     ("quadratic_friction", [5e4], Stage.FRICTION, 5e4 * V * np.abs(V)),
+    ("constant_force_offset", [-800.0], Stage.FRICTION, np.full(len(S), -800.0)),
     ("valve_null_bias", [0.02], Stage.SIGNAL, U + 0.02),
     (
         "valve_deadband",

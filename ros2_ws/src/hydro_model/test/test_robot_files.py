@@ -244,7 +244,7 @@ def test_numbers_in_exponent_notation_are_numbers(crane: Path) -> None:
 def test_base_parameters_give_the_dynamics_of_the_links(crane: Path) -> None:
     robot = load_robot("xs031")
     found = base_map(robot)
-    values = found.combination @ robot.link_inertia.ravel()
+    values = found.combination @ robot.parameter_vector
 
     def change(data: dict[str, Any]) -> None:
         data["schema"] = "hydro_model/model/1"
@@ -256,11 +256,24 @@ def test_base_parameters_give_the_dynamics_of_the_links(crane: Path) -> None:
 
     model = load_robot(rewritten(crane, change))
     assert model.base_covariance is not None
-    assert np.array_equal(model.base_covariance, np.eye(6))
+    assert np.array_equal(model.base_covariance, np.eye(len(found.names)))
     assert [p.name for p in model.base_parameters] == list(found.names)
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
     expected = inverse_dynamics(robot, q, qd, qdd)
     assert np.allclose(inverse_dynamics(model, q, qd, qdd), expected, rtol=0, atol=1e-8)
+
+
+def test_base_parameters_of_links_alone_have_no_parts_beside_them(crane: Path) -> None:
+    """A model made without closed chains: what its parts do is in its links."""
+
+    def change(data: dict[str, Any]) -> None:
+        data["base_parameters"] = [
+            {"name": "tilt_link.mcx", "combination": {"tilt_link.mcx": 1.0}, "value": 1100.0}
+        ]
+
+    model = load_robot(rewritten(crane, change))
+    assert not model.part_parameters.any()
+    assert model.cylinders[0].barrel is not None
 
 
 @pytest.mark.parametrize("covariance", [[[1.0]], "none", [[1.0] * 6] * 5, [[1.0] * 5] * 6])

@@ -22,6 +22,7 @@ OFF: dict[str, dict[str, float]] = {
     "asymmetric_friction": {"force": 0.0, "viscous": 0.0},
     "pressure_dependent_friction": {"coefficient": 0.0},
     "quadratic_friction": {"coefficient": 0.0},
+    "constant_force_offset": {"force": 0.0},
     "valve_null_bias": {"bias": 0.0},
     "valve_deadband": {"width": 0.0},
     "valve_gain_nonlinearity": {"progression": 0.0},
@@ -72,6 +73,7 @@ def test_every_effect_without_dynamics_of_its_own_can_be_off() -> None:
         ("asymmetric_friction", {"force": 700.0}, lambda v, p: 700.0),
         ("pressure_dependent_friction", {"coefficient": 2e-4}, lambda v, p: 2e-4 * p),
         ("quadratic_friction", {"coefficient": 5e4}, lambda v, p: 5e4 * v * v),
+        ("constant_force_offset", {"force": -900.0}, lambda v, p: -900.0),
         (
             "stribeck_friction",
             {"force": 1e3, "stribeck_velocity": 0.2},

@@ -134,6 +134,10 @@ class Effect:
     separating_experiment : str
         The run that tells them apart.
     states : tuple of InternalState
+    needs_cylinder : bool
+        False where the laws look at the motion alone, so that the effect can act on a joint
+        without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute
+        joint.
     """
 
     name: str
@@ -145,6 +149,7 @@ class Effect:
     looks_like: tuple[str, ...]
     separating_experiment: str
     states: tuple[InternalState, ...] = ()
+    needs_cylinder: bool = True
 
     @property
     def robot_wide(self) -> bool:

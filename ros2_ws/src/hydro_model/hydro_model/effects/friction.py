@@ -38,6 +38,10 @@ def _pressure_dependent(s: Row, p: Row) -> float:
     return p[0] * load * math.tanh(s[PISTON_VELOCITY] / p[1])
 
 
+def _offset(s: Row, p: Row) -> float:
+    return p[0]
+
+
 def _quadratic(s: Row, p: Row) -> float:
     v = s[PISTON_VELOCITY]
     return p[0] * v * abs(v)
@@ -55,6 +59,7 @@ COULOMB = Effect(
     terms=(Term(Stage.FRICTION, _coulomb),),
     looks_like=("pin_friction", "pressure_dependent_friction", "stribeck_friction"),
     separating_experiment="reverse slowly at constant speed under three different loads",
+    needs_cylinder=False,
 )
 
 STRIBECK = Effect(
@@ -70,6 +75,7 @@ STRIBECK = Effect(
     terms=(Term(Stage.FRICTION, _stribeck),),
     looks_like=("presliding_friction", "coulomb_friction"),
     separating_experiment="slow ramps through reversal, and a ladder of steady low speeds",
+    needs_cylinder=False,
 )
 
 ASYMMETRIC = Effect(
@@ -89,6 +95,7 @@ ASYMMETRIC = Effect(
     terms=(Term(Stage.FRICTION, _asymmetric),),
     looks_like=("pressure_sensor_bias", "constant_force_offset", "first moments"),
     separating_experiment="pass the same poses at equal speeds in both directions, and rest there",
+    needs_cylinder=False,
 )
 
 PRESSURE_DEPENDENT = Effect(
@@ -114,6 +121,29 @@ QUADRATIC = Effect(
     terms=(Term(Stage.FRICTION, _quadratic),),
     looks_like=("coulomb_friction", "viscous friction"),
     separating_experiment="a ladder of steady speeds up to the fastest",
+    needs_cylinder=False,
 )
 
-FRICTION_EFFECTS = (COULOMB, STRIBECK, ASYMMETRIC, PRESSURE_DEPENDENT, QUADRATIC)
+CONSTANT_OFFSET = Effect(
+    name="constant_force_offset",
+    channel="force",
+    equation="F = F0",
+    source="bias of the force measurement or of the drive, the same at every pose and speed",
+    parameters=(
+        ParameterSpec("force", "N", "F0, against positive motion", -1e5, 1e5, 500.0, linear=True),
+    ),
+    terms=(Term(Stage.FRICTION, _offset),),
+    looks_like=("pressure_sensor_bias", "asymmetric_friction", "base_tilt", "first moments"),
+    separating_experiment="rest at poses over the whole range: a load changes with the pose, an"
+    " offset does not",
+    needs_cylinder=False,
+)
+
+FRICTION_EFFECTS = (
+    COULOMB,
+    STRIBECK,
+    ASYMMETRIC,
+    PRESSURE_DEPENDENT,
+    QUADRATIC,
+    CONSTANT_OFFSET,
+)

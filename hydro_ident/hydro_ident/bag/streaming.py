@@ -1,0 +1,293 @@
+"""A bag of any length as pieces that overlap, read once from the front in flat memory.
+
+A piece owns the cycles of its core and carries some seconds more on either side, over which
+filters settle: what is computed for the core is what the whole bag in memory would give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hydro_ident.bag.cdr import IntArray
+from hydro_ident.bag.grid import runs
+from hydro_ident.bag.reader import (
+    PROJECT_METADATA,
+    Bag,
+    TopicInfo,
+    count_block,
+    decode_block,
+    files_of,
+)
+from hydro_ident.bag.recorded_run import BoolArray
+from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
+from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_ident.errors import BagError
+from hydro_model.robot import Robot
+from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
+
+#: Cycles on either side of a core. The slowest filter (10 Hz, fourth order) forgets a sample to
+#: 1e-21 within it.
+OVERLAP_S = 2.0
+PIECE_S = 60.0
+#: Messages may be this late behind the newest `/joint_states` and still find their cycle.
+_LATE_S = 1.0
+_TOPICS = tuple(topic for topic in RECORDING_TOPICS if topic != DIAGNOSTICS)
+
+
+#: The fields of a recording that have a row per cycle.
+COLUMNS = (
+    *("stamp_ns", "q", "stroke", "effort", "p_a", "p_b", "supply", "tank", "valve_v"),
+    *("command_v", "spool", "latched", "q_ref", "qd_ref", "force_ref", "tip_ref"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A stretch of a recording.
+
+    Attributes
+    ----------
+    recording : Recording
+        The core with what overlaps.
+    core : slice
+        The cycles that this piece owns.
+    start_ns : int
+        First stamp of the whole recording.
+    """
+
+    recording: Recording
+    core: slice
+    start_ns: int
+
+    @staticmethod
+    def whole(recording: Recording) -> Piece:
+        """A recording in memory as one piece."""
+        return Piece(recording, slice(0, len(recording)), int(recording.stamp_ns[0]))
+
+
+def stream_recordings(
+    path: str | Path, robot: Robot, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S
+) -> Iterator[Piece]:
+    """Read a bag piece by piece.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory or MCAP file.
+    robot : Robot
+    piece_s : float
+        Length of a core.
+    overlap_s : float
+        Length of the overlap on either side.
+
+    Yields
+    ------
+    Piece
+        Notes, damage and the project's metadata are those known so far: complete with the last.
+
+    Raises
+    ------
+    BagError
+        As `read_recording`.
+    """
+    reader = _Reader(Path(path), robot, round(piece_s * 1e9), round(overlap_s * 1e9))
+    yield from reader.pieces()
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Messages on their way from the file to a piece."""
+
+    path: Path
+    robot: Robot
+    piece_ns: int
+    overlap_ns: int
+    infos: dict[str, TopicInfo] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    metadata: dict[str, str] = field(default_factory=dict)
+    builders: dict[str, SeriesBuilder] = field(default_factory=dict)
+    kept: dict[str, Series] = field(default_factory=dict)
+    #: First stamp of the recording, of the core to come, and of the median period.
+    start_ns: int = -1
+    core_ns: int = -1
+    period_s: float = 0.0
+    latched: bool = False
+
+    def pieces(self) -> Iterator[Piece]:
+        files, notes, self.metadata = files_of(self.path)
+        self.notes += notes
+        for file in files:
+            for block in file.blocks():
+                count_block(self.infos, block)
+                if block.channel.topic in _TOPICS:
+                    decode_block(self.builders, None, block, self.notes)
+                if block.channel.topic == JOINT_STATES and self._enough():
+                    yield from self._cut(last=False)
+            self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
+            self.notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
+        if not self.infos:
+            why = f" ({'; '.join(self.notes)})" if self.notes else ""
+            raise BagError(f"{self.path}: no message in this bag{why}")
+        yield from self._cut(last=True)
+
+    def _enough(self) -> bool:
+        """Whether the messages read fill a core, its overlap, and what may still be late."""
+        builder = self.builders.get(JOINT_STATES)
+        first, last = (-1, -1) if builder is None else builder.stamp_span_ns
+        if first < 0:
+            return False
+        begin = self.core_ns if self.core_ns >= 0 else first
+        late = round(_LATE_S * 1e9)
+        return last - begin > self.piece_ns + self.overlap_ns + late
+
+    def _cut(self, last: bool) -> Iterator[Piece]:
+        """Turn what was read into pieces, keeping what the next one overlaps."""
+        self._collect()
+        bag = self._bag()
+        if JOINT_STATES not in self.kept and not last:
+            return
+        recording = self._recording(bag)
+        while True:
+            stamps = recording.stamp_ns
+            if self.start_ns < 0:
+                self.start_ns = self.core_ns = int(stamps[0])
+            end_ns = self.core_ns + self.piece_ns
+            safe_ns = int(stamps[-1]) - (0 if last else round(_LATE_S * 1e9))
+            # What would be left must be longer than the overlap, or the last core takes it.
+            final = last and int(stamps[-1]) <= end_ns + self.overlap_ns
+            if not final and safe_ns <= end_ns + self.overlap_ns:
+                break
+            yield self._piece(recording, end_ns if not final else None)
+            if final:
+                return
+            self.core_ns = end_ns
+        self._forget(self.core_ns - self.overlap_ns - round(_LATE_S * 1e9))
+
+    def _piece(self, recording: Recording, end_ns: int | None) -> Piece:
+        stamps = recording.stamp_ns
+        begin = int(np.searchsorted(stamps, self.core_ns - self.overlap_ns))
+        core = int(np.searchsorted(stamps, self.core_ns))
+        stop = len(stamps) if end_ns is None else int(np.searchsorted(stamps, end_ns))
+        far = np.inf if end_ns is None else end_ns + self.overlap_ns
+        end = len(stamps) if end_ns is None else int(np.searchsorted(stamps, far))
+        part = cut_recording(recording, slice(begin, end))
+        if self.latched and core > begin:
+            part = replace(part, latched=_still_latched(part))
+        piece = Piece(part, slice(core - begin, stop - begin), self.start_ns)
+        # The next piece begins an overlap before this core's end.
+        if end_ns is not None:
+            edge = int(np.searchsorted(part.stamp_ns, end_ns - self.overlap_ns))
+            self.latched = bool(part.latched[min(edge, len(part) - 1)])
+        return piece
+
+    def _recording(self, bag: Bag) -> Recording:
+        recording = recording_of(bag, self.robot)
+        if self.period_s == 0.0:
+            self.period_s = recording.period_s
+        return replace(recording, period_s=self.period_s)
+
+    def _collect(self) -> None:
+        for topic, builder in self.builders.items():
+            fresh = builder.finish()
+            self.kept[topic] = (
+                fresh if topic not in self.kept else _joined(self.kept[topic], fresh)
+            )
+        self.builders = {
+            topic: SeriesBuilder(topic, b.message_type) for topic, b in self.builders.items()
+        }
+
+    def _forget(self, before_ns: int) -> None:
+        self.kept = {topic: _since(series, before_ns) for topic, series in self.kept.items()}
+
+    def _bag(self) -> Bag:
+        malformed = [
+            f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
+            for s in self.kept.values()
+            if s.malformed
+        ]
+        notes = tuple(dict.fromkeys([*self.notes, *malformed]))
+        infos = dict(sorted(self.infos.items()))
+        return Bag(self.path, (), infos, self.kept, self.metadata, notes)
+
+
+def cut_recording(recording: Recording, part: slice) -> Recording:
+    """Some cycles of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    part : slice
+
+    Returns
+    -------
+    Recording
+        Views; losses, gaps and notes stay those of the whole.
+    """
+    return map_columns(recording, lambda values: values[part])
+
+
+def map_columns(recording: Recording, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Recording:
+    """A recording with every array over its cycles changed alike."""
+    columns: dict[str, Any] = {name: getattr(recording, name) for name in COLUMNS}
+    changed: dict[str, Any] = {
+        name: None if v is None else change(v) for name, v in columns.items()
+    }
+    result: Recording = replace(recording, **changed)
+    return result
+
+
+def _still_latched(part: Recording) -> BoolArray:
+    """The latch of the piece before holds to the end of its stretch of zeros."""
+    latched = part.latched.copy()
+    if part.valve_v is not None:
+        still = (np.nan_to_num(part.valve_v, nan=1.0) == 0.0).all(axis=1)
+        for begin, end in runs(still)[:1]:
+            if begin == 0:
+                latched[:end] = True
+    return latched
+
+
+def _joined(old: Series, new: Series) -> Series:
+    """Two stretches of a topic as one."""
+    names = tuple(dict.fromkeys((*old.names, *new.names)))
+    stamped: list[Series] = [s for s in (old, new) if len(s)]
+    count = sum(len(s) for s in stamped)
+    fields = {}
+    for name in dict.fromkeys((*old.fields, *new.fields)):
+        widths = [s.fields[name].shape[1] for s in stamped if name in s.fields]
+        wide = len(names) if names else max(widths, default=1)
+        values, at = np.full((count, wide), np.nan), 0
+        for s in stamped:
+            if name in s.fields:
+                columns = [names.index(n) for n in s.names] if names else list(range(wide))
+                values[at : at + len(s), columns] = s.fields[name]
+            at += len(s)
+        fields[name] = values
+    return Series(
+        old.topic,
+        old.message_type,
+        np.concatenate([old.stamp_ns, new.stamp_ns]),
+        np.concatenate([old.log_ns, new.log_ns]),
+        names,
+        fields,
+        old.malformed + new.malformed,
+        old.malformed_why or new.malformed_why,
+    )
+
+
+def _since(series: Series, stamp_ns: int) -> Series:
+    """The messages of a stretch that are not older than a stamp."""
+    chosen: IntArray = np.flatnonzero(series.stamp_ns >= stamp_ns)
+    fields = {name: values[chosen] for name, values in series.fields.items()}
+    return replace(
+        series,
+        stamp_ns=series.stamp_ns[chosen],
+        log_ns=series.log_ns[chosen],
+        fields=fields,
+    )

@@ -1,0 +1,1 @@
+"""Experiment design: limits, information, optimised motion and predicted errors."""

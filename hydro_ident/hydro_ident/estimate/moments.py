@@ -1,0 +1,131 @@
+"""Everything a regression needs of a recording, gathered row by row in flat memory.
+
+Rows ``v_t = (z_t, x_t, y_t)`` are gathered together with those `lags` rows before them, as the
+triangular factor R of ``[v_t, v_(t-1) ..., v_(t-lags)]``: R'R are the sums of all their products,
+and R keeps the digits that the products would lose. Any parameters, any weights and any filter of
+up to `lags` coefficients can be applied to R as to the rows, so that one pass over a recording of
+any length serves every estimate that follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hydro_ident.estimate.robust import Weights
+from hydro_ident.estimate.rows import BoolArray, Rows
+from hydro_model.robot import FloatArray
+
+#: Order of the noise model: rows before a row that predict its noise.
+LAGS = 3
+#: Rows factorised at once.
+_BATCH = 4096
+
+
+@dataclass(slots=True)
+class Moments:
+    """Lagged square-root moments of one recording.
+
+    Attributes
+    ----------
+    label : str
+        Of the recording.
+    channels : int
+        Number k.
+    width : int
+        Entries of a row: instruments (where there are any), regressors, 1 for y.
+    instruments : bool
+    lags : int
+    stride : int
+        Rows from one lag to the next (`Rows.stride`).
+    factor : (k, m, m) array
+        Triangular, m = (lags + 1) width; blocks of columns by lag.
+    rows : (k,) int array
+        Measured rows.
+    lagged : (k,) array
+        Rows with all their predecessors, or the sum of their robust weights.
+    """
+
+    label: str
+    channels: int
+    width: int
+    instruments: bool = False
+    lags: int = LAGS
+    stride: int = 1
+    factor: FloatArray = field(init=False)
+    rows: NDArray[np.intp] = field(init=False)
+    lagged: FloatArray = field(init=False)
+    _tail: FloatArray = field(init=False)
+    _tail_run: NDArray[np.intp] = field(init=False)
+    _tail_s: float = field(init=False, default=-np.inf)
+
+    def __post_init__(self) -> None:
+        size = (self.lags + 1) * self.width
+        self.factor = np.zeros((self.channels, size, size))
+        self.rows = np.zeros(self.channels, dtype=np.intp)
+        self.lagged = np.zeros(self.channels)
+        self._tail = np.zeros((self.lags * self.stride, self.channels, self.width))
+        self._tail_run = np.zeros(self.channels, dtype=np.intp)
+
+    @staticmethod
+    def like(rows: Rows, label: str, lags: int = LAGS) -> Moments:
+        """Empty moments for rows of this shape."""
+        _, channels, size = rows.x.shape
+        width = size * (1 if rows.z is None else 2) + 1
+        return Moments(label, channels, width, rows.z is not None, lags, rows.stride)
+
+    def add(self, rows: Rows, weights: Weights | None = None) -> None:
+        """Take in the next rows, in order of time.
+
+        Parameters
+        ----------
+        rows : Rows
+        weights : Weights, optional
+            Robust weights by the residuals of an earlier fit.
+        """
+        if not rows.time_s.size:
+            return
+        instruments = [] if rows.z is None else [rows.z]
+        values = np.concatenate([*instruments, rows.x, rows.y[..., None]], axis=2)
+        known = np.isfinite(values).all(axis=2)
+        values = np.where(known[..., None], values, 0.0)
+        run = _run_lengths(known, rows.follows(self._tail_s), self._tail_run)
+        self.rows += known.sum(axis=0)
+        joined = np.concatenate([self._tail, values])
+        for k in range(self.channels):
+            chosen = np.flatnonzero(run[:, k] > self.lags * self.stride)
+            for begin in range(0, chosen.size, _BATCH):
+                self._take(joined[:, k], chosen[begin : begin + _BATCH], k, weights)
+        self._tail = joined[joined.shape[0] - self.lags * self.stride :]
+        self._tail_run = run[-1].copy()
+        self._tail_s = float(rows.time_s[-1]) if rows.step_s else -np.inf
+
+    def _take(
+        self, joined: FloatArray, chosen: NDArray[np.intp], channel: int, weights: Weights | None
+    ) -> None:
+        at = chosen + self.lags * self.stride  # `joined` begins with the tail
+        lagged = [joined[at - lag * self.stride] for lag in range(self.lags + 1)]
+        block = np.stack(lagged, axis=1)
+        total = float(chosen.size)
+        if weights is not None:
+            own = weights.of(channel, self.label, block)
+            block = block * np.sqrt(own)[:, None, None]
+            total = float(own.sum())
+        stacked = np.concatenate([self.factor[channel], block.reshape(chosen.size, -1)])
+        self.factor[channel] = np.linalg.qr(stacked, mode="r")
+        self.lagged[channel] += total
+
+
+def _run_lengths(
+    known: BoolArray, linked: BoolArray, before: NDArray[np.intp]
+) -> NDArray[np.intp]:
+    """How many known rows in a row end at each row, per channel."""
+    index = np.arange(1, known.shape[0] + 1)[:, None]
+    # Row number after which the run of each row starts; `-before` continues the last piece's.
+    start = np.full(known.shape, -np.inf)
+    start[0] = -before if linked[0] else 0.0
+    start = np.where(~linked[:, None], index - 1.0, start)
+    start = np.where(~known, index.astype(float), start)
+    return np.asarray(index - np.maximum.accumulate(start, axis=0), dtype=np.intp)

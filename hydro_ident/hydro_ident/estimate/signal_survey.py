@@ -1,0 +1,198 @@
+"""What a first look at recordings tells: ranges, means and the sensors' noise, in flat memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hydro_ident.estimate.histogram import Histogram
+from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.robot import FloatArray, Robot
+
+#: Share of normal noise within a standard deviation.
+_ONE_SIGMA = 0.6827
+#: The third difference of white noise has 1 + 9 + 9 + 1 times its variance.
+_THIRD = math.sqrt(20.0)
+#: Samples to either side from which a sample is predicted, and the fewest for it.
+_REACH, _SHORTEST = 6, 16
+
+
+@dataclass(slots=True)
+class Sensor:
+    """One sensor over all that was looked at.
+
+    Attributes
+    ----------
+    differences : Histogram
+        Sizes of third differences: those of a crane's motion vanish beside the noise's.
+    deviations : Histogram
+        How far samples lie from where their neighbours put them (`spike_sizes`).
+    total, count : float
+        For the mean.
+    """
+
+    differences: Histogram = field(default_factory=Histogram)
+    deviations: Histogram = field(default_factory=Histogram)
+    total: float = 0.0
+    count: int = 0
+
+    def add(self, values: FloatArray, own: slice) -> None:
+        """Take in the samples of a trace of which `own` are new."""
+        if not np.isfinite(values).all() or values.size < _SHORTEST:
+            return
+        third = np.abs(np.diff(values, 3))[own.start : own.stop]
+        self.differences.add(third)
+        self.deviations.add(spike_sizes(values)[own])
+        self.total += float(values[own].sum())
+        self.count += values[own].size
+
+    def merge(self, other: Sensor) -> None:
+        """Take in what another look found."""
+        self.differences.merge(other.differences)
+        self.deviations.merge(other.deviations)
+        self.total += other.total
+        self.count += other.count
+
+    @property
+    def mean(self) -> float:
+        """Mean reading."""
+        return self.total / max(self.count, 1)
+
+    def noise(self, resolution: float) -> float:
+        """Standard deviation of the white noise; a sensor at rest still has its rounding.
+
+        The 68th percentile keeps shocks out.
+        """
+        spread = self.differences.quantile(_ONE_SIGMA) / _THIRD
+        return max(spread, resolution / math.sqrt(12.0))
+
+    def spikes(self, resolution: float, sigmas: float, floor: float = 0.0) -> float:
+        """Share of the samples that stand out by more than so many deviations, and a floor."""
+        size = sigmas * max(self.noise(resolution), resolution) + floor
+        return self.deviations.share_above(size)
+
+
+def spike_sizes(values: FloatArray) -> FloatArray:
+    """How far each sample lies from where its neighbours put it.
+
+    Speed and curvature are medians over a dozen samples; each of three neighbours on either side
+    then predicts the sample, and the median of the six predictions is taken. A motion bends none
+    of it, and it takes several spikes within a dozen samples to mislead it.
+
+    Parameters
+    ----------
+    values : (N,) array
+        N >= 16.
+
+    Returns
+    -------
+    (N,) array
+        In the unit of the values.
+    """
+    padded = np.pad(values, _REACH, mode="reflect", reflect_type="odd")
+    first, second = np.diff(padded), np.diff(padded, 2)
+    windows = np.lib.stride_tricks.sliding_window_view
+    # Differences from t - REACH to t + REACH around every sample t.
+    speed = np.median(windows(first, 2 * _REACH), axis=1)
+    bend = np.median(windows(second, 2 * _REACH - 1), axis=1)
+    predictions = [
+        padded[_REACH + j : _REACH + j + values.size] - j * speed - 0.5 * j * j * bend
+        for j in (-3, -2, -1, 1, 2, 3)
+    ]
+    return np.asarray(np.abs(values - np.median(predictions, axis=0)))
+
+
+@dataclass(slots=True)
+class SignalSurvey:
+    """Ranges, means and noise of every signal.
+
+    Attributes
+    ----------
+    robot : Robot
+    q, p_a, p_b : list of Sensor
+        By joint and by cylinder.
+    low, high : (n,) array
+        Range of the joints.
+    arm : (m,) array
+        Sum of the levers' sizes.
+    volume : (m, 2) array
+        Sum of the chambers' volumes.
+    samples : (m,) array
+        Behind `arm` and `volume`.
+    step_s : float
+        Sampling interval; 0 before the first trace.
+    """
+
+    robot: Robot
+    q: list[Sensor] = field(init=False)
+    p_a: list[Sensor] = field(init=False)
+    p_b: list[Sensor] = field(init=False)
+    low: FloatArray = field(init=False)
+    high: FloatArray = field(init=False)
+    arm: FloatArray = field(init=False)
+    volume: FloatArray = field(init=False)
+    samples: FloatArray = field(init=False)
+    step_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        dof, cylinders = self.robot.dof, len(self.robot.cylinders)
+        self.q = [Sensor() for _ in range(dof)]
+        self.p_a, self.p_b = ([Sensor() for _ in range(cylinders)] for _ in range(2))
+        self.low, self.high = np.full(dof, np.inf), np.full(dof, -np.inf)
+        self.arm, self.samples = np.zeros(cylinders), np.zeros(cylinders)
+        self.volume = np.zeros((cylinders, 2))
+
+    @staticmethod
+    def of(robot: Robot, traces: Iterable[Trace]) -> SignalSurvey:
+        """Survey of some traces."""
+        survey = SignalSurvey(robot)
+        for trace in traces:
+            survey.add(trace)
+        return survey
+
+    def add(self, trace: Trace) -> None:
+        """Take in the samples that a trace owns."""
+        own = trace.owned
+        self.step_s = self.step_s or trace.step_s
+        for sensors, values in ((self.q, trace.q), (self.p_a, trace.p_a), (self.p_b, trace.p_b)):
+            for i, sensor in enumerate(sensors):
+                sensor.add(values[:, i], own)
+        if np.isfinite(trace.q).all():
+            self.low = np.minimum(self.low, trace.q[own].min(axis=0))
+            self.high = np.maximum(self.high, trace.q[own].max(axis=0))
+        for i, cylinder in enumerate(self.robot.cylinders):
+            strokes = trace.stroke[own, i]
+            known = np.isfinite(strokes)
+            q = trace.q[own, self.robot.joint_index(cylinder.joint)]
+            self.arm[i] += float(np.nansum(np.abs(lever(cylinder, q))))
+            volumes = chamber_volumes(cylinder, strokes[known])
+            self.volume[i] += [float(v.sum()) for v in volumes]
+            self.samples[i] += float(known.sum())
+
+    def merge(self, other: SignalSurvey) -> None:
+        """Take in what another look found."""
+        for mine, theirs in ((self.q, other.q), (self.p_a, other.p_a), (self.p_b, other.p_b)):
+            for sensor, more in zip(mine, theirs, strict=True):
+                sensor.merge(more)
+        self.low, self.high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
+        self.arm, self.volume = self.arm + other.arm, self.volume + other.volume
+        self.samples = self.samples + other.samples
+        self.step_s = self.step_s or other.step_s
+
+    @property
+    def pose(self) -> FloatArray:
+        """Mean joint positions, (n,)."""
+        return np.array([sensor.mean for sensor in self.q])
+
+    def mean_arm(self, cylinder: int) -> float:
+        """Mean size of a cylinder's lever; 0 where its joint's angle is unknown."""
+        return float(self.arm[cylinder] / max(self.samples[cylinder], 1.0))
+
+    def mean_volume(self, cylinder: int, side: str) -> float:
+        """Mean volume of a chamber."""
+        total = self.volume[cylinder, 0 if side == "a" else 1]
+        return float(total / max(self.samples[cylinder], 1.0))

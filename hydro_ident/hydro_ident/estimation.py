@@ -1,0 +1,259 @@
+"""From gathered recordings to parameters: which estimator, and the passes that it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from hydro_ident.cleaning import Cleaner
+from hydro_ident.estimate.blocks import Blocks, blocks_of
+from hydro_ident.estimate.delay import DelayFit, fit_delay
+from hydro_ident.estimate.histogram import Histogram
+from hydro_ident.estimate.hydraulics import HydraulicFit, hydraulic_fit
+from hydro_ident.estimate.inertial import InertialFit, inertial_fit
+from hydro_ident.estimate.least_squares import (
+    ROBUST_PASSES,
+    robust_settled,
+    weights_of,
+    white_std,
+)
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.regression import Solution, solve_gls, solve_iv, solve_ols
+from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimator_choice import (
+    REFERENCED_SHARE,
+    Choice,
+    Chosen,
+    compared,
+    first_choice,
+    referenced_share,
+)
+from hydro_ident.gathering import Colour, Gathered, GatherPlan, gather_source
+from hydro_ident.sources import Source
+from hydro_ident.survey import Survey
+from hydro_ident.workers import Workers
+from hydro_model.robot import FloatArray
+
+#: Said of a fit whose noise model was refused.
+SWALLOWED = (
+    "the force residuals' autocorrelation was left out of the weights: noise in the regressors"
+    " would have passed for it; the intervals are upper bounds"
+)
+#: Gauss-Newton passes of listed null biases, and the step at which they end.
+_BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Outcome of all passes.
+
+    Attributes
+    ----------
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    effects : ListedEffects
+        As fitted.
+    chosen : Chosen
+    notes : tuple of str
+        What the estimator left out.
+    """
+
+    inertial: InertialFit | None
+    hydraulic: HydraulicFit | None
+    effects: ListedEffects
+    chosen: Chosen
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class Estimation:
+    """The passes of one identification.
+
+    Attributes
+    ----------
+    sources : sequence of Source
+    plan : GatherPlan
+    still : tuple of int
+        Joints that did not move.
+    workers : Workers
+    notes : list of str
+    """
+
+    sources: Sequence[Source]
+    plan: GatherPlan
+    still: tuple[int, ...]
+    workers: Workers
+    notes: list[str] = field(default_factory=list)
+
+    def run(self, choice: Choice, surveys: Sequence[Survey], signals: SignalSurvey) -> Estimates:
+        """Gather and fit.
+
+        Raises
+        ------
+        IdentError
+            Instruments were asked for, and the joint references were not recorded.
+        """
+        first = first_choice(choice, self.plan.robot, surveys, signals)
+        instruments = first.name == "iv" or (choice == "auto" and first.name == "wls")
+        instruments &= referenced_share(surveys) >= REFERENCED_SHARE
+        cleaner = Cleaner.of(self.plan.robot, signals) if first.name == "robust" else None
+        self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
+        gathered = self._gather(self.plan)
+        self.notes += cleaned_notes(gathered)
+        hydraulic, gathered = self._flows(gathered)
+        if first.name == "robust":
+            inertial, hydraulic = self._robust(gathered)
+            return self._estimates(inertial, hydraulic, first)
+        if first.name == "ols":
+            inertial, hydraulic = self._ordinary(gathered)
+            return self._estimates(inertial, hydraulic, first)
+        inertial = self._forces(gathered, solve_iv if first.name == "iv" else solve_gls)
+        if inertial is not None and inertial.fit.swallowed:
+            self.notes.append(SWALLOWED)
+        if choice == "auto" and instruments and inertial is not None:
+            other = self._forces(gathered, solve_iv)
+            first = compared(inertial, other)
+            inertial = other if first.name == "iv" else inertial
+        return self._estimates(inertial, hydraulic, first)
+
+    def _estimates(
+        self, inertial: InertialFit | None, hydraulic: HydraulicFit | None, chosen: Chosen
+    ) -> Estimates:
+        return Estimates(inertial, hydraulic, self.plan.effects, chosen, tuple(self.notes))
+
+    def _gather(self, plan: GatherPlan) -> list[Gathered]:
+        return self.workers.map(partial(gather_source, plan=plan), self.sources)
+
+    def _forces(
+        self, gathered: Sequence[Gathered], solve: Callable[[Blocks], Solution]
+    ) -> InertialFit | None:
+        moments = [g.forces for g in gathered if g.forces is not None]
+        if not moments:
+            return None
+        return inertial_fit(self.plan.model, moments, self.still, self.plan.filters, solve)
+
+    def _hydraulics(
+        self, gathered: Sequence[Gathered], factor: float = 1.0
+    ) -> HydraulicFit | None:
+        flows = [g.flows for g in gathered]
+        return hydraulic_fit(self.plan.robot, flows, self.plan.windows, factor)
+
+    def _flows(self, gathered: list[Gathered]) -> tuple[HydraulicFit | None, list[Gathered]]:
+        """Fit the chambers; where null biases are listed, again until they stay."""
+        fit = self._hydraulics(gathered)
+        for _ in range(_BIAS_PASSES):
+            if fit is None or not self.plan.effects.biases:
+                break
+            moved, step = self.plan.effects.refined(fit)
+            if step < _BIAS_STEP:
+                break
+            self.plan = replace(self.plan, effects=moved)
+            fresh = self._gather(replace(self.plan, forces=False))
+            gathered = [replace(g, flows=f.flows) for g, f in zip(gathered, fresh, strict=True)]
+            fit = self._hydraulics(gathered)
+        return fit, gathered
+
+    def _delay(self, gathered: Sequence[Gathered], factor: float = 1.0) -> DelayFit | None:
+        flows = [g.flows for g in gathered]
+        return fit_delay(self.plan.robot, flows, self.plan.windows, factor)
+
+    def _ordinary(
+        self, gathered: Sequence[Gathered]
+    ) -> tuple[InertialFit | None, HydraulicFit | None]:
+        """Ordinary least squares: a second pass for the covariance of what it leaves."""
+        moments = [g.forces for g in gathered if g.forces is not None]
+        labels = [g.name for g in gathered]
+        coloured = {}
+        if moments:
+            blocks = blocks_of(moments)
+            noise = solve_gls(blocks)
+            std = {label: white_std(noise, blocks, label) for label in labels}
+            coloured["forces"] = Colour(noise.phi, std)
+        found = self._delay(gathered)
+        for name, one in (found.chambers if found is not None else {}).items():
+            std = {label: white_std(one.solution, one.blocks, label) for label in labels}
+            coloured[name] = Colour(one.solution.phi, std, one.combines[0])
+        passed = self._gather(replace(self.plan, coloured=coloured))
+        covered: dict[str, FloatArray] = {}
+        for one_pass in passed:
+            for name, total in one_pass.covered.items():
+                covered[name] = covered.get(name, 0.0) + total
+        size = len(self.plan.model.names)
+        forces = covered.get("forces", np.zeros((size, size)))
+        inertial = self._forces(gathered, partial(_ordinary_solution, covered=forces))
+        hydraulic = hydraulic_fit(
+            self.plan.robot, [g.flows for g in gathered], self.plan.windows, ordinary=covered
+        )
+        return inertial, hydraulic
+
+    def _robust(
+        self, gathered: Sequence[Gathered]
+    ) -> tuple[InertialFit | None, HydraulicFit | None]:
+        """Reweighted passes until no force parameter moves."""
+        solution: Solution | None = None
+        force_weights: Weights | None = None
+        flow_weights: dict[str, Weights] = {}
+        for number in range(ROBUST_PASSES):
+            before = solution
+            solution, force_weights = self._force_weights(gathered, force_weights, number)
+            found = self._delay(gathered, VARIANCE_FACTOR if number else 1.0)
+            for name, one in (found.chambers if found is not None else {}).items():
+                old = _residuals(flow_weights.get(name), [g.flows.weights for g in gathered], name)
+                flow_weights[name] = weights_of(
+                    one.solution, one.blocks, old, number, one.combines[0]
+                )
+            if before and solution and robust_settled(before, solution, number):
+                break
+            plan = replace(self.plan, force_weights=force_weights, flow_weights=flow_weights)
+            gathered = self._gather(plan)
+        solve = partial(solve_gls, variance_factor=VARIANCE_FACTOR)
+        return self._forces(gathered, solve), self._hydraulics(gathered, VARIANCE_FACTOR)
+
+    def _force_weights(
+        self, gathered: Sequence[Gathered], before: Weights | None, number: int
+    ) -> tuple[Solution | None, Weights | None]:
+        moments = [g.forces for g in gathered if g.forces is not None]
+        factor = VARIANCE_FACTOR if number else 1.0
+        fit = self._forces(gathered, partial(solve_gls, variance_factor=factor))
+        if fit is None:
+            return None, None
+        blocks = blocks_of(moments)
+        solution = replace(
+            solve_gls(blocks, factor), theta=fit.fit.theta, covariance=fit.fit.covariance
+        )
+        met = [{"": g.force_weights} for g in gathered if g.force_weights is not None]
+        return solution, weights_of(solution, blocks, _residuals(before, met, ""), number)
+
+
+def _residuals(
+    before: Weights | None, met: Sequence[dict[str, Weights]], name: str
+) -> Weights | None:
+    """The last pass's weights with the residuals that it met in every recording."""
+    if before is None:
+        return None
+    merged: dict[tuple[int, str], Histogram] = {}
+    for weights in met:
+        if name in weights:
+            merged |= weights[name].residuals
+    return replace(before, residuals=merged)
+
+
+def _ordinary_solution(blocks: Blocks, covered: FloatArray) -> Solution:
+    """Ordinary least squares of some columns; `covered` is the covariance of all columns' X'e."""
+    theta, bread = solve_ols(blocks)
+    free = blocks.columns if blocks.columns is not None else np.arange(theta.size)
+    covariance = bread @ covered[np.ix_(free, free)] @ bread
+    return replace(solve_gls(blocks), theta=theta, covariance=covariance)
+
+
+def cleaned_notes(gathered: Sequence[Gathered]) -> list[str]:
+    """What the robust estimator took for outliers."""
+    return [
+        f"{g.name}: {count} samples of {sensor} taken for outliers and left out"
+        for g in gathered
+        for sensor, count in g.cleaned.items()
+    ]

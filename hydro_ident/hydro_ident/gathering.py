@@ -1,0 +1,237 @@
+"""The passes over recordings: each looks at one recording and gives what is combined later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_ident.bag.streaming import OVERLAP_S
+from hydro_ident.channel_scores import ScoreKeeper, ScorePlan
+from hydro_ident.cleaning import Cleaner
+from hydro_ident.estimate.chambers import WindowSettings
+from hydro_ident.estimate.coloured import ColouredScores
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.flow_moments import FlowGatherer
+from hydro_ident.estimate.inertial import ForceModel, force_rows
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.moments import Moments
+from hydro_ident.estimate.robust import Weights
+from hydro_ident.estimate.scores import HoldOut, Tally
+from hydro_ident.estimate.summed_flow import SummedFlow
+from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.sources import Source
+from hydro_model.robot import FloatArray, Robot
+
+#: Periods of the parallel filter's cut-off over which it forgets to 1e-20.
+_FORGOTTEN = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class GatherPlan:
+    """What is gathered of a recording.
+
+    Attributes
+    ----------
+    robot : Robot
+    model : ForceModel
+    effects : ListedEffects
+    split : HoldOut
+    filters : FilterSettings
+    windows : WindowSettings
+    still : mapping of str to mapping of int to float
+        By recording, where the joints are that stand still.
+    forces, flows : bool
+        Which rows are wanted.
+    instruments : bool
+        With the recorded references as instruments.
+    force_weights : Weights or None
+    flow_weights : mapping of str to Weights
+        By chamber.
+    cleaner : Cleaner or None
+    coloured : mapping of str to (combine, phi, std by recording)
+        Of the ordinary least squares' channels: `forces`, or a chamber's.
+    """
+
+    robot: Robot
+    model: ForceModel
+    effects: ListedEffects
+    split: HoldOut
+    filters: FilterSettings
+    windows: WindowSettings
+    still: Mapping[str, Mapping[int, float]]
+    forces: bool = True
+    flows: bool = True
+    instruments: bool = False
+    force_weights: Weights | None = None
+    flow_weights: Mapping[str, Weights] = field(default_factory=dict)
+    cleaner: Cleaner | None = None
+    coloured: Mapping[str, Colour] = field(default_factory=dict)
+
+    @property
+    def overlap_s(self) -> float:
+        """Overlap of pieces over which the filters settle."""
+        return overlap_s(self.filters)
+
+
+@dataclass(frozen=True, slots=True)
+class Colour:
+    """The noise of a channel group, for the covariance of ordinary least squares.
+
+    Attributes
+    ----------
+    phi : (k, lags) array
+    std : mapping of str to (k,) array
+        Of the white noise, by recording.
+    combine : (w, p) array or None
+        Columns from those gathered.
+    """
+
+    phi: FloatArray
+    std: Mapping[str, FloatArray]
+    combine: FloatArray | None = None
+
+
+@dataclass(slots=True)
+class Gathered:
+    """What one recording gives.
+
+    Attributes
+    ----------
+    name : str
+    forces : Moments or None
+    flows : FlowGatherer
+    force_weights : Weights or None
+        With the residuals met.
+    covered : dict of str to array
+        Covariance of X'e by channel group, where it was asked for.
+    cleaned : dict of str to int
+        Samples taken for outliers, by sensor.
+    """
+
+    name: str
+    forces: Moments | None
+    flows: FlowGatherer
+    force_weights: Weights | None
+    covered: dict[str, FloatArray] = field(default_factory=dict)
+    cleaned: dict[str, int] = field(default_factory=dict)
+
+
+def overlap_s(filters: FilterSettings) -> float:
+    """Overlap of pieces over which the filters settle."""
+    return max(OVERLAP_S, _FORGOTTEN / filters.parallel_hz)
+
+
+def gather_source(source: Source, plan: GatherPlan) -> Gathered:
+    """Gather one recording.
+
+    Parameters
+    ----------
+    source : Source
+    plan : GatherPlan
+
+    Returns
+    -------
+    Gathered
+        The same whether the recording comes whole or in pieces.
+    """
+    weights = None if plan.force_weights is None else replace(plan.force_weights, residuals={})
+    flow_weights = {k: replace(w, residuals={}) for k, w in plan.flow_weights.items()}
+    flows = FlowGatherer(
+        plan.robot,
+        source.name,
+        plan.windows,
+        plan.effects.chamber_columns,
+        plan.split.training,
+        flow_weights,
+    )
+    found = Gathered(source.name, None, flows, weights)
+    colours = {
+        name: ColouredScores(colour.phi, colour.std[source.name])
+        for name, colour in plan.coloured.items()
+        if source.name in colour.std
+    }
+    for piece in source.pieces(overlap_s=plan.overlap_s):
+        if plan.cleaner is not None:
+            piece = plan.cleaner.cleaned(piece, found.cleaned)
+        for trace in traces_of_piece(piece):
+            if plan.forces and np.isfinite(trace.q).all():
+                _add_forces(found, plan, trace, colours.get("forces"))
+            if plan.flows:
+                shaped = plan.effects.with_signal_laws(trace)
+                flows.add(shaped)
+                flows.colour(shaped, _chamber_colours(plan, colours))
+    for name, sums in colours.items():
+        sums.finish()
+        if sums.total.size:
+            found.covered[name] = sums.total
+    # What is left are numbers: they travel between processes.
+    flows.extra = flows.select = None
+    return found
+
+
+def _add_forces(
+    found: Gathered, plan: GatherPlan, trace: Trace, colour: ColouredScores | None
+) -> None:
+    still = plan.still.get(found.name, {})
+    rows = force_rows(plan.model, trace, plan.filters, still, plan.instruments)
+    if rows is None:
+        return
+    rows = plan.split.training(rows)
+    if found.forces is None:
+        found.forces = Moments.like(rows, found.name)
+    found.forces.add(rows, found.force_weights)
+    if colour is not None:
+        colour.add(rows)
+
+
+def _chamber_colours(
+    plan: GatherPlan, colours: Mapping[str, ColouredScores]
+) -> dict[str, tuple[FloatArray, ColouredScores]]:
+    chosen = {}
+    for name, sums in colours.items():
+        combine = plan.coloured[name].combine
+        if combine is not None:
+            chosen[name] = combine, sums
+    return chosen
+
+
+@dataclass(slots=True)
+class Scored:
+    """What the last pass finds in a recording.
+
+    Attributes
+    ----------
+    name : str
+    tallies : dict of str to Tally
+        By channel.
+    summed : SummedFlow or None
+    """
+
+    name: str
+    tallies: dict[str, Tally]
+    summed: SummedFlow | None
+
+
+def score_source(source: Source, plan: ScorePlan, scored: bool, summed: bool) -> Scored:
+    """Score one recording, or compare eq. 14 with the chambers on it.
+
+    Parameters
+    ----------
+    source : Source
+    plan : ScorePlan
+    scored, summed : bool
+        Which of the two is wanted.
+    """
+    keeper = ScoreKeeper(plan)
+    comparison = None
+    if summed and plan.hydraulic is not None:
+        comparison = SummedFlow(plan.robot, plan.hydraulic.delay_s, plan.hydraulic.windows)
+    for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
+        for trace in traces_of_piece(piece):
+            if scored:
+                keeper.add(trace)
+            if comparison is not None:
+                comparison.add(plan.effects[1].with_signal_laws(trace))
+    return Scored(source.name, keeper.tallies, comparison)

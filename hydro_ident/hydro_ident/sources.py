@@ -1,0 +1,107 @@
+"""Where recordings come from, piece by piece: memory, or bags of any length on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from hydro_ident.bag.reader import files_of
+from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece, stream_recordings
+from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_model.robot import Robot
+
+
+class Source(Protocol):
+    """A recording that can be read again and again."""
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        ...
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        """The recording from its start, in pieces that overlap."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class BagSource:
+    """A bag on disk; only a piece of it is in memory at a time.
+
+    Attributes
+    ----------
+    path : Path
+    robot : Robot
+    """
+
+    path: Path
+    robot: Robot
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.path.name
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        """The bag from its start, in pieces that overlap."""
+        return stream_recordings(self.path, self.robot, piece_s, overlap_s)
+
+
+@dataclass(frozen=True, slots=True)
+class MemorySource:
+    """A recording in memory, as one piece.
+
+    Attributes
+    ----------
+    recording : Recording
+    """
+
+    recording: Recording
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.recording.path.name
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        """The recording as one piece."""
+        yield Piece.whole(self.recording)
+
+
+def bag_source(path: str | Path, robot: Robot) -> BagSource:
+    """A bag on disk; raises BagError where there is none."""
+    files_of(Path(path))
+    return BagSource(Path(path), robot)
+
+
+def sources_of(recordings: Sequence[Recording | Source]) -> tuple[Source, ...]:
+    """Recordings in memory as sources; sources stay as they are."""
+    return tuple(MemorySource(r) if isinstance(r, Recording) else r for r in recordings)
+
+
+def first_traces(sources: Sequence[Source], longest_s: float) -> tuple[Trace, ...]:
+    """The traces at the start of recordings, `longest_s` in total: what must be in memory whole.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    longest_s : float
+
+    Returns
+    -------
+    tuple of Trace
+        Nothing of the recordings behind that.
+    """
+    traces: list[Trace] = []
+    left = longest_s
+    for source in sources:
+        if left <= 0.0:
+            break
+        piece = next(source.pieces(left))
+        for trace in traces_of_piece(piece):
+            traces.append(trace)
+            left -= (trace.owned.stop - trace.owned.start) * trace.step_s
+    return tuple(traces)

@@ -1,0 +1,98 @@
+"""The first pass over recordings: what the later passes have to know before they start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.bag.digest import Digest
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.estimate.inertial import STILL_COUNTS, STILL_RANGE
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.traces import traces_of_piece
+from hydro_ident.sources import Source
+from hydro_model.robot import FloatArray, Robot
+
+
+@dataclass(slots=True)
+class Survey:
+    """What a first look at one recording found.
+
+    Attributes
+    ----------
+    name : str
+    recording : Recording
+        Thinned out where it is long.
+    duration_s : float
+    signals : SignalSurvey
+    wet, dry : bool
+        Pressures, joint torques were recorded.
+    referenced_s, usable_s : float
+        Time with a recorded reference throughout, and time in all.
+    """
+
+    name: str
+    recording: Recording
+    duration_s: float
+    signals: SignalSurvey
+    wet: bool = False
+    dry: bool = False
+    referenced_s: float = 0.0
+    usable_s: float = 0.0
+
+
+def survey_source(source: Source, robot: Robot) -> Survey:
+    """Look at one recording from start to end."""
+    digest, signals = Digest(), SignalSurvey(robot)
+    found = _Found()
+    for piece in source.pieces():
+        digest.add(piece)
+        for trace in traces_of_piece(piece):
+            signals.add(trace)
+            found.wet |= bool(np.isfinite(trace.p_a).any() or np.isfinite(trace.p_b).any())
+            found.dry |= bool(np.isfinite(trace.joint_torque).any())
+            own = (trace.owned.stop - trace.owned.start) * trace.step_s
+            found.usable_s += own
+            found.referenced_s += 0.0 if trace.q_ref is None else own
+    return Survey(
+        source.name,
+        digest.recording(),
+        digest.duration_s,
+        signals,
+        found.wet,
+        found.dry,
+        found.referenced_s,
+        found.usable_s,
+    )
+
+
+@dataclass(slots=True)
+class _Found:
+    wet: bool = False
+    dry: bool = False
+    referenced_s: float = 0.0
+    usable_s: float = 0.0
+
+
+def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
+    """Signals of several recordings together."""
+    merged = SignalSurvey(robot)
+    for survey in surveys:
+        merged.merge(survey.signals)
+    return merged
+
+
+def still_joints_of(robot: Robot, signals: SignalSurvey) -> tuple[int, ...]:
+    """Joints that do not move in any recording."""
+    least = max(STILL_RANGE, STILL_COUNTS * 2.0 * np.pi / robot.sensors.encoder_counts_per_rev)
+    travel: FloatArray = signals.high - signals.low
+    return tuple(int(i) for i in np.flatnonzero(~(travel >= least)))
+
+
+def still_positions(
+    surveys: Sequence[Survey], still: Sequence[int]
+) -> Mapping[str, Mapping[int, float]]:
+    """Where the joints that stand still are, by recording."""
+    return {s.name: {j: s.signals.q[j].mean for j in still} for s in surveys}

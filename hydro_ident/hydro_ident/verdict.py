@@ -1,0 +1,293 @@
+"""What an identification amounts to: its verdict, what could not be had, and the run to have it.
+
+A problem is a plain sentence that names the parameters it costs and what would give them. Nothing
+here changes a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.estimate.scores import ChannelScore
+from hydro_model.base_parameters import base_map
+from hydro_model.cylinder import stroke
+from hydro_model.robot import Robot
+
+IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
+
+#: A recording with more than this share of its cycles outside a stroke is of another machine.
+_OUTSIDE_SHARE, _STROKE_MARGIN_M = 0.05, 2e-3
+#: A valve at its limit in more than this share of the cycles in which it is open says little.
+_SATURATED_SHARE, _FULL, _OPEN = 0.25, 0.999, 0.02
+#: A fit of at least this much below the mean of the recording is no model of it.
+_WORTHLESS_FIT_PCT = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdict with its reasons.
+
+    Attributes
+    ----------
+    verdict : str
+        `identified`, `partly_identified` or `not_enough_data`.
+    problems : tuple of str
+    """
+
+    verdict: str
+    problems: tuple[str, ...]
+
+    def with_problem(self, text: str) -> Judgement:
+        """With one more problem, which an empty text is not."""
+        if not text:
+            return self
+        verdict = PARTLY if self.verdict == IDENTIFIED else self.verdict
+        return Judgement(verdict, (*self.problems, text))
+
+
+@dataclass(frozen=True, slots=True)
+class BagLoss:
+    """A channel that a bag does not give.
+
+    Attributes
+    ----------
+    bag, channel, reason : str
+    """
+
+    bag: str
+    channel: str
+    reason: str
+
+
+def losses_of(recordings: Sequence[Recording]) -> tuple[BagLoss, ...]:
+    """Every channel that a recording does not give, bag by bag."""
+    found = [
+        BagLoss(recording.path.name, loss.channel, loss.reason)
+        for recording in recordings
+        for loss in recording.losses
+    ]
+    return tuple(dict.fromkeys(found))
+
+
+def judge(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    inertial: InertialFit | None,
+    hydraulic: HydraulicFit | None,
+    scores: Sequence[ChannelScore] = (),
+) -> Judgement:
+    """The verdict of an identification.
+
+    Parameters
+    ----------
+    robot : Robot
+        As given.
+    recordings : sequence of Recording
+        Of the training.
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    scores : sequence of ChannelScore
+        On held-out rows.
+
+    Returns
+    -------
+    Judgement
+    """
+    wrong = wrong_robot(robot, recordings)
+    if wrong:
+        return Judgement(NOT_ENOUGH, tuple(wrong))
+    problems, enough = _force_problems(robot, recordings, inertial, hydraulic)
+    if enough:
+        problems += _hydraulic_problems(robot, inertial, hydraulic)
+        problems += _worthless(robot, scores)
+        problems += _other_name(robot, recordings)
+    problems += _saturated(robot, recordings, hydraulic)
+    if not enough:
+        return Judgement(NOT_ENOUGH, tuple(problems))
+    return Judgement(PARTLY if problems else IDENTIFIED, tuple(problems))
+
+
+def wrong_robot(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
+    """Recordings whose pistons would be outside their cylinders: of another machine.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : sequence of Recording
+
+    Returns
+    -------
+    list of str
+        A sentence per recording and cylinder.
+    """
+    found = []
+    for recording in recordings:
+        for cylinder in robot.cylinders:
+            q = recording.q[:, robot.joint_index(cylinder.joint)]
+            q = q[np.isfinite(q)]
+            x = stroke(cylinder, q)
+            beyond = (x < -_STROKE_MARGIN_M) | (x > cylinder.stroke_m + _STROKE_MARGIN_M)
+            if q.size and float(np.mean(beyond)) > _OUTSIDE_SHARE:
+                found.append(
+                    f"{recording.path.name} does not fit robot {robot.name}: {cylinder.joint} at"
+                    f" {q.min():.3f} to {q.max():.3f} would put {cylinder.name} at"
+                    f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to"
+                    f" {cylinder.stroke_m:g} m; none of its parameters can be identified: give the"
+                    " robot file of this machine, or correct the encoder's zero (calibrate)"
+                )
+    return found
+
+
+def _other_name(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
+    names = {r.path.name: r.metadata.get("robot", "") for r in recordings}
+    return [
+        f"{bag} was recorded as robot '{name}', not {robot.name}: every parameter is that of"
+        " another machine unless both files describe the same one"
+        for bag, name in names.items()
+        if name and name != robot.name
+    ]
+
+
+def _worthless(robot: Robot, scores: Sequence[ChannelScore]) -> list[str]:
+    problems = []
+    for channel in scores:
+        fit = float(channel.summary()["fit_after_pct"])
+        if fit < _WORTHLESS_FIT_PCT:
+            problems.append(
+                f"{channel.name}: the identified model predicts it worse than its mean"
+                f" (fit {fit:.0f} %), so that its parameters describe nothing: the robot file is"
+                f" of another machine, signals are swapped, or robot {robot.name} lacks an effect"
+            )
+    return problems
+
+
+def _force_problems(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    inertial: InertialFit | None,
+    hydraulic: HydraulicFit | None,
+) -> tuple[list[str], bool]:
+    """Problems of the force channels, and whether there is enough for a model."""
+    usable = hydraulic is not None and any(not c.rejected for c in hydraulic.cylinders)
+    if inertial is None:
+        return [_no_forces(robot, recordings)], usable
+    if not inertial.missing:
+        return [], True
+    lost = lost_forces(inertial, recordings)
+    base = [name for name in inertial.missing if name in inertial.model.base.names]
+    problems = [_motion_problem(robot, inertial, lost)]
+    if lost and not inertial.still:
+        known = len(inertial.missing) < len(inertial.model.names)
+        return problems, known or usable
+    return problems, not (base or inertial.still)
+
+
+def _no_forces(robot: Robot, recordings: Sequence[Recording]) -> str:
+    names = [*base_map(robot).names, *(f"{c.name}.viscous_friction" for c in robot.cylinders)]
+    names += [f"{robot.joint_names[j]}.viscous_friction" for j in robot.dry_joints]
+    costs = f"{', '.join(names)} cannot be identified"
+    forces = {f"{joint}/{kind}" for joint in robot.joint_names for kind in ("force", "torque")}
+    lost = [{loss.channel for loss in recording.losses} & forces for recording in recordings]
+    measured = any(
+        np.isfinite(r.q).any() and (r.p_a is not None or r.effort is not None) for r in recordings
+    )
+    if measured and not any(lost):
+        total = sum(recording.duration_s for recording in recordings)
+        return (
+            f"{total:.3g} s are too short for the filters: {costs}; play a run of"
+            f" `excite --robot {robot.name}` and record it"
+        )
+    return (
+        f"no force channel: {costs}; record every joint angle and both chamber pressures of a"
+        " cylinder (or a joint torque) for longer than the filters' edges"
+    )
+
+
+def lost_forces(inertial: InertialFit, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Force channels of the model that no recording gives."""
+    lost = [{loss.channel for loss in recording.losses} for recording in recordings]
+    return tuple(c for c in inertial.model.channels if lost and all(c in some for some in lost))
+
+
+def _motion_problem(robot: Robot, inertial: InertialFit, lost: Sequence[str]) -> str:
+    text = f"the data do not determine {', '.join(inertial.missing)}"
+    run = f"play a run of `excite --robot {robot.name}`"
+    still = [robot.joint_names[j] for j in inertial.still]
+    if still:
+        names = ", ".join(still)
+        return f"{text}: {names} did not move; drive every joint through its range, or {run}"
+    if lost:
+        return f"{text}: {', '.join(lost)} was not measured (see what was lost); record it, too"
+    return f"{text}: too little motion; {run} and record it"
+
+
+def _hydraulic_problems(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> list[str]:
+    if not robot.valves:
+        return []
+    fitted = {c.cylinder: c for c in hydraulic.cylinders} if hydraulic else {}
+    problems = []
+    for valve in robot.valves:
+        name = valve.cylinder
+        if name not in fitted:
+            problems.append(
+                f"hydraulics of {name} rejected, the robot file's kept: no flow channel was"
+                f" recorded, so that {name}.bulk_modulus and the edges of {valve.name} cannot be"
+                " identified; record its valve voltage, both pressures and its position"
+            )
+        elif why := fitted[name].rejected:
+            problems.append(f"hydraulics of {name} rejected, the robot file's kept: {why}")
+            unknown = [
+                column
+                for column, known in zip(
+                    fitted[name].names, fitted[name].identifiable, strict=True
+                )
+                if not known
+            ]
+            problems[-1] += _missing_run(unknown)
+    return problems
+
+
+def _missing_run(unknown: Sequence[str]) -> str:
+    """The motion that would determine columns of a chamber balance."""
+    runs = {
+        "c_pa": "extend it",
+        "c_bt": "extend it",
+        "c_at": "retract it",
+        "c_pb": "retract it",
+        "inverse_bulk_modulus": "reverse it quickly (chirps)",
+    }
+    wanted = list(dict.fromkeys(runs[name] for name in unknown if name in runs))
+    return f"; to tell them, {' and '.join(wanted)} as a run of `excite` does" if wanted else ""
+
+
+def _saturated(
+    robot: Robot, recordings: Sequence[Recording], hydraulic: HydraulicFit | None
+) -> list[str]:
+    """Valves at their limit for long, with what that leaves undetermined."""
+    problems = []
+    fitted = {c.cylinder: c for c in hydraulic.cylinders} if hydraulic else {}
+    for k, valve in enumerate(robot.valves):
+        given = [r.valve_v[:, k] for r in recordings if r.valve_v is not None]
+        signal = np.abs(np.concatenate(given)) / valve.rated_voltage_v if given else np.zeros(0)
+        opened = signal > _OPEN
+        if not opened.any() or float(np.mean(signal[opened] >= _FULL)) < _SATURATED_SHARE:
+            continue
+        fit = fitted.get(valve.cylinder)
+        pairs = zip(fit.names, fit.identifiable, strict=True) if fit is not None else ()
+        lost = [f"{valve.name}.{name}" for name, known in pairs if not known]
+        lost += [f"the opening curve of {valve.name} (its edges hold at full opening only)"]
+        problems.append(
+            f"{valve.name} stood at its {valve.rated_voltage_v:g} V limit in"
+            f" {float(np.mean(signal[opened] >= _FULL)):.0%} of the cycles in which it was open:"
+            f" the data do not determine {', '.join(lost)}; repeat at half the speed, or play a"
+            f" run of `excite --robot {robot.name}`"
+        )
+    return problems

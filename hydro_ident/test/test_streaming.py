@@ -1,0 +1,245 @@
+"""Bags in pieces: the same cycles, the same results, in flat memory, here or on a cluster."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.digest import Digest
+from hydro_ident.bag.recording import Recording, read_recording
+from hydro_ident.bag.streaming import Piece, cut_recording, stream_recordings
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.commands.identify import main
+from hydro_ident.errors import BagError, IdentError
+from hydro_ident.identification import Identification, Settings, identify
+from hydro_ident.sources import BagSource
+from hydro_ident.study.synthetic import START_NS, synthetic_recording
+from hydro_ident.survey import survey_source
+from hydro_ident.workers import DaskWorkers
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+#: No scores and no roll-outs: what is tested here comes before them.
+NOTHING_HELD_OUT = Settings(hold_out_every=0)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return synthetic_recording(load_robot("xs031"), 40.0, seed=1)
+
+
+@pytest.fixture(scope="module")
+def bag(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bags") / "run"
+    write_recording(path, recording)
+    return path
+
+
+def write_recording(path: Path, recording: Recording, repeats: int = 1) -> None:
+    """A recording as a bag, several times one after the other."""
+    robot = recording.robot
+    count = len(recording)
+    assert recording.p_a is not None
+    assert recording.p_b is not None
+    gauge = np.zeros((count, 2 * len(robot.cylinders) + 2))
+    gauge[:, 0:-2:2], gauge[:, 1:-2:2] = recording.p_a, recording.p_b
+    gauge[:, -2], gauge[:, -1] = recording.supply, recording.tank
+    topics = {
+        "/joint_states": (robot.joint_names, {"position": recording.q}),
+        "/chamber_pressures": (
+            robot.pressure_names,
+            {"effort": gauge + robot.atmospheric_pressure_pa},
+        ),
+        "/valve_state": (robot.valve_names, {"effort": recording.valve_v}),
+        "/joint_reference": (robot.joint_names, {"position": recording.q_ref}),
+    }
+    with BagWriter(path, {"robot": robot.name}) as writer:
+        for topic in topics:
+            writer.add_topic(topic, "sensor_msgs/msg/JointState")
+        for k in range(count * repeats):
+            # A second's gap before every repetition, which starts somewhere else.
+            stamp = START_NS + 2_000_000 * k + 1_000_000_000 * (k // count)
+            for topic, (names, fields) in topics.items():
+                values = {f: v[k % count] for f, v in fields.items()}
+                writer.write_stamped(topic, stamp, values, names=names)
+
+
+def _relative(one: Identification, two: Identification) -> float:
+    worst = 0.0
+    for a, b in zip(one.parameters, two.parameters, strict=True):
+        assert a.name == b.name
+        worst = max(worst, abs(a.value - b.value) / max(abs(b.value), 1e-30))
+        worst = max(worst, abs(a.std - b.std) / max(b.std, 1e-30))
+    return worst
+
+
+def test_pieces_hold_every_cycle_once_in_order(bag: Path, robot: Robot) -> None:
+    whole = read_recording(bag, robot)
+    pieces = list(stream_recordings(bag, robot, piece_s=7.0, overlap_s=1.0))
+    assert len(pieces) == 6
+    cores = [cut_recording(p.recording, p.core) for p in pieces]
+    for name in ("stamp_ns", "q", "p_a", "valve_v", "q_ref"):
+        joined = np.concatenate([getattr(core, name) for core in cores])
+        assert np.array_equal(joined, getattr(whole, name)), name
+    for piece in pieces[1:]:
+        assert piece.core.start == 500
+        assert piece.start_ns == whole.stamp_ns[0]
+
+
+def test_a_bag_in_pieces_identifies_as_in_memory(bag: Path, robot: Robot) -> None:
+    whole = identify(robot, [read_recording(bag, robot)])
+    cut = identify(robot, [_Pieces(bag, robot, 9.0)])
+    assert whole.verdict == "identified"
+    assert _relative(cut, whole) < 1e-9
+    assert json.dumps([p.name for p in cut.parameters]) == json.dumps(
+        [p.name for p in whole.parameters]
+    )
+    for a, b in zip(cut.channels, whole.channels, strict=True):
+        for key, value in a.summary().items():
+            if isinstance(value, float):
+                assert value == pytest.approx(b.summary()[key], rel=1e-9), (a.name, key)
+
+
+class _Pieces:
+    """A bag in pieces of a length of its own."""
+
+    def __init__(self, path: Path, robot: Robot, piece_s: float) -> None:
+        self.source, self.piece_s = BagSource(path, robot), piece_s
+
+    @property
+    def name(self) -> str:
+        return self.source.name
+
+    def pieces(self, piece_s: float = 0.0, overlap_s: float = 2.0) -> Iterator[Piece]:
+        del piece_s
+        return self.source.pieces(self.piece_s, overlap_s)
+
+
+def test_a_gap_across_a_cut_spoils_nothing(
+    recording: Recording, robot: Robot, tmp_path: Path
+) -> None:
+    keep = np.ones(len(recording), dtype=bool)
+    keep[4400:4700] = False  # the piece's end at 9 s lies in it
+    names = ("stamp_ns", "q", "p_a", "p_b", "supply", "tank", "valve_v", "q_ref", "latched")
+    holed = replace(recording, **{n: getattr(recording, n)[keep] for n in names})
+    pieces = _InMemory(holed, 9.0)
+    assert _relative(identify(robot, [pieces]), identify(robot, [holed])) < 1e-9
+
+
+class _InMemory(_Pieces):
+    """A recording in memory, cut into pieces."""
+
+    def __init__(self, recording: Recording, piece_s: float) -> None:
+        self.recording, self.piece_s = recording, piece_s
+
+    @property
+    def name(self) -> str:
+        return self.recording.path.name
+
+    def pieces(self, piece_s: float = 0.0, overlap_s: float = 2.0) -> Iterator[Piece]:
+        stamps, start = self.recording.stamp_ns, int(self.recording.stamp_ns[0])
+        edges = np.arange(0.0, self.recording.duration_s, self.piece_s)
+        for begin_s in edges:
+            end_s = begin_s + self.piece_s if begin_s < edges[-1] else np.inf
+            times = (stamps - start) * 1e-9
+            a, b = np.searchsorted(times, [begin_s - 1e-4, end_s - 1e-4])
+            low, high = np.searchsorted(times, [begin_s - overlap_s, end_s + overlap_s])
+            part = cut_recording(self.recording, slice(int(low), int(high)))
+            yield Piece(part, slice(int(a - low), int(b - low)), start)
+
+
+def test_memory_does_not_grow_with_the_bag(
+    recording: Recording, robot: Robot, tmp_path: Path
+) -> None:
+    """Two minutes and eight of the same motion in pieces of twenty seconds."""
+
+    class Repeated(_InMemory):
+        def __init__(self, repeats: int) -> None:
+            super().__init__(recording, 20.0)
+            self.repeats = repeats
+
+        def pieces(self, piece_s: float = 0.0, overlap_s: float = 2.0) -> Iterator[Piece]:
+            period = len(self.recording) * 2_000_000
+            start = int(self.recording.stamp_ns[0])
+            for k in range(self.repeats):
+                moved = replace(self.recording, stamp_ns=self.recording.stamp_ns + k * period)
+                for piece in _InMemory(moved, 20.0).pieces(0.0, overlap_s):
+                    yield replace(piece, start_ns=start)
+
+    peaks = []
+    for repeats in (3, 12):
+        tracemalloc.start()
+        identify(robot, [Repeated(repeats)], settings=NOTHING_HELD_OUT)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_a_long_recording_is_thinned_for_the_verdict(recording: Recording) -> None:
+    digest = Digest()
+    for k in range(5):
+        moved = replace(recording, stamp_ns=recording.stamp_ns + k * len(recording) * 2_000_000)
+        whole = Piece.whole(moved)
+        digest.add(replace(whole, start_ns=int(recording.stamp_ns[0])))
+    thin = digest.recording()
+    assert digest.cycles == 5 * len(recording)
+    assert 32_768 < len(thin) <= 65_536
+    assert np.all(np.diff(thin.stamp_ns) == 4_000_000)
+    assert digest.duration_s == pytest.approx(5 * len(recording) * 0.002 - 0.002)
+
+
+def test_the_survey_finds_noise_range_and_references(recording: Recording, robot: Robot) -> None:
+    survey = survey_source(_InMemory(recording, 9.0), robot)
+    assert survey.referenced_s == pytest.approx(survey.usable_s)
+    assert survey.signals.low == pytest.approx(recording.q.min(axis=0))
+    assert survey.signals.pose == pytest.approx(recording.q.mean(axis=0))
+    assert survey.wet
+    assert not survey.dry
+
+
+def test_an_empty_bag_is_refused(tmp_path: Path, robot: Robot) -> None:
+    with BagWriter(tmp_path / "empty"):
+        pass
+    with pytest.raises(BagError, match="no message in this bag"):
+        list(stream_recordings(tmp_path / "empty", robot))
+
+
+def test_a_cluster_gives_the_same_numbers(bag: Path, robot: Robot, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    sources = [BagSource(bag, robot), BagSource(bag, robot)]
+    here = identify(robot, sources, settings=NOTHING_HELD_OUT)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        workers = DaskWorkers(cluster.scheduler_address)
+        there = identify(robot, sources, settings=NOTHING_HELD_OUT, workers=workers)
+        workers.close()
+    assert _relative(there, here) < 1e-9
+
+
+def test_no_scheduler_is_one_line_and_exit_2(
+    bag: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    out = tmp_path / "out"
+    arguments = ["identify", str(bag), "--robot", "xs031", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", [*arguments, "--scheduler", "tcp://127.0.0.1:1"])
+    assert main() == 2
+    error = capsys.readouterr().err
+    assert "pip install distributed" in error
+    assert error.count("\n") == 1
+    assert not out.exists()
+
+
+def test_instruments_without_references_are_refused(recording: Recording, robot: Robot) -> None:
+    with pytest.raises(IdentError, match="needs the joint references"):
+        identify(robot, [replace(recording, q_ref=None)], settings=Settings(estimator="iv"))
