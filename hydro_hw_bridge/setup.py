@@ -22,10 +22,13 @@ setup(
     description="CAN bridge and simulated machine of a hydraulic manipulator.",
     license="Apache-2.0",
     entry_points={
+        "can.interface": [
+            "simulated_faults = hydro_hw_bridge.simulated_faults:SimulatedFaultsBus",
+        ],
         "console_scripts": [
             "can_bridge = hydro_hw_bridge.bridge_node:main",
             "sim_rig = hydro_hw_bridge.rig.command:main",
             "calibrate = hydro_hw_bridge.calibrate:main",
-        ]
+        ],
     },
 )

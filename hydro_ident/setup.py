@@ -33,6 +33,7 @@ setup(
             "nominal = hydro_ident.commands.nominal:main",
             "compare_tracking = hydro_ident.commands.compare_tracking:main",
             "convert = hydro_ident.commands.convert:main",
+            "diagnose = hydro_ident.commands.diagnose:main",
         ]
     },
 )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import numpy as np
-
 from hydro_ident.cleaning import Cleaner
-from hydro_ident.estimate.blocks import Blocks, blocks_of
-from hydro_ident.estimate.delay import DelayFit, fit_delay
+from hydro_ident.estimate.blocks import blocks_of
+from hydro_ident.estimate.delay import Solve, fit_delay
 from hydro_ident.estimate.histogram import Histogram
 from hydro_ident.estimate.hydraulics import HydraulicFit, hydraulic_fit
 from hydro_ident.estimate.inertial import InertialFit, inertial_fit
@@ -18,10 +16,9 @@ from hydro_ident.estimate.least_squares import (
     ROBUST_PASSES,
     robust_settled,
     weights_of,
-    white_std,
 )
 from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.regression import Solution, solve_gls, solve_iv, solve_ols
+from hydro_ident.estimate.regression import Solution, solve_iv, solve_ols, solve_wls
 from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimator_choice import (
@@ -32,17 +29,11 @@ from hydro_ident.estimator_choice import (
     first_choice,
     referenced_share,
 )
-from hydro_ident.gathering import Colour, Gathered, GatherPlan, gather_source
+from hydro_ident.gathering import Gathered, GatherPlan, gather_source
 from hydro_ident.sources import Source
 from hydro_ident.survey import Survey
 from hydro_ident.workers import Workers
-from hydro_model.robot import FloatArray
 
-#: Said of a fit whose noise model was refused.
-SWALLOWED = (
-    "the force residuals' autocorrelation was left out of the weights: noise in the regressors"
-    " would have passed for it; the intervals are upper bounds"
-)
 #: Gauss-Newton passes of listed null biases, and the step at which they end.
 _BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7
 
@@ -104,16 +95,12 @@ class Estimation:
         self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
         gathered = self._gather(self.plan)
         self.notes += cleaned_notes(gathered)
-        hydraulic, gathered = self._flows(gathered)
+        plain = solve_ols if first.name == "ols" else solve_wls
+        hydraulic, gathered = self._flows(gathered, plain)
         if first.name == "robust":
             inertial, hydraulic = self._robust(gathered)
             return self._estimates(inertial, hydraulic, first)
-        if first.name == "ols":
-            inertial, hydraulic = self._ordinary(gathered)
-            return self._estimates(inertial, hydraulic, first)
-        inertial = self._forces(gathered, solve_iv if first.name == "iv" else solve_gls)
-        if inertial is not None and inertial.fit.swallowed:
-            self.notes.append(SWALLOWED)
+        inertial = self._forces(gathered, solve_iv if first.name == "iv" else plain)
         if choice == "auto" and instruments and inertial is not None:
             other = self._forces(gathered, solve_iv)
             first = compared(inertial, other)
@@ -128,23 +115,21 @@ class Estimation:
     def _gather(self, plan: GatherPlan) -> list[Gathered]:
         return self.workers.map(partial(gather_source, plan=plan), self.sources)
 
-    def _forces(
-        self, gathered: Sequence[Gathered], solve: Callable[[Blocks], Solution]
-    ) -> InertialFit | None:
+    def _forces(self, gathered: Sequence[Gathered], solve: Solve) -> InertialFit | None:
         moments = [g.forces for g in gathered if g.forces is not None]
         if not moments:
             return None
         return inertial_fit(self.plan.model, moments, self.still, self.plan.filters, solve)
 
-    def _hydraulics(
-        self, gathered: Sequence[Gathered], factor: float = 1.0
-    ) -> HydraulicFit | None:
+    def _hydraulics(self, gathered: Sequence[Gathered], solve: Solve) -> HydraulicFit | None:
         flows = [g.flows for g in gathered]
-        return hydraulic_fit(self.plan.robot, flows, self.plan.windows, factor)
+        return hydraulic_fit(self.plan.robot, flows, self.plan.windows, solve)
 
-    def _flows(self, gathered: list[Gathered]) -> tuple[HydraulicFit | None, list[Gathered]]:
+    def _flows(
+        self, gathered: list[Gathered], solve: Solve
+    ) -> tuple[HydraulicFit | None, list[Gathered]]:
         """Fit the chambers; where null biases are listed, again until they stay."""
-        fit = self._hydraulics(gathered)
+        fit = self._hydraulics(gathered, solve)
         for _ in range(_BIAS_PASSES):
             if fit is None or not self.plan.effects.biases:
                 break
@@ -154,41 +139,8 @@ class Estimation:
             self.plan = replace(self.plan, effects=moved)
             fresh = self._gather(replace(self.plan, forces=False))
             gathered = [replace(g, flows=f.flows) for g, f in zip(gathered, fresh, strict=True)]
-            fit = self._hydraulics(gathered)
+            fit = self._hydraulics(gathered, solve)
         return fit, gathered
-
-    def _delay(self, gathered: Sequence[Gathered], factor: float = 1.0) -> DelayFit | None:
-        flows = [g.flows for g in gathered]
-        return fit_delay(self.plan.robot, flows, self.plan.windows, factor)
-
-    def _ordinary(
-        self, gathered: Sequence[Gathered]
-    ) -> tuple[InertialFit | None, HydraulicFit | None]:
-        """Ordinary least squares: a second pass for the covariance of what it leaves."""
-        moments = [g.forces for g in gathered if g.forces is not None]
-        labels = [g.name for g in gathered]
-        coloured = {}
-        if moments:
-            blocks = blocks_of(moments)
-            noise = solve_gls(blocks)
-            std = {label: white_std(noise, blocks, label) for label in labels}
-            coloured["forces"] = Colour(noise.phi, std)
-        found = self._delay(gathered)
-        for name, one in (found.chambers if found is not None else {}).items():
-            std = {label: white_std(one.solution, one.blocks, label) for label in labels}
-            coloured[name] = Colour(one.solution.phi, std, one.combines[0])
-        passed = self._gather(replace(self.plan, coloured=coloured))
-        covered: dict[str, FloatArray] = {}
-        for one_pass in passed:
-            for name, total in one_pass.covered.items():
-                covered[name] = covered.get(name, 0.0) + total
-        size = len(self.plan.model.names)
-        forces = covered.get("forces", np.zeros((size, size)))
-        inertial = self._forces(gathered, partial(_ordinary_solution, covered=forces))
-        hydraulic = hydraulic_fit(
-            self.plan.robot, [g.flows for g in gathered], self.plan.windows, ordinary=covered
-        )
-        return inertial, hydraulic
 
     def _robust(
         self, gathered: Sequence[Gathered]
@@ -200,9 +152,10 @@ class Estimation:
         for number in range(ROBUST_PASSES):
             before = solution
             solution, force_weights = self._force_weights(gathered, force_weights, number)
-            found = self._delay(gathered, VARIANCE_FACTOR if number else 1.0)
+            flows = [g.flows for g in gathered]
+            found = fit_delay(self.plan.robot, flows, self.plan.windows, _robust_solve(number))
             for name, one in (found.chambers if found is not None else {}).items():
-                old = _residuals(flow_weights.get(name), [g.flows.weights for g in gathered], name)
+                old = _residuals(flow_weights.get(name), [f.weights for f in flows], name)
                 flow_weights[name] = weights_of(
                     one.solution, one.blocks, old, number, one.combines[0]
                 )
@@ -210,21 +163,19 @@ class Estimation:
                 break
             plan = replace(self.plan, force_weights=force_weights, flow_weights=flow_weights)
             gathered = self._gather(plan)
-        solve = partial(solve_gls, variance_factor=VARIANCE_FACTOR)
-        return self._forces(gathered, solve), self._hydraulics(gathered, VARIANCE_FACTOR)
+        solve = _robust_solve(number)
+        return self._forces(gathered, solve), self._hydraulics(gathered, solve)
 
     def _force_weights(
         self, gathered: Sequence[Gathered], before: Weights | None, number: int
     ) -> tuple[Solution | None, Weights | None]:
         moments = [g.forces for g in gathered if g.forces is not None]
-        factor = VARIANCE_FACTOR if number else 1.0
-        fit = self._forces(gathered, partial(solve_gls, variance_factor=factor))
+        solve = _robust_solve(number)
+        fit = self._forces(gathered, solve)
         if fit is None:
             return None, None
         blocks = blocks_of(moments)
-        solution = replace(
-            solve_gls(blocks, factor), theta=fit.fit.theta, covariance=fit.fit.covariance
-        )
+        solution = replace(solve(blocks), theta=fit.fit.theta, covariance=fit.fit.covariance)
         met = [{"": g.force_weights} for g in gathered if g.force_weights is not None]
         return solution, weights_of(solution, blocks, _residuals(before, met, ""), number)
 
@@ -242,12 +193,9 @@ def _residuals(
     return replace(before, residuals=merged)
 
 
-def _ordinary_solution(blocks: Blocks, covered: FloatArray) -> Solution:
-    """Ordinary least squares of some columns; `covered` is the covariance of all columns' X'e."""
-    theta, bread = solve_ols(blocks)
-    free = blocks.columns if blocks.columns is not None else np.arange(theta.size)
-    covariance = bread @ covered[np.ix_(free, free)] @ bread
-    return replace(solve_gls(blocks), theta=theta, covariance=covariance)
+def _robust_solve(number: int) -> Solve:
+    """The solver of a robust pass: the first has no weights by residuals yet."""
+    return partial(solve_wls, variance_factor=VARIANCE_FACTOR if number else 1.0)
 
 
 def cleaned_notes(gathered: Sequence[Gathered]) -> list[str]:

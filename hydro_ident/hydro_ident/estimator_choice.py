@@ -1,8 +1,8 @@
 """Which estimator a recording asks for: the rule of `--estimator auto`.
 
 1. Samples that stand out: `robust`.
-2. Recorded references throughout, as instruments, move a parameter by much more than chance (or
-   least squares finds no sound noise model at all): `iv`.
+2. Recorded references throughout, as instruments, move a parameter by much more than chance:
+   `iv`.
 3. Else `wls`.
 """
 
@@ -109,8 +109,6 @@ def compared(wls: InertialFit, iv: InertialFit | None) -> Chosen:
     """
     if iv is None:
         return Chosen("wls", "too few rows with references to check against")
-    if wls.fit.swallowed and not iv.fit.swallowed:
-        return Chosen("iv", "noise of the derivatives leaves least squares no sound noise model")
     known = np.array(wls.identifiable) & np.array(iv.identifiable)
     a, b = wls.fit, iv.fit
     weaker = np.max(b.std[known] / a.std[known], initial=0.0)

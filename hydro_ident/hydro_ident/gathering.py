@@ -11,7 +11,6 @@ from hydro_ident.bag.streaming import OVERLAP_S
 from hydro_ident.channel_scores import ScoreKeeper, ScorePlan
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.coloured import ColouredScores
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.flow_moments import FlowGatherer
 from hydro_ident.estimate.inertial import ForceModel, force_rows
@@ -22,7 +21,7 @@ from hydro_ident.estimate.scores import HoldOut, Tally
 from hydro_ident.estimate.summed_flow import SummedFlow
 from hydro_ident.estimate.traces import Trace, traces_of_piece
 from hydro_ident.sources import Source
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import Robot
 
 #: Periods of the parallel filter's cut-off over which it forgets to 1e-20.
 _FORGOTTEN = 20.0
@@ -50,8 +49,6 @@ class GatherPlan:
     flow_weights : mapping of str to Weights
         By chamber.
     cleaner : Cleaner or None
-    coloured : mapping of str to (combine, phi, std by recording)
-        Of the ordinary least squares' channels: `forces`, or a chamber's.
     """
 
     robot: Robot
@@ -67,30 +64,11 @@ class GatherPlan:
     force_weights: Weights | None = None
     flow_weights: Mapping[str, Weights] = field(default_factory=dict)
     cleaner: Cleaner | None = None
-    coloured: Mapping[str, Colour] = field(default_factory=dict)
 
     @property
     def overlap_s(self) -> float:
         """Overlap of pieces over which the filters settle."""
         return overlap_s(self.filters)
-
-
-@dataclass(frozen=True, slots=True)
-class Colour:
-    """The noise of a channel group, for the covariance of ordinary least squares.
-
-    Attributes
-    ----------
-    phi : (k, lags) array
-    std : mapping of str to (k,) array
-        Of the white noise, by recording.
-    combine : (w, p) array or None
-        Columns from those gathered.
-    """
-
-    phi: FloatArray
-    std: Mapping[str, FloatArray]
-    combine: FloatArray | None = None
 
 
 @dataclass(slots=True)
@@ -104,8 +82,6 @@ class Gathered:
     flows : FlowGatherer
     force_weights : Weights or None
         With the residuals met.
-    covered : dict of str to array
-        Covariance of X'e by channel group, where it was asked for.
     cleaned : dict of str to int
         Samples taken for outliers, by sensor.
     """
@@ -114,7 +90,6 @@ class Gathered:
     forces: Moments | None
     flows: FlowGatherer
     force_weights: Weights | None
-    covered: dict[str, FloatArray] = field(default_factory=dict)
     cleaned: dict[str, int] = field(default_factory=dict)
 
 
@@ -147,33 +122,20 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
         flow_weights,
     )
     found = Gathered(source.name, None, flows, weights)
-    colours = {
-        name: ColouredScores(colour.phi, colour.std[source.name])
-        for name, colour in plan.coloured.items()
-        if source.name in colour.std
-    }
     for piece in source.pieces(overlap_s=plan.overlap_s):
         if plan.cleaner is not None:
             piece = plan.cleaner.cleaned(piece, found.cleaned)
         for trace in traces_of_piece(piece):
             if plan.forces and np.isfinite(trace.q).all():
-                _add_forces(found, plan, trace, colours.get("forces"))
+                _add_forces(found, plan, trace)
             if plan.flows:
-                shaped = plan.effects.with_signal_laws(trace)
-                flows.add(shaped)
-                flows.colour(shaped, _chamber_colours(plan, colours))
-    for name, sums in colours.items():
-        sums.finish()
-        if sums.total.size:
-            found.covered[name] = sums.total
+                flows.add(plan.effects.with_signal_laws(trace))
     # What is left are numbers: they travel between processes.
     flows.extra = flows.select = None
     return found
 
 
-def _add_forces(
-    found: Gathered, plan: GatherPlan, trace: Trace, colour: ColouredScores | None
-) -> None:
+def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
     still = plan.still.get(found.name, {})
     rows = force_rows(plan.model, trace, plan.filters, still, plan.instruments)
     if rows is None:
@@ -182,19 +144,6 @@ def _add_forces(
     if found.forces is None:
         found.forces = Moments.like(rows, found.name)
     found.forces.add(rows, found.force_weights)
-    if colour is not None:
-        colour.add(rows)
-
-
-def _chamber_colours(
-    plan: GatherPlan, colours: Mapping[str, ColouredScores]
-) -> dict[str, tuple[FloatArray, ColouredScores]]:
-    chosen = {}
-    for name, sums in colours.items():
-        combine = plan.coloured[name].combine
-        if combine is not None:
-            chosen[name] = combine, sums
-    return chosen
 
 
 @dataclass(slots=True)

@@ -176,9 +176,7 @@ def _cylinder_parameters(
                     value / inverse,
                     math.hypot(std, value * inverse_std / inverse) / inverse,
                 )
-        found.append(
-            Parameter(full, value, abs(std), unit, datasheet, good[name], dof=dof[name])
-        )
+        found.append(Parameter(full, value, abs(std), unit, datasheet, good[name], dof=dof[name]))
     return found
 
 

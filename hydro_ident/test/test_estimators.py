@@ -14,7 +14,7 @@ from hydro_ident.estimate.blocks import blocks_of
 from hydro_ident.estimate.histogram import Histogram
 from hydro_ident.estimate.least_squares import Fit, Rows, weighted_least_squares
 from hydro_ident.estimate.moments import LAGS, Moments
-from hydro_ident.estimate.regression import solve_gls
+from hydro_ident.estimate.regression import solve_wls
 from hydro_ident.identification import Identification, Settings, identify
 from hydro_ident.study.coverage import flow_coverage, force_coverage
 from hydro_ident.study.synthetic import Noise, synthetic_recording, with_outliers
@@ -231,7 +231,7 @@ def test_oversampled_rows_count_once() -> None:
     for rows in (once, thrice):
         moments = Moments.like(rows, "run")
         moments.add(rows)
-        solutions.append(solve_gls(blocks_of([moments])))
+        solutions.append(solve_wls(blocks_of([moments])))
     assert solutions[1].theta == pytest.approx(solutions[0].theta, rel=1e-3)
     assert np.sqrt(np.diag(solutions[1].covariance)) == pytest.approx(
         np.sqrt(np.diag(solutions[0].covariance)), rel=0.02

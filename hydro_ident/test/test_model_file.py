@@ -59,7 +59,13 @@ def test_an_identified_robot_reads_back_bit_for_bit(robot: Robot, tmp_path: Path
     write_model(wanted, tmp_path / "model.yaml", {"command": "identify x"})
     read = load_robot(tmp_path / "model.yaml")
     assert _plain(read) == _plain(wanted)
-    for name in ("link_inertia", "part_inertia", "base_covariance", "gravity_m_s2", "tip_offset_m"):
+    for name in (
+        "link_inertia",
+        "part_inertia",
+        "base_covariance",
+        "gravity_m_s2",
+        "tip_offset_m",
+    ):
         assert np.array_equal(getattr(read, name), getattr(wanted, name)), name
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
     assert np.array_equal(inverse_dynamics(read, q, qd, qdd), inverse_dynamics(wanted, q, qd, qdd))

@@ -28,6 +28,10 @@ class Blocks:
         Rows behind each group.
     labels : tuple of str
         Recording of each group.
+    far : (G, nodes, p, p) array
+        Sums of products of regressors by lag (`hydro_ident.estimate.lag_sums`).
+    far_z : (G, nodes, p, p) array or None
+        The same of the instruments.
     stride : int
         Rows that count as one.
     columns : (p,) int array or None
@@ -40,6 +44,8 @@ class Blocks:
     channel: NDArray[np.intp]
     count: FloatArray
     labels: tuple[str, ...]
+    far: FloatArray
+    far_z: FloatArray | None = None
     stride: int = 1
     columns: NDArray[np.intp] | None = None
 
@@ -52,7 +58,10 @@ class Blocks:
         """The free columns alone, what values (p,) of the others give taken off y."""
         z = None if self.z is None else self.z[..., free]
         x, y = self.x[..., free], self.y - self.x @ shift
-        return replace(self, x=x, y=y, z=z, columns=free)
+        square = np.ix_(free, free)
+        far = self.far[..., square[0], square[1]]
+        far_z = None if self.far_z is None else self.far_z[..., square[0], square[1]]
+        return replace(self, x=x, y=y, z=z, far=far, far_z=far_z, columns=free)
 
 
 def blocks_of(
@@ -81,11 +90,24 @@ def blocks_of(
     half = (width - 1) // 2 if first.instruments else 0
     z = stacked[..., :half] if first.instruments else None
     x, y = stacked[..., half:-1], stacked[..., -1]
+    far = np.array([moments[i].far.total[k] for i, k in chosen])
+    sums_z = [(moments[i].far_z, k) for i, k in chosen]
+    far_z = np.array([one.total[k] for one, k in sums_z if one is not None])
     if combines is not None:
-        x = np.stack([x[g] @ combines[i] for g, (i, _) in enumerate(chosen)])
+        by_group = [combines[i] for i, _ in chosen]
+        x = np.stack([part @ combine for part, combine in zip(x, by_group, strict=True)])
+        far = np.stack([c.T @ part @ c for part, c in zip(far, by_group, strict=True)])
         x, y = _shortened(x, y)
     return Blocks(
-        x, y, z, np.array(channel, dtype=np.intp), np.array(count), tuple(labels), first.stride
+        x,
+        y,
+        z,
+        np.array(channel, dtype=np.intp),
+        np.array(count),
+        tuple(labels),
+        far,
+        far_z if far_z.size else None,
+        first.stride,
     )
 
 
@@ -105,4 +127,6 @@ def unit_columns(blocks: Blocks) -> tuple[Blocks, FloatArray]:
     norms = np.sqrt(np.sum(blocks.x[:, :, 0] ** 2, axis=(0, 1)))
     norms = np.where(norms > 0.0, norms, 1.0)
     z = None if blocks.z is None else blocks.z / norms
-    return replace(blocks, x=blocks.x / norms, z=z), norms
+    square = np.outer(norms, norms)
+    far_z = None if blocks.far_z is None else blocks.far_z / square
+    return replace(blocks, x=blocks.x / norms, z=z, far=blocks.far / square, far_z=far_z), norms

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,12 +12,17 @@ from hydro_ident.estimate.blocks import Blocks, blocks_of
 from hydro_ident.estimate.chambers import WindowSettings, chambers_of, column_names
 from hydro_ident.estimate.flow_moments import ChamberMoments, FlowGatherer, combination
 from hydro_ident.estimate.least_squares import Fit, fit_of_solution
-from hydro_ident.estimate.regression import Solution, solve_gls, whitened_squares
+from hydro_ident.estimate.regression import Solution, misfit, plain_parameters, solve_wls
 from hydro_model.robot import FloatArray, Robot
 
 #: Delays tried before the Gauss-Newton steps, over the range.
 _TRIED = 9
 _STEPS, _SETTLED = 30, 1.0e-13
+#: Rounds of Gauss-Newton steps; the chambers' shares are those of the round before.
+_ROUNDS = 2
+
+#: An estimator: parameters, covariance and noise of a chamber.
+Solve = Callable[[Blocks], Solution]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +93,10 @@ class _Chamber:
 
 
 def fit_delay(
-    robot: Robot, gathered: Sequence[FlowGatherer], windows: WindowSettings, factor: float = 1.0
+    robot: Robot,
+    gathered: Sequence[FlowGatherer],
+    windows: WindowSettings,
+    solve: Solve = solve_wls,
 ) -> DelayFit | None:
     """Fit the delay in [0, longest] together with every chamber's parameters.
 
@@ -101,8 +109,8 @@ def fit_delay(
     robot : Robot
     gathered : sequence of FlowGatherer
     windows : WindowSettings
-    factor : float
-        Of the variance, for robust weights.
+    solve : callable
+        The estimator.
 
     Returns
     -------
@@ -114,20 +122,39 @@ def fit_delay(
         return None
     step_s = max(p.step_s for c in chambers.values() for p in c.parts)
     longest = step_s * windows.max_delay_cycles
-    noise = {name: solve_gls(c.blocks(0.5 * longest), factor) for name, c in chambers.items()}
-    delay = _coarse_delay(chambers, noise, longest)
-    for _ in range(_STEPS):
-        steps = [_delay_step(c, delay, factor, noise[name]) for name, c in chambers.items()]
-        information = sum(1.0 / s.variance for s in steps)
-        if information <= 0.0:
+    weights = {name: solve(c.blocks(0.5 * longest)).weight for name, c in chambers.items()}
+    delay = _coarse_delay(chambers, weights, longest)
+    steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
+    for _ in range(_ROUNDS):
+        information = {name: 1.0 / s.variance for name, s in steps.items()}
+        if sum(information.values()) <= 0.0:
             break
-        move = sum(s.step_s / s.variance for s in steps) / information
-        moved = min(max(delay + move, 0.0), longest)
-        settled = abs(moved - delay) <= _SETTLED * step_s
-        delay = moved
+        delay = _settled_delay(chambers, (weights, information), delay, (longest, step_s))
+        steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
+    return _result(chambers, delay, steps)
+
+
+def _settled_delay(
+    chambers: dict[str, _Chamber],
+    known: tuple[dict[str, FloatArray], dict[str, float]],
+    delay_s: float,
+    scale: tuple[float, float],
+) -> float:
+    """Gauss-Newton steps, averaged by given shares, until the delay stays."""
+    (weights, information), (longest_s, step_s) = known, scale
+    total = sum(information.values())
+    for _ in range(_STEPS):
+        move = 0.0
+        for name, chamber in chambers.items():
+            theta = plain_parameters(chamber.blocks(delay_s), weights[name])
+            both = plain_parameters(chamber.with_slope(delay_s, theta), weights[name])
+            move += float(both[-1]) * chamber.parts[0].step_s * information[name] / total
+        moved = min(max(delay_s + move, 0.0), longest_s)
+        settled = abs(moved - delay_s) <= _SETTLED * step_s
+        delay_s = moved
         if settled:
             break
-    return _result(chambers, delay, factor, noise)
+    return delay_s
 
 
 def _chambers(
@@ -146,73 +173,64 @@ def _chambers(
 
 
 def _coarse_delay(
-    chambers: dict[str, _Chamber], noise: dict[str, Solution], longest_s: float
+    chambers: dict[str, _Chamber], weights: dict[str, FloatArray], longest_s: float
 ) -> float:
-    """The best of some delays, under the noise found at the middle one."""
+    """The best of some delays, under the weights found at the middle one."""
     if longest_s <= 0.0:
         return 0.0
     tried = np.linspace(0.0, longest_s, _TRIED)
-    misfit = [
-        sum(
-            _log_likelihood(chamber.blocks(float(d)), noise[name].phi, noise[name].variance)
-            for name, chamber in chambers.items()
-        )
+    misfits = [
+        sum(_log_misfit(c.blocks(float(d)), weights[name]) for name, c in chambers.items())
         for d in tried
     ]
-    return float(tried[int(np.argmin(misfit))])
+    return float(tried[int(np.argmin(misfits))])
 
 
-def _log_likelihood(blocks: Blocks, phi: FloatArray, variance: FloatArray) -> float:
-    squares, level = whitened_squares(blocks, phi, variance)
+def _log_misfit(blocks: Blocks, weight: FloatArray) -> float:
+    squares, level = misfit(blocks, weight)
     count = float(blocks.count.sum())
     return count * math.log(max(squares, 1e-24 * level, 1e-300))
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """What one chamber says about the delay."""
+    """What one chamber says about the delay, and its parameters at this one."""
 
-    step_s: float
+    plain: Solution
     variance: float
     dof: float
-    theta: FloatArray
     covariance: FloatArray
     theta_dof: FloatArray
 
 
-def _delay_step(chamber: _Chamber, delay_s: float, factor: float, noise: Solution) -> _Step:
+def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
     unit = chamber.parts[0].step_s
-    plain = solve_gls(chamber.blocks(delay_s), factor, noise)
-    both = solve_gls(chamber.with_slope(delay_s, plain.theta), factor, plain)
+    plain = solve(chamber.blocks(delay_s))
+    both = solve(chamber.with_slope(delay_s, plain.theta))
     variance = float(both.covariance[-1, -1]) * unit**2
     scale = np.append(np.ones(plain.theta.size), unit)
     return _Step(
-        float(both.theta[-1]) * unit,
+        plain,
         variance if variance > 0.0 else math.inf,
         float(both.dof[-1]),
-        plain.theta,
         both.covariance * np.outer(scale, scale),
         both.dof[:-1],
     )
 
 
-def _result(
-    chambers: dict[str, _Chamber], delay_s: float, factor: float, noise: dict[str, Solution]
-) -> DelayFit:
-    steps = {n: _delay_step(c, delay_s, factor, noise[n]) for n, c in chambers.items()}
+def _result(chambers: dict[str, _Chamber], delay_s: float, steps: dict[str, _Step]) -> DelayFit:
     information = {name: 1.0 / s.variance for name, s in steps.items()}
     total = sum(information.values())
     fitted = {}
     for name, chamber in chambers.items():
         step, blocks = steps[name], chamber.blocks(delay_s)
-        solution = solve_gls(blocks, factor, noise[name])
         count = sum(int(p.moments.rows.sum()) for p in chamber.parts)
-        fit = fit_of_solution(solution, blocks, count)
+        fit = fit_of_solution(step.plain, blocks, count)
         if 0.0 < information[name] < math.inf:
             covariance = _with_shared_delay(step.covariance, total - information[name])
             fit = replace(fit, covariance=covariance, dof=step.theta_dof)
         combines = tuple(combine for combine, _ in chamber.combines(delay_s))
-        fitted[name] = FittedChamber(chamber.names, fit, solution, blocks, combines)
+        fitted[name] = FittedChamber(chamber.names, fit, step.plain, blocks, combines)
     if total <= 0.0:
         return DelayFit(delay_s, math.inf, 1.0, fitted)
     shares = np.array([i / total for i in information.values()])

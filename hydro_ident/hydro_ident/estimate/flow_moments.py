@@ -20,7 +20,6 @@ from hydro_ident.estimate.chambers import (
     edge_integrals,
     window_rows,
 )
-from hydro_ident.estimate.coloured import ColouredScores
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.robust import Weights
 from hydro_ident.estimate.rows import Rows
@@ -186,15 +185,6 @@ class FlowGatherer:
                 moments = Moments.like(rows, self.label)
                 self.chambers[name] = ChamberMoments(listed, moments, trace.step_s)
             self.chambers[name].moments.add(rows, self.weights.get(name))
-
-    def colour(self, trace: Trace, scores: dict[str, tuple[FloatArray, ColouredScores]]) -> None:
-        """Add a trace to the noise's covariance, by chamber: combination and sums."""
-        for chamber in chambers_of(self.robot):
-            if chamber.channel in scores:
-                combine, sums = scores[chamber.channel]
-                _, rows = self._rows(chamber, trace)
-                x = rows.x @ combine
-                sums.add(Rows(rows.y, x, rows.time_s, rows.label, None, rows.step_s, rows.stride))
 
     def _rows(self, chamber: Chamber, trace: Trace) -> tuple[tuple[str, ...], Rows]:
         listed, columns = self.extra(chamber, trace) if self.extra else ((), None)

@@ -14,9 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
-from hydro_ident.estimate.delay import fit_delay
+from hydro_ident.estimate.delay import Solve, fit_delay
 from hydro_ident.estimate.flow_moments import ExtraColumns, FlowGatherer, Select
-from hydro_ident.estimate.least_squares import Fit, fit_of_ols
+from hydro_ident.estimate.least_squares import Fit
+from hydro_ident.estimate.regression import solve_wls
 from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import FloatArray, Robot
 
@@ -144,8 +145,7 @@ def hydraulic_fit(
     robot: Robot,
     gathered: Sequence[FlowGatherer],
     windows: WindowSettings,
-    factor: float = 1.0,
-    ordinary: Mapping[str, FloatArray] | None = None,
+    solve: Solve = solve_wls,
 ) -> HydraulicFit | None:
     """Fit chambers and delay to what was gathered of every recording.
 
@@ -154,26 +154,19 @@ def hydraulic_fit(
     robot : Robot
     gathered : sequence of FlowGatherer
     windows : WindowSettings
-    factor : float
-        Of the variance, for robust weights.
-    ordinary : mapping of str to (p, p) array, optional
-        Ordinary least squares instead, with the covariance of X'e by chamber.
+    solve : callable
+        The estimator.
 
     Returns
     -------
     HydraulicFit or None
         None where no chamber has enough windows.
     """
-    found = fit_delay(robot, gathered, windows, factor)
+    found = fit_delay(robot, gathered, windows, solve)
     if found is None:
         return None
     by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}
-    fits = []
-    for name, one in found.chambers.items():
-        fit = one.fit
-        if ordinary is not None:
-            fit = fit_of_ols(one.solution, one.blocks, ordinary[name], fit.rows)
-        fits.append(ChamberFit(by_name[name], one.names, fit))
+    fits = [ChamberFit(by_name[n], one.names, one.fit) for n, one in found.chambers.items()]
     cylinders = tuple(
         _combine([f for f in fits if f.chamber.index == index])
         for index in sorted({f.chamber.index for f in fits})

@@ -29,7 +29,7 @@ from hydro_ident.estimate.force_rows import (
 )
 from hydro_ident.estimate.least_squares import Fit, Rows, fit_of_solution
 from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.regression import Solution, solve_gls
+from hydro_ident.estimate.regression import Solution, solve_wls
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import lever
 from hydro_model.robot import FloatArray, Robot
@@ -150,7 +150,7 @@ def inertial_fit(
     gathered: Sequence[Moments],
     still: tuple[int, ...],
     settings: FilterSettings,
-    solve: Callable[[Blocks], Solution] = solve_gls,
+    solve: Callable[[Blocks], Solution] = solve_wls,
 ) -> InertialFit | None:
     """Fit to what was gathered of every recording.
 

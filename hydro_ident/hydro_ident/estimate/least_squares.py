@@ -1,27 +1,26 @@
 """Weighted least squares over several channels, with errors that respect autocorrelation.
 
 Residuals of a crane are strongly autocorrelated: with the iid formula, nominal 95 % intervals
-cover 15-52 % of the true values. Here every channel is weighted by its noise, size and
-autocorrelation alike (`hydro_ident.estimate.regression`).
+cover 15-52 % of the true values. Here every channel is weighted by its residual, and the
+residuals' autocorrelation enters the covariance (`hydro_ident.estimate.regression`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.blocks import Blocks, blocks_of
-from hydro_ident.estimate.coloured import ColouredScores
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.regression import (
     Solution,
-    solve_gls,
     solve_iv,
     solve_ols,
+    solve_wls,
     stacked_columns,
 )
 from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights, robust_scale
@@ -68,8 +67,6 @@ class Fit:
         Autoregression of each channel's noise.
     gram : (p, p) array
         Mean product of the columns per row, each channel in units of its residual.
-    swallowed : bool
-        See `Solution`: the parameters are those of plain weights, their errors upper bounds.
     """
 
     theta: FloatArray
@@ -80,7 +77,6 @@ class Fit:
     dof: FloatArray = field(default_factory=lambda: np.zeros(0))
     noise: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     gram: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    swallowed: bool = False
 
     @property
     def std(self) -> FloatArray:
@@ -112,23 +108,16 @@ def weighted_least_squares(pieces: Sequence[Rows], estimator: Estimator = "wls")
     if count <= size or not any(one.lagged.sum() for one in moments):
         raise IdentError(f"{count} rows cannot determine {size} parameters")
     blocks = blocks_of(moments)
-    if estimator == "iv":
-        return fit_of_solution(solve_iv(blocks), blocks, count)
-    solution = solve_gls(blocks)
-    if estimator == "ols":
-        total = np.zeros((size, size))
-        for i, piece in enumerate(pieces):
-            scores = ColouredScores(solution.phi, white_std(solution, blocks, f"{i}"))
-            scores.add(piece)
-            scores.finish()
-            total += scores.total
-        return fit_of_ols(solution, blocks, total, count)
+    if estimator in ("iv", "ols"):
+        solve = solve_iv if estimator == "iv" else solve_ols
+        return fit_of_solution(solve(blocks), blocks, count)
+    solution = solve_wls(blocks)
     if estimator == "robust":
         weights = None
         for number in range(ROBUST_PASSES):
             weights = weights_of(solution, blocks, weights, number)
             blocks = blocks_of([_moments(p, f"{i}", weights) for i, p in enumerate(pieces)])
-            before, solution = solution, solve_gls(blocks, VARIANCE_FACTOR)
+            before, solution = solution, solve_wls(blocks, VARIANCE_FACTOR)
             if robust_settled(before, solution, number):
                 break
     return fit_of_solution(solution, blocks, count)
@@ -146,36 +135,7 @@ def fit_of_solution(solution: Solution, blocks: Blocks, rows: int) -> Fit:
         solution.dof,
         solution.phi,
         columns.T @ columns / max(float(blocks.count.sum()), 1.0),
-        solution.swallowed,
     )
-
-
-def fit_of_ols(solution: Solution, blocks: Blocks, scores: FloatArray, rows: int) -> Fit:
-    """Ordinary least squares: its parameters, with the noise model of `solution`.
-
-    Parameters
-    ----------
-    solution : Solution
-        Generalised, of the same rows.
-    blocks : Blocks
-    scores : (p, p) array
-        Covariance of X'e (`ColouredScores.total`).
-    rows : int
-    """
-    theta, bread = solve_ols(blocks)
-    covariance = bread @ scores @ bread
-    return replace(fit_of_solution(solution, blocks, rows), theta=theta, covariance=covariance)
-
-
-def white_std(solution: Solution, blocks: Blocks, label: str) -> FloatArray:
-    """Standard deviation of the white noise behind each channel of a recording, (k,)."""
-    std = np.zeros(solution.phi.shape[0])
-    for channel, name, variance in zip(
-        blocks.channel, blocks.labels, solution.variance, strict=True
-    ):
-        if name == label:
-            std[channel] = np.sqrt(variance)
-    return std
 
 
 def weights_of(
@@ -202,13 +162,11 @@ def weights_of(
     """
     theta = solution.theta if combine is None else combine @ solution.theta
     keys = zip(blocks.channel.tolist(), blocks.labels, strict=True)
-    scale = {k: float(np.sqrt(v)) for k, v in zip(keys, solution.variance, strict=True)}
+    scale = dict(zip(keys, solution.level.tolist(), strict=True))
     if before is not None:
         # Where half of the residuals vanish (exact data) the last scale stays.
         scale |= {k: robust_scale(h) or scale[k] for k, h in before.residuals.items()}
-    ones = np.ones((solution.phi.shape[0], 1))
-    whitening = np.concatenate([ones, -solution.phi], axis=1)
-    return Weights(np.append(-theta, 1.0), whitening, scale, number >= HUBER_PASSES)
+    return Weights(np.append(-theta, 1.0), scale, number >= HUBER_PASSES)
 
 
 def robust_settled(before: Solution, after: Solution, number: int) -> bool:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_ident.estimate.lag_sums import LagSums
 from hydro_ident.estimate.robust import Weights
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray
@@ -46,6 +47,10 @@ class Moments:
         Measured rows.
     lagged : (k,) array
         Rows with all their predecessors, or the sum of their robust weights.
+    far : LagSums
+        Products of the regressors with those further back.
+    far_z : LagSums or None
+        The same of the instruments.
     """
 
     label: str
@@ -57,6 +62,8 @@ class Moments:
     factor: FloatArray = field(init=False)
     rows: NDArray[np.intp] = field(init=False)
     lagged: FloatArray = field(init=False)
+    far: LagSums = field(init=False)
+    far_z: LagSums | None = field(init=False, default=None)
     _tail: FloatArray = field(init=False)
     _tail_run: NDArray[np.intp] = field(init=False)
     _tail_s: float = field(init=False, default=-np.inf)
@@ -66,6 +73,10 @@ class Moments:
         self.factor = np.zeros((self.channels, size, size))
         self.rows = np.zeros(self.channels, dtype=np.intp)
         self.lagged = np.zeros(self.channels)
+        size = (self.width - 1) // (2 if self.instruments else 1)
+        self.far = LagSums(self.channels, size, self.stride)
+        if self.instruments:
+            self.far_z = LagSums(self.channels, size, self.stride)
         self._tail = np.zeros((self.lags * self.stride, self.channels, self.width))
         self._tail_run = np.zeros(self.channels, dtype=np.intp)
 
@@ -94,28 +105,49 @@ class Moments:
         run = _run_lengths(known, rows.follows(self._tail_s), self._tail_run)
         self.rows += known.sum(axis=0)
         joined = np.concatenate([self._tail, values])
+        root = np.zeros(run.shape)
         for k in range(self.channels):
             chosen = np.flatnonzero(run[:, k] > self.lags * self.stride)
             for begin in range(0, chosen.size, _BATCH):
-                self._take(joined[:, k], chosen[begin : begin + _BATCH], k, weights)
+                batch = chosen[begin : begin + _BATCH]
+                root[batch, k] = self._take(joined[:, k], batch, k, weights)
+        self._take_far(values, root, rows)
         self._tail = joined[joined.shape[0] - self.lags * self.stride :]
         self._tail_run = run[-1].copy()
         self._tail_s = float(rows.time_s[-1]) if rows.step_s else -np.inf
 
     def _take(
         self, joined: FloatArray, chosen: NDArray[np.intp], channel: int, weights: Weights | None
-    ) -> None:
+    ) -> FloatArray:
+        """Factorise the chosen rows; the roots of their weights."""
         at = chosen + self.lags * self.stride  # `joined` begins with the tail
         lagged = [joined[at - lag * self.stride] for lag in range(self.lags + 1)]
         block = np.stack(lagged, axis=1)
-        total = float(chosen.size)
+        own = np.ones(chosen.size)
         if weights is not None:
             own = weights.of(channel, self.label, block)
             block = block * np.sqrt(own)[:, None, None]
-            total = float(own.sum())
         stacked = np.concatenate([self.factor[channel], block.reshape(chosen.size, -1)])
         self.factor[channel] = np.linalg.qr(stacked, mode="r")
-        self.lagged[channel] += total
+        self.lagged[channel] += float(own.sum())
+        return np.sqrt(own)
+
+    def _take_far(self, values: FloatArray, root: FloatArray, rows: Rows) -> None:
+        """The same rows, weighted alike, for the sums by lag; gaps keep their length."""
+        size = rows.x.shape[2]
+        before = np.concatenate([[self._tail_s], rows.time_s[:-1]])
+        missing = np.zeros(rows.time_s.size)
+        if rows.step_s:
+            missing = np.round((rows.time_s - before) / rows.step_s) - 1.0
+            missing = np.where(np.isfinite(missing), np.maximum(missing, 0.0), 0.0)
+        starts = [0, *(np.flatnonzero(missing[1:] > 0.0) + 1).tolist()]
+        weighted = values * root[..., None]
+        for begin, end in zip(starts, [*starts[1:], rows.time_s.size], strict=True):
+            part, skipped = weighted[begin:end], int(min(missing[begin], 1e9))
+            known = root[begin:end] > 0.0
+            self.far.add(part[..., -1 - size : -1], skipped, known)
+            if self.far_z is not None:
+                self.far_z.add(part[..., :size], skipped, known)
 
 
 def _run_lengths(

@@ -1,45 +1,52 @@
-"""Generalised least squares on lagged moments, with intervals that hold.
+"""Least squares with plain weights, and intervals that hold under autocorrelated noise.
 
-Each channel's noise is an autoregression whose coefficients are fitted together with the
-parameters by restricted maximum likelihood (REML). Its expectation-maximisation step adds to the
-residuals' products what the fitted parameters have taken out of them, so that a short recording
-with long correlations does not look whiter than it is:
+The parameters are those of ordinary least squares, of least squares with every channel of every
+recording weighted by its residual, or of instruments with the same weights. Their covariance is
+that of the noise carried through the estimator,
 
-    U_ij = u_(t-i) u_(t-j) + tr(V x_(t-i) x_(t-j)'),    phi = U_11^-1 U_10
+    theta = A sum_g w_g Z_g' y_g,    A = (sum_g w_g Z_g' X_g)^-1,
+    cov theta = A (sum_g w_g^2 Z_g' Omega_g Z_g) A'
 
-with residuals u, regressors x and covariance V of the parameters. Quantiles are Student's, with
-Satterthwaite's degrees of freedom for the uncertainty of phi and of the noise's size.
+(Z = X without instruments) where the noise of each channel is an autoregression, found from the
+residuals u = e - X d, d = theta - truth. What the fitted parameters took out of the residuals is
+given back to their products, so that their mean is the noise's own:
+
+    U_ij = u_(t-i) u_(t-j) + 2 E[e_(t-i) x_(t-j) d] - tr(V x_(t-i)' x_(t-j)),  phi = U_11^-1 U_10
+
+with V = cov theta, iterated; without it a short recording with long correlations looks whiter than
+it is. Quantiles are Student's, with Satterthwaite's degrees of freedom for the uncertainty of phi
+and of the noise's size.
+
+The noise model never weighs the rows: as soon as physics is left out of the model, weights by the
+residuals' autocorrelation let the noise model take the slow forces for itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.blocks import Blocks, unit_columns
-from hydro_ident.estimate.noise_model import (
-    RANK,
-    degrees_of_freedom,
-    group_variance,
-    lag_products,
-    noise_model,
-    whitened,
-)
+from hydro_ident.estimate.lag_sums import autocovariance
+from hydro_ident.estimate.noise_model import RANK, lag_products, noise_model, spread_products
+from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
 
-_PASSES, _SETTLED = 100, 1.0e-10
-#: Passes with white noise before that, which find the size of each channel's noise.
-_WHITE_PASSES = 3
-#: A share of the data in the residuals that a noise model is suspected to have taken.
-_SWALLOWED = 0.05
+_PASSES, _SETTLED = 60, 1.0e-9
+#: Passes that find the size of each channel's residual.
+_WEIGHT_PASSES = 6
+#: Step of the differences by phi, as a share of the distance from the unit circle.
+_SLOPE_STEP = 0.02
+#: Directions with singular values below this share are lost in sums of products: their errors
+#: are the textbook's, as much wider as those of the other directions are at most.
+_WEAK = 1.0e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Parameters and the noise they were fitted under.
+    """Parameters and the noise that their covariance is for.
 
     Attributes
     ----------
@@ -50,11 +57,13 @@ class Solution:
     phi : (k, lags) array
         Noise model: noise is phi times its past plus white noise.
     variance : (G,) array
-        Of that white noise.
+        Of that white noise, by group (recording and channel).
+    level : (G,) array
+        Standard deviation of the noise itself.
+    weight : (G,) array
+        Of the rows.
     residual_std : (k,) array
-        Standard deviation of the residuals, before whitening.
-    swallowed : bool
-        The noise model explained what the regressors explain, too: plain weights were used.
+        Standard deviation of the noise of each channel over all recordings.
     """
 
     theta: FloatArray
@@ -62,127 +71,89 @@ class Solution:
     dof: FloatArray
     phi: FloatArray
     variance: FloatArray
+    level: FloatArray
+    weight: FloatArray
     residual_std: FloatArray
-    swallowed: bool = False
 
 
-#: Parameters and covariance under a noise model: coefficients by channel, variance by group.
-_Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+@dataclass(frozen=True, slots=True)
+class _Estimator:
+    """A linear estimator: ``theta - truth = left right' sum_g weight_g Z_g' e_g``.
+
+    Columns of `left` and `right` are directions of the parameters, those of `weak` known so
+    badly that sums of products have lost them.
+    """
+
+    theta: FloatArray
+    left: FloatArray
+    right: FloatArray
+    weak: BoolArray
+    weight: FloatArray
 
 
-def solve_gls(
-    blocks: Blocks, variance_factor: float = 1.0, start: Solution | None = None
-) -> Solution:
-    """Parameters, covariance and noise model by iterated REML.
+def solve_wls(blocks: Blocks, variance_factor: float = 1.0) -> Solution:
+    """Every channel of every recording weighted by its residual.
 
     Parameters
     ----------
     blocks : Blocks
     variance_factor : float
         Of robust weights.
-    start : Solution, optional
-        Of nearly the same blocks: its noise model is near.
 
     Returns
     -------
     Solution
     """
     unit, norms = unit_columns(blocks)
-
-    def step(phi: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        scale = 1.0 / np.sqrt(variance)
-        x = (whitened(unit.x, phi[unit.channel]) * scale[:, None, None]).reshape(-1, norms.size)
-        y = (whitened(unit.y, phi[unit.channel]) * scale[:, None]).ravel()
-        left, singular, right = np.linalg.svd(x, full_matrices=False)
-        kept = singular > RANK * singular[0]
-        inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
-        root = right.T * inverse
-        return root @ (left.T @ y), root @ root.T
-
-    found = _iterated(unit, step, variance_factor, start)
-    phi, ones = np.zeros_like(found.phi), np.ones(len(unit.labels))
-    theta, spread = step(phi, ones)
-    for _ in range(_WHITE_PASSES):
-        ones = group_variance(unit, lag_products(unit, theta, np.zeros_like(spread)), phi)
-        theta, spread = step(phi, ones * variance_factor)
-    if start is None and _swallowed(unit, found, theta):
-        found = _bounded(unit, theta, spread, ones)
-    return _scaled(found, norms)
+    weight, estimator = np.ones(len(unit.labels)), _least_squares(unit, np.ones(len(unit.labels)))
+    for _ in range(_WEIGHT_PASSES):
+        weight = 1.0 / _levels(unit, estimator.theta) ** 2
+        estimator = _least_squares(unit, weight)
+    return _scaled(_with_noise(unit, estimator, unit.far, variance_factor), norms)
 
 
-def _swallowed(unit: Blocks, found: Solution, theta: FloatArray) -> bool:
-    """Whether noise explains much of what the regressors alone explain far better.
-
-    Noise in the regressors (poor encoders, outliers) shows most where motions are quick; a noise
-    model smooth enough then takes the slow forces for itself and leaves the parameters at nothing.
-    """
-    count = np.bincount(unit.channel, unit.count, unit.channels)
-    level = np.bincount(unit.channel, np.sum(unit.y[:, :, 0] ** 2, axis=1), unit.channels)
-    errors = np.sum((unit.y[:, :, 0] - unit.x[:, :, 0] @ theta) ** 2, axis=1)
-    plain = np.bincount(unit.channel, errors, unit.channels)
-    left = found.residual_std**2 * count
-    return bool(np.any((left > _SWALLOWED * level) & (left > 4.0 * plain)))
-
-
-def _bounded(
-    unit: Blocks, theta: FloatArray, spread: FloatArray, variance: FloatArray
-) -> Solution:
-    """Plain weights, with the widest errors that the residuals' autoregression allows.
-
-    X'e varies at most as under white noise of the residuals' largest spectral density.
-    """
-    products = lag_products(unit, theta, np.zeros_like(spread))
-    phi, white = noise_model(unit, products, variance)
-    angles = np.exp(-1j * np.outer(np.linspace(0.0, np.pi, 513), np.arange(1, phi.shape[1] + 1)))
-    peak = np.max(1.0 / np.abs(1.0 - angles @ phi.T) ** 2, axis=0)
-    factor = float(np.max(peak[unit.channel] * white / variance)) * unit.stride
-    count = np.bincount(unit.channel, unit.count, unit.channels)
-    level = np.bincount(unit.channel, products[:, 0, 0], unit.channels)
-    dof = np.full(theta.size, max(float(unit.count.sum()) / factor - theta.size, 1.0))
-    residual = np.sqrt(level / np.maximum(count, 1.0))
-    return Solution(theta, spread * factor, dof, phi, white, residual, swallowed=True)
+def solve_ols(blocks: Blocks) -> Solution:
+    """Every row alike."""
+    unit, norms = unit_columns(blocks)
+    estimator = _least_squares(unit, np.ones(len(unit.labels)))
+    return _scaled(_with_noise(unit, estimator, unit.far, 1.0), norms)
 
 
 def solve_iv(blocks: Blocks) -> Solution:
-    """Parameters by instruments: ``sum Z'(y - X theta) = 0`` with everything whitened.
+    """Instruments instead of regressors in the normal equations, weights by the residuals.
 
     What the regressors' own noise adds to X'X, and so pulls the parameters towards zero, is not
-    in Z'X. Degrees of freedom are those of the same rows' least squares.
+    in Z'X.
+
+    Raises
+    ------
+    IdentError
+        The blocks carry no instruments.
     """
     unit, norms = unit_columns(blocks)
-    instruments = unit.z
-    if instruments is None:
+    if unit.z is None or unit.far_z is None:
         raise IdentError("no instruments: expected recorded joint references")
-
-    def step(phi: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        by_group = phi[unit.channel]
-        x, y = whitened(unit.x, by_group), whitened(unit.y, by_group)
-        z = whitened(instruments, by_group)
-        weight = 1.0 / variance
-        cross = np.einsum("g,gmp,gmq->pq", weight, z, x, optimize=True)
-        inverse = np.linalg.pinv(cross, rcond=RANK)
-        theta = inverse @ np.einsum("g,gmp,gm->p", weight, z, y, optimize=True)
-        power = np.einsum("g,gmp,gmq->pq", weight, z, z, optimize=True)
-        return theta, inverse @ power @ inverse.T
-
-    return _scaled(_iterated(unit, step, 1.0), norms)
+    theta = _least_squares(unit, np.ones(len(unit.labels))).theta
+    estimator = None
+    for _ in range(_WEIGHT_PASSES):
+        weight = 1.0 / _levels(unit, theta) ** 2
+        estimator = _instrumental(unit, unit.z, weight)
+        theta = estimator.theta
+    if estimator is None:
+        raise IdentError("no pass was made")
+    return _scaled(_with_noise(unit, estimator, unit.far_z, 1.0), norms)
 
 
-def solve_ols(blocks: Blocks) -> tuple[FloatArray, FloatArray]:
-    """Parameters by least squares of the rows as they are, and ``(X'X)^-1``."""
+def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
+    """Least squares parameters under given weights of the groups."""
     unit, norms = unit_columns(blocks)
-    x = unit.x[:, :, 0].reshape(-1, norms.size)
-    inverse = np.linalg.pinv(x, rcond=RANK)
-    theta = inverse @ unit.y[:, :, 0].ravel()
-    return theta / norms, (inverse @ inverse.T) / np.outer(norms, norms)
+    return _least_squares(unit, weight).theta / norms
 
 
-def whitened_squares(blocks: Blocks, phi: FloatArray, variance: FloatArray) -> tuple[float, float]:
-    """Least sum of squares under a noise model, and that of y alone."""
-    unit, norms = unit_columns(blocks)
-    scale = 1.0 / np.sqrt(variance)
-    x = (whitened(unit.x, phi[unit.channel]) * scale[:, None, None]).reshape(-1, norms.size)
-    y = (whitened(unit.y, phi[unit.channel]) * scale[:, None]).ravel()
+def misfit(blocks: Blocks, weight: FloatArray) -> tuple[float, float]:
+    """Least sum of weighted squares, and that of y alone."""
+    unit, _ = unit_columns(blocks)
+    x, y = _stacked(unit, weight)
     theta = np.linalg.lstsq(x, y, rcond=RANK)[0]
     return float(np.sum((y - x @ theta) ** 2)), float(y @ y)
 
@@ -193,33 +164,161 @@ def stacked_columns(blocks: Blocks, residual_std: FloatArray) -> FloatArray:
     return np.asarray(blocks.x[:, :, 0] / std[:, None, None]).reshape(-1, blocks.x.shape[3])
 
 
+def _stacked(unit: Blocks, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    root = np.sqrt(weight)
+    x = (unit.x[:, :, 0] * root[:, None, None]).reshape(-1, unit.x.shape[3])
+    return x, (unit.y[:, :, 0] * root[:, None]).ravel()
+
+
+def _least_squares(unit: Blocks, weight: FloatArray) -> _Estimator:
+    x, y = _stacked(unit, weight)
+    left, singular, right = np.linalg.svd(x, full_matrices=False)
+    kept = singular > RANK * singular[0]
+    inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
+    root = right.T * inverse
+    weak = singular < _WEAK * singular[0]
+    return _Estimator(root @ (left.T @ y), root, root, weak, weight)
+
+
+def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> _Estimator:
+    by_lag = z[:, :, 0], unit.x[:, :, 0], unit.y[:, :, 0]
+    cross = np.einsum("g,gmp,gmq->pq", weight, by_lag[0], by_lag[1], optimize=True)
+    level = np.einsum("g,gmp,gm->p", weight, by_lag[0], by_lag[2], optimize=True)
+    inward, singular, outward = np.linalg.svd(cross)
+    weak = singular < _WEAK**2 * singular[0]
+    inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, singular))
+    theta = outward.T @ (inverse * (inward.T @ level))
+    return _Estimator(theta, outward.T * inverse, inward, weak, weight)
+
+
+def _levels(unit: Blocks, theta: FloatArray) -> FloatArray:
+    """Standard deviation of the residuals of each group, never quite zero."""
+    squares = np.sum((unit.y[:, :, 0] - unit.x[:, :, 0] @ theta) ** 2, axis=1)
+    level = np.sum(unit.y[:, :, 0] ** 2, axis=1)
+    # A floor keeps exact data (algebraic tests, a constant channel) from an infinite weight.
+    floor = np.where(level > 0.0, 1e-22 * level, unit.count)
+    return np.asarray(np.sqrt(np.maximum(squares, floor) / np.maximum(unit.count, 1.0)))
+
+
+def _with_noise(
+    unit: Blocks, estimator: _Estimator, far: FloatArray, variance_factor: float
+) -> Solution:
+    """Noise model and covariance of an estimate, each from the other until they stay."""
+    variance = _levels(unit, estimator.theta) ** 2
+    seen = lag_products(unit, estimator.theta)
+    shares = _shares(unit, estimator, far)
+    phi, variance = noise_model(unit, seen, variance)
+    products = seen
+    for _ in range(_PASSES):
+        before = phi
+        covariance = _covariance(unit, estimator, far, phi, variance)
+        products = seen + _taken(unit, covariance, shares, phi, variance)
+        phi, variance = noise_model(unit, products, variance)
+        if np.max(np.abs(phi - before), initial=0.0) < _SETTLED:
+            break
+    covariance = variance_factor * _covariance(unit, estimator, far, phi, variance)
+    dof = _degrees_of_freedom(unit, estimator, far, (phi, variance), products)
+    squares, count = products[:, 0, 0], np.maximum(unit.count, 1.0)
+    by_channel = [np.bincount(unit.channel, v, unit.channels) for v in (squares, count)]
+    residual = np.sqrt(by_channel[0] / np.maximum(by_channel[1], 1.0))
+    level = np.sqrt(squares / count)
+    return Solution(
+        estimator.theta, covariance, dof, phi, variance, level, estimator.weight, residual
+    )
+
+
+def _shares(unit: Blocks, estimator: _Estimator, far: FloatArray) -> FloatArray | None:
+    """Sums by lag of ``w x_t A x_s'``, (G, nodes): what a row's noise does to the fit of others.
+
+    None with instruments, where the regressors' own noise is in the way.
+    """
+    if estimator.left is not estimator.right:
+        return None
+    strong = estimator.left[:, ~estimator.weak]
+    inner = np.einsum("pi,gbpq,qi->gb", strong, far, strong, optimize=True)
+    return np.asarray(inner * (estimator.weight * unit.stride)[:, None])
+
+
+def _taken(
+    unit: Blocks,
+    covariance: FloatArray,
+    shares: FloatArray | None,
+    phi: FloatArray,
+    variance: FloatArray,
+) -> FloatArray:
+    """What the fit took out of the residuals' products, in the mean, (G, L, L)."""
+    spread = spread_products(unit, covariance)
+    if shares is None:
+        return spread
+    lags = spread.shape[1]
+    cross = np.empty((len(unit.labels), lags))
+    for lag in range(lags):
+        correlation = np.array([autocovariance(row, lag) for row in phi])[unit.channel]
+        cross[:, lag] = variance * np.sum(correlation * shares, axis=1)
+    distance = np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))
+    return np.asarray(2.0 * cross[:, distance] - spread)
+
+
+def _covariance_by_group(
+    unit: Blocks, estimator: _Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
+) -> FloatArray:
+    """What the noise of each group adds to cov theta, (G, p, p)."""
+    correlation = np.array([autocovariance(row) for row in phi])[unit.channel]
+    scale = estimator.weight**2 * variance * unit.stride
+    middle = np.einsum("gb,gbpq->gpq", scale[:, None] * correlation, far, optimize=True)
+    turned = estimator.right.T @ middle @ estimator.right
+    if estimator.weak.any():
+        turned[:, estimator.weak] = 0.0
+        turned[:, :, estimator.weak] = 0.0
+        most = np.max(np.diagonal(turned, axis1=1, axis2=2), axis=1)
+        turned[:, estimator.weak, estimator.weak] = most[:, None]
+    return np.asarray(estimator.left @ turned @ estimator.left.T)
+
+
+def _covariance(
+    unit: Blocks, estimator: _Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
+) -> FloatArray:
+    total = _covariance_by_group(unit, estimator, far, phi, variance).sum(axis=0)
+    total = 0.5 * (total + total.T)
+    # Lags beyond the longest are cut off, which leaves a little less than a covariance.
+    values, vectors = np.linalg.eigh(total)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _degrees_of_freedom(
+    unit: Blocks,
+    estimator: _Estimator,
+    far: FloatArray,
+    noise: tuple[FloatArray, FloatArray],
+    products: FloatArray,
+) -> FloatArray:
+    """Satterthwaite: twice the squared variance over the variance of the variance, (p,)."""
+    phi, variance = noise
+    by_group = _covariance_by_group(unit, estimator, far, phi, variance)
+    own = np.diagonal(by_group, axis1=1, axis2=2)
+    freedom = np.maximum(unit.count / unit.stride, 1.0)
+    uncertain = np.einsum("gi,g->i", own**2, 2.0 / freedom)
+    for k in range(unit.channels):
+        chosen = unit.channel == k
+        pooled = np.einsum("gij,g->ij", products[chosen], 1.0 / (variance[chosen] * unit.stride))
+        precision = np.linalg.pinv(pooled[1:, 1:], rcond=1e-13, hermitian=True)
+        roots = np.abs(np.roots(np.concatenate([[1.0], -phi[k]])))
+        step = _SLOPE_STEP * max(1.0 - float(np.max(roots, initial=0.0)), 1e-6)
+        slopes = []
+        for lag in range(phi.shape[1]):
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = phi.copy()
+                moved[k, lag] += sign * step
+                shifted = _covariance_by_group(unit, estimator, far, moved, variance)
+                sides.append(np.diagonal(shifted.sum(axis=0)))
+            slopes.append((sides[0] - sides[1]) / (2.0 * step))
+        slope = np.array(slopes).reshape(phi.shape[1], -1)
+        uncertain += np.einsum("li,lj,ji->i", slope, precision, slope)
+    size = np.sum(own, axis=0) ** 2
+    return np.asarray(np.clip(2.0 * size / np.maximum(uncertain, 1e-300), 1.0, 1.0e6))
+
+
 def _scaled(solution: Solution, norms: FloatArray) -> Solution:
     covariance = solution.covariance / np.outer(norms, norms)
     return replace(solution, theta=solution.theta / norms, covariance=covariance)
-
-
-def _iterated(
-    unit: Blocks, step: _Step, variance_factor: float, start: Solution | None = None
-) -> Solution:
-    lags = unit.y.shape[2] - 1
-    phi, variance = np.zeros((unit.channels, lags)), np.ones(len(unit.labels))
-    factor = variance_factor * unit.stride
-    if start is not None:
-        phi, variance = start.phi, start.variance
-    theta, spread = step(phi, variance * factor)
-    for _ in range(_WHITE_PASSES if start is None else 0):
-        seen = lag_products(unit, theta, np.zeros_like(spread))
-        variance = group_variance(unit, seen, phi)
-        theta, spread = step(phi, variance * factor)
-    for _ in range(_PASSES):
-        before = phi
-        phi, variance = noise_model(unit, lag_products(unit, theta, spread), variance)
-        theta, spread = step(phi, variance * factor)
-        if np.max(np.abs(phi - before), initial=0.0) < _SETTLED:
-            break
-    products = lag_products(unit, theta, spread)
-    level = np.bincount(unit.channel, products[:, 0, 0], unit.channels)
-    count = np.bincount(unit.channel, unit.count, unit.channels)
-    residual = np.sqrt(level / np.maximum(count, 1.0))
-    dof = degrees_of_freedom(unit, phi, variance * factor, products)
-    return Solution(theta, spread, dof, phi, variance, residual)

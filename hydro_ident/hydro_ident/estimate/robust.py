@@ -32,10 +32,8 @@ class Weights:
     ----------
     theta : (w,) array
         Acts on a row's last entries: the negative parameters, then 1 for y.
-    whitening : (k, lags + 1) array
-        Filter of each channel's noise, ``(1, -phi)``.
     scale : mapping of (int, str) to float
-        Standard deviation of the whitened residual by channel and recording.
+        Standard deviation of the residual by channel and recording.
     biweight : bool
         Tukey's; False: Huber's.
     residuals : dict of (int, str) to Histogram
@@ -43,15 +41,13 @@ class Weights:
     """
 
     theta: FloatArray
-    whitening: FloatArray
     scale: Mapping[tuple[int, str], float]
     biweight: bool
     residuals: dict[tuple[int, str], Histogram] = field(default_factory=dict)
 
     def of(self, channel: int, label: str, block: FloatArray) -> FloatArray:
         """Weights of rows with their lags, ``block`` of shape (T, lags + 1, w)."""
-        values = block[:, :, block.shape[2] - self.theta.size :] @ self.theta
-        size = np.abs(values @ self.whitening[channel])
+        size = np.abs(block[:, 0, block.shape[2] - self.theta.size :] @ self.theta)
         key = channel, label
         self.residuals.setdefault(key, Histogram()).add(size)
         ratio = size / self.scale[key]

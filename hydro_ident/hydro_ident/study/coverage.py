@@ -6,7 +6,7 @@ Simulated recordings of the crane xs031 on a designed excitation, with residual 
 autoregressive, AR(0.98), from row to row of the regression or from sample to sample (500 Hz, then
 through the filters). The motion's rows are computed once; every recording has its own noise. Per
 parameter: the share of recordings whose interval covers the truth, beside that of the textbook's
-iid formula on the same rows, and the mean width of the interval over that of the iid formula.
+iid formula on the same rows, and the median of the interval's width over the iid formula's.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Coverage:
     covered, iid : float
         Shares of the recordings.
     width : float
-        Mean width over that of the iid formula.
+        Median width over that of the iid formula.
     """
 
     name: str
@@ -225,10 +225,10 @@ def _iid(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _summary(
     names: Sequence[str], outcomes: Sequence[_Outcome], duration_s: float, kind: str
 ) -> list[Coverage]:
-    covered, iid, width = (
-        np.mean([getattr(o, field) for o in outcomes], axis=0)
-        for field in ("covered", "iid", "width")
+    covered, iid = (
+        np.mean([getattr(o, field) for o in outcomes], axis=0) for field in ("covered", "iid")
     )
+    width = np.median([o.width for o in outcomes], axis=0)
     return [
         Coverage(name, duration_s, kind, float(covered[i]), float(iid[i]), float(width[i]))
         for i, name in enumerate(names)

@@ -1,0 +1,175 @@
+"""Sums of the products of a channel's rows with those before them, by lag, in flat memory.
+
+What autocorrelated noise e does to a least squares estimate is the covariance of X'e,
+
+    cov(X'e) = sum over t, s of gamma(t - s) x_t' x_s = sum over lags j of gamma_j C_j,
+    C_j = sum over t of x_t' x_(t-j) + x_(t-j)' x_t   (half of it at lag 0)
+
+with the noise's autocovariance gamma. The C_j know nothing of the noise: gathered once, they serve
+any noise model. Between a few nodes gamma is taken as straight, so that a C per node is enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_model.robot import FloatArray
+
+#: Longest lag, in strides: noise that remembers further is drift.
+LONGEST = 4096
+#: Lags kept one by one, and growth from one node to the next behind them.
+_SINGLE, _GROWTH = 16, 1.2
+#: Rows that are worked on at once, at the least, in strides.
+_BATCH = 4096
+
+
+def _nodes() -> FloatArray:
+    nodes = list(range(_SINGLE))
+    while nodes[-1] < LONGEST - 1:
+        nodes.append(min(LONGEST - 1, max(nodes[-1] + 1, round(nodes[-1] * _GROWTH))))
+    return np.array(nodes, dtype=float)
+
+
+#: Lags at which sums are kept, in strides.
+NODES = _nodes()
+
+
+def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
+    """Autocovariance at the nodes of an autoregression of white noise of unit variance.
+
+    Parameters
+    ----------
+    phi : (lags,) array
+        Stationary: ``e_t = phi_1 e_(t-1) + ... + w_t``.
+    shift : int
+        At lags this much further on one side and nearer on the other, averaged.
+
+    Returns
+    -------
+    (nodes,) array
+        The Yule-Walker equations give the first, the recursion itself the others.
+    """
+    from scipy.signal import lfilter, lfiltic
+
+    order = phi.size
+    matrix = np.zeros((order + 1, order + 1))
+    for i in range(order + 1):
+        matrix[i, i] += 1.0
+        for j in range(1, order + 1):
+            matrix[i, abs(i - j)] -= phi[j - 1]
+    right = np.zeros(order + 1)
+    right[0] = 1.0
+    first = np.linalg.solve(matrix, right)
+    rest = np.zeros(LONGEST + shift - order - 1)
+    if order:
+        filter_ = np.concatenate([[1.0], -phi])
+        memory = lfiltic([1.0], filter_, first[::-1][:order])
+        rest, _ = lfilter([1.0], filter_, rest, zi=memory)
+    series, at = np.concatenate([first, rest]), NODES.astype(int)
+    return np.asarray(0.5 * (series[at + shift] + series[np.abs(at - shift)]))
+
+
+@dataclass(slots=True)
+class LagSums:
+    """Sums by lag of one recording.
+
+    Attributes
+    ----------
+    channels, width : int
+        Shape of a row of regressors.
+    stride : int
+        Rows that count as one (`Rows.stride`): lags step over them.
+    """
+
+    channels: int
+    width: int
+    stride: int = 1
+    _sums: FloatArray = field(init=False)
+    _tail: FloatArray = field(init=False)
+    _waiting: list[FloatArray] = field(init=False, default_factory=list)
+    _held: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self._sums = np.zeros((self.channels, NODES.size, self.width, self.width))
+        self._tail = np.zeros((0, self.channels, self.width))
+
+    def add(self, x: FloatArray, skipped: int, known: BoolArray) -> None:
+        """Take in rows that follow each other.
+
+        Parameters
+        ----------
+        x : (T, k, p) array
+        skipped : int
+            Rows that are missing between the last call's and these.
+        known : (T, k) bool array
+            Which rows take part.
+        """
+        values = np.where(known[..., None], x, 0.0)
+        gap = min(skipped, LONGEST * self.stride)
+        if gap and (self._held or self._tail.shape[0]):
+            self._waiting.append(np.zeros((gap, self.channels, self.width)))
+            self._held += gap
+        self._waiting.append(values)
+        self._held += values.shape[0]
+        if self._held >= _BATCH * self.stride:
+            self._flush()
+
+    @property
+    def total(self) -> FloatArray:
+        """Symmetric sums by channel and node, (k, nodes, p, p)."""
+        self._flush()
+        return self._sums
+
+    def _flush(self) -> None:
+        if not self._held:
+            return
+        fresh = np.concatenate(self._waiting)
+        self._waiting, self._held = [], 0
+        past = np.concatenate([self._tail, fresh])
+        before = self._tail.shape[0]
+        now = past.copy()
+        now[:before] = 0.0
+        for k in range(self.channels):
+            if np.any(now[:, k]):
+                self._sums[k] += _node_sums(now[:, k], past[:, k], self.stride)
+        keep = (LONGEST - 1) * self.stride
+        self._tail = past[max(past.shape[0] - keep, 0) :]
+
+
+def _node_sums(now: FloatArray, past: FloatArray, stride: int) -> FloatArray:
+    """Symmetric sums of ``now_t' past_(t - j stride)`` at the nodes, (nodes, p, p)."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    rows, width = now.shape
+    length = -(-rows // stride)
+    padded = np.zeros((2, length * stride, width))
+    padded[0, :rows], padded[1, :rows] = now, past
+    # Every phase of the stride is a series of its own; their products add up.
+    phases = padded.reshape(2, length, stride, width)
+    lags = min(length, LONGEST)
+    size = next_fast_len(length + lags, real=True)
+    spectra = rfft(phases, n=size, axis=1)
+    hats = _hats(lags)
+    result = np.zeros((NODES.size, width, width))
+    for column in range(width):
+        cross = np.sum(spectra[0] * np.conj(spectra[1][..., column : column + 1]), axis=1)
+        result[:, :, column] = hats @ irfft(cross, n=size, axis=0)[:lags]
+    result = result + result.transpose(0, 2, 1)
+    # Lag 0 is its own mirror image.
+    result[0] *= 0.5
+    return result
+
+
+def _hats(lags: int) -> FloatArray:
+    """Weights (nodes, lags) by which values at the lags are shared among the nodes."""
+    at = np.arange(float(lags))
+    upper = np.minimum(np.searchsorted(NODES, at, side="right"), NODES.size - 1)
+    share = (at - NODES[upper - 1]) / (NODES[upper] - NODES[upper - 1])
+    weights = np.zeros((NODES.size, lags))
+    index = np.arange(lags)
+    weights[upper, index] = share
+    weights[upper - 1, index] = 1.0 - share
+    return weights
