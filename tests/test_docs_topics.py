@@ -233,17 +233,11 @@ def test_bus_page_names_every_key_of_a_mapping() -> None:
         assert re.search(rf"`{key}[`.]", text), f"bus.md says nothing of '{key}'"
 
 
-def test_method_page_has_the_effects_of_the_catalogue() -> None:
-    from hydro_model.effects import CATALOGUE
+def test_effects_page_is_what_the_catalogue_prints() -> None:
+    from hydro_model.effects.page import page
 
-    text = (DOCS / "method.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| `(\w+)` \| (`.*) \|$", text, re.M))
-    for name, effect in CATALOGUE.items():
-        assert name in rows, f"method.md has no row for effect {name}"
-        law = effect.equation.replace("|", "\\|")
-        assert rows[name].startswith(f"`{law}` |"), f"method.md, {name}: expected the law {law}"
-        for parameter in effect.parameters:
-            assert f"`{parameter.name}` ({parameter.unit})" in rows[name]
+    text = (DOCS / "effects.md").read_text(encoding="utf-8")
+    assert text == page(), "run: python -m hydro_model.effects.page > hydro_msgs_docs/effects.md"
 
 
 def test_method_page_has_the_base_parameters_of_the_reference_crane() -> None:

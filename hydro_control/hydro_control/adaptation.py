@@ -10,10 +10,14 @@ with Y_tip the torque of 1 kg at the tip (rigid-body regressor of a point mass).
 open beyond a dead zone the flow of eq. 14 gives another: the signal that the model's valve would
 need for the motion seen (eq. 24), less the signal given, is ``u0 - d sign(u) + g u + h |u|``. Null
 bias u0 is used; overlap d, gain error g and its difference between directions h are estimated
-beside it because they would be taken for it.
+beside it because they would be taken for it. Effects that the model file lists belong to the
+model: their friction is known force, and signals, volumes and flows past the valve pass their
+laws, so that nothing is compensated twice.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +32,14 @@ from hydro_control.adaptation_model import (
 from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.axes import axes_of
 from hydro_control.bounded_estimator import BoundedEstimator
+from hydro_control.compensation import Compensation, Motion
 from hydro_control.filters import Ewma, FilteredDifference, alpha_for
-from hydro_model.cylinder import lever, piston_force, stroke
+from hydro_control.oil_columns import OilColumns, swept_columns
+from hydro_model.cylinder import lever, piston_force
+from hydro_model.effects import ActiveEffect
 from hydro_model.rigid_body import inverse_dynamics, required_torque
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import valve_signal
+from hydro_model.valve import signal_at_lengths
 
 BoolArray = NDArray[np.bool_]
 
@@ -53,8 +60,6 @@ FORCE_DENSITY = 300.0**2 * 0.1
 SIGNAL_DENSITY = 0.01**2 * 0.1
 #: Samples between a command and the spool that follows it.
 COMMAND_SAMPLES = 2
-#: Share of the stroke kept from either end where the flow is divided by it.
-STROKE_MARGIN = 0.01
 
 
 class Adaptation:
@@ -67,6 +72,8 @@ class Adaptation:
     settings : AdaptationSettings
     dt_s : float
         Sample time.
+    effects : sequence of ActiveEffect
+        Listed effects that the control law compensates.
 
     Attributes
     ----------
@@ -81,9 +88,17 @@ class Adaptation:
         The robot cannot be controlled.
     """
 
-    def __init__(self, robot: Robot, settings: AdaptationSettings, dt_s: float) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        settings: AdaptationSettings,
+        dt_s: float,
+        effects: Sequence[ActiveEffect] = (),
+    ) -> None:
         self.robot, self.settings, self.dt_s = robot, settings, dt_s
         self._axes = axes_of(robot)
+        # At the measured motion, a sign needs no rounding of its own: only what slides counts.
+        self._listed = Compensation(robot, effects, self._axes, EVERY * dt_s, 0.0)
         self._tip = unit_payload(robot)
         self._viscous = np.array([a.cylinder.viscous_friction for a in self._axes])
         self._force = BoundedEstimator(force_priors(self._axes, settings))
@@ -126,6 +141,7 @@ class Adaptation:
             average.reset()
         for rate in self._rates:
             rate.reset()
+        self._listed.reset()
         n = len(self._axes)
         self._commands = [np.zeros(n)] * (COMMAND_SAMPLES + 1)
         self._settled = 0
@@ -242,12 +258,19 @@ class Adaptation:
         force = np.array(
             [float(piston_force(a.cylinder, *p)) for a, p in zip(self._axes, at.T, strict=True)]
         )
+        columns = swept_columns(self._axes, q)
+        if self._listed.any:
+            time_s = self._settled * self.dt_s
+            seen = Motion(time_s, q, qd, qdd, arm, pressures, p_s, p_t, force)
+            self._listed.observe(seen, columns)
+            columns = self._listed.columns(columns)
+            signal = self._listed.openings(signal)
         self._slid_s = np.where(np.abs(xd) > SLIDING_M_S, self._slid_s + EVERY * self.dt_s, 0.0)
         slides = self._slid_s > SLIDING_S
         self.frozen = not slides.any()
         if not self.frozen:
             self._estimate_force(q, qd, qdd, arm, xd, force, slides)
-            self._estimate_valves(q, xd, force, at, p_s, p_t, signal, slides)
+            self._estimate_valves(columns, xd, force, at, p_s, p_t, signal, slides)
         self._force_last = force
 
     def _estimate_force(
@@ -262,6 +285,8 @@ class Adaptation:
     ) -> None:
         n = len(self._axes)
         known = inverse_dynamics(self.robot, q, qd, qdd) / arm + self._viscous * xd
+        if self._listed.any:
+            known = known + self._listed.friction()
         rows = np.zeros((n, 2 * n + 1))
         rows[:, 0] = inverse_dynamics(self._tip, q, qd, qdd) / arm
         rows[:, 1 : n + 1] = np.diag(coulomb(xd, MEASURED_SCALE_M_S))
@@ -276,7 +301,7 @@ class Adaptation:
 
     def _estimate_valves(
         self,
-        q: FloatArray,
+        columns: OilColumns,
         xd: FloatArray,
         force: FloatArray,
         at: FloatArray,
@@ -293,11 +318,12 @@ class Adaptation:
             if not (slides[i] and OPEN_SIGNAL < abs(u) < FULL_SIGNAL):
                 continue
             c = axis.cylinder
-            margin = STROKE_MARGIN * c.stroke_m
-            x = min(max(float(stroke(c, q[i])), margin), c.stroke_m - margin)
-            area = c.area_a_m2 / x + c.area_b_m2 / (c.stroke_m - x)
+            lengths = columns.a_m[i], columns.b_m[i]
+            area = c.area_a_m2 / lengths[0] + c.area_b_m2 / lengths[1]
             flow = -area * xd[i] - rate[i] / c.bulk_modulus_pa
+            if columns.leak is not None:
+                flow += columns.leak[i]
             p_a, p_b = at[:, i]
-            seen = float(valve_signal(axis.valve, c, flow, x, p_a, p_b, p_s, p_t))
+            seen = float(signal_at_lengths(axis.valve, flow, *lengths, p_a, p_b, p_s, p_t))
             row = np.array([[1.0, -np.copysign(1.0, u), u, abs(u)]])
             valve.update(row, np.array([seen - u]), SIGNAL_DENSITY, 0.0, EVERY * self.dt_s)

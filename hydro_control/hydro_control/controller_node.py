@@ -210,6 +210,9 @@ class ControllerNode(LifecycleNode):
             "refused": counts.refused,
             "withheld": counts.withheld,
         }
+        listed = self._core.law.plan
+        values["compensated"] = " ".join(listed.names)
+        values["not_compensated"] = " ".join(listed.left_out)
         adaptation = self._core.law.adaptation
         values |= {"adaptation": "off"} if adaptation is None else adaptation.report()
         if self._hot is not None:

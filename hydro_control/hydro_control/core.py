@@ -16,9 +16,12 @@ from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.applied import AppliedWatch
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw, Output
+from hydro_control.law import ControlLaw
+from hydro_control.output import Output
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
+from hydro_control.sample import Sample
+from hydro_control.sensor_correction import SensorCorrection
 from hydro_control.trajectory import Waypoint
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
@@ -26,30 +29,9 @@ from hydro_model.paths import JointPath, TipPath
 from hydro_model.paths_check import check_path
 from hydro_model.robot import FloatArray, Robot
 
+__all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
+
 _SECOND_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """What the sensors say at one stamp.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    q : (n,) array
-        Joint positions in the robot's order.
-    p_a, p_b : (m,) array
-        Absolute chamber pressures per cylinder in the robot's order, Pa.
-    p_s, p_t : float or None
-        Absolute supply and tank pressure; None takes the robot file's constants.
-    """
-
-    stamp_ns: int
-    q: FloatArray
-    p_a: FloatArray
-    p_b: FloatArray
-    p_s: float | None
-    p_t: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +92,9 @@ class _Run:
 class ControllerCore:
     """The controller of one robot.
 
+    Listed effects of instruments are taken off every sample before anything looks at it: the
+    reference, and what is published of it, are in true positions.
+
     Parameters
     ----------
     robot : Robot
@@ -137,6 +122,7 @@ class ControllerCore:
 
     def __post_init__(self) -> None:
         self.law = ControlLaw(self.robot, self.gains, adaptation=self.adaptation)
+        self._sensors = SensorCorrection(self.robot, self.law.plan.active)
         self._run: _Run | None = None
         self._last: Answer | None = None
         self._adaptation_reset = False
@@ -155,8 +141,10 @@ class ControllerCore:
             position = middle if space == "joint" else tip_position(self.robot, middle)
             reference = Reference(space, position, still, still)  # type: ignore[arg-type]
             supply = self.robot.supply_pressure_pa, self.robot.tank_pressure_pa
-            self.law.step(0.0, middle, pressures, pressures, *supply, reference)
+            output = self.law.step(0.0, middle, pressures, pressures, *supply, reference)
             self.law.reset()
+            if output.fault:
+                raise ControlError(f"robot {self.robot.name} in mid-range: {output.fault}")
 
     def restart(self) -> None:
         """Forget everything: the next sample is the first."""
@@ -207,15 +195,22 @@ class ControllerCore:
         self._adaptation_reset = False
         if not self._watch.settled and self.law.adaptation is not None:
             self.law.adaptation.forget()  # nothing is learnt from commands without effect
+        sample = self._sensors.corrected(sample)
         gauge = self._gauge(sample)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
-        output = self.law.step(now_s, sample.q, *gauge, reference)
+        output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead(now_s))
         self._count(sample.stamp_ns, output)
         moving = bool(np.any(reference.velocity))
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
+
+    def _ahead(self, now_s: float) -> Reference | None:
+        """The reference at the instant that the law looks ahead to."""
+        if self._run is None or self.law.lead_s == 0.0:
+            return None
+        return self._run.player.sample(now_s + self.law.lead_s)
 
     def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
         """What the valves got at a stamp; changes nothing as long as that was the command.

@@ -35,6 +35,16 @@ def alpha_for(time_constant: float, dt_s: float) -> float:
     return 1.0 if time_constant <= 0.0 else 1.0 - math.exp(-dt_s / time_constant)
 
 
+def average_lag_s(alpha: float, dt_s: float) -> float:
+    """By how much the average trails a steady ramp: ``dt (1 - a) / a``."""
+    return dt_s * (1.0 - alpha) / alpha
+
+
+def difference_lag_s(alpha: float, dt_s: float) -> float:
+    """By how much `FilteredDifference` is late: half a sample more than its average."""
+    return 0.5 * dt_s + average_lag_s(alpha, dt_s)
+
+
 class Ewma:
     """Exponentially weighted moving average; the first input is the first output.
 

@@ -3,71 +3,44 @@
 Corrected against print: eq. 22 takes the **required** piston velocity for friction (the measured
 one would remove damping), and eq. 23 is
 ``Q_d = (-A1/x - A2/(S - x)) xd_r - fdot_d/beta - k_f (f_d - f) - k_x (xd_r - xd)``.
-Pure: one object per run, one `step` per sample, no clock and no ROS.
+Effects that the robot lists are compensated (`hydro_control.compensation`); with none listed
+nothing differs from the equations. Pure: one object per run, one `step` per sample, no clock and
+no ROS.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 
 import numpy as np
 
 from hydro_control.adaptation import Adaptation
 from hydro_control.adaptation_settings import AdaptationSettings
-from hydro_control.axes import Axis, axes_of
+from hydro_control.axes import axes_of
 from hydro_control.checks import not_finite
+from hydro_control.compensation import Compensation, Motion
+from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
-from hydro_control.filters import Ewma, FilteredDifference
+from hydro_control.filters import FilteredDifference, difference_lag_s
 from hydro_control.gains import Gains
-from hydro_control.required_motion import Reference, required_motion
-from hydro_model.cylinder import lever, piston_force, stroke
+from hydro_control.oil_columns import OilColumns, swept_columns
+from hydro_control.output import Output, stopped
+from hydro_control.required_motion import (
+    JointMotion,
+    Reference,
+    desired_at,
+    required_motion,
+)
+from hydro_control.state import State, StateFilter
+from hydro_model.cylinder import lever
 from hydro_model.rigid_body import required_torque
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import valve_signal
+from hydro_model.valve import signal_at_lengths
 
-#: Share of the stroke kept from either end, so that eq. 23 stays finite at the end stops.
-STROKE_MARGIN = 0.01
+__all__ = ["ControlLaw", "Output"]
+
 #: Samples apart by more than this many sample times are a gap: derivatives start anew.
 GAP_STEPS = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Output:
-    """One answer of the law. Arrays are (n,), one per joint, but for the voltage.
-
-    Attributes
-    ----------
-    voltage_v : (m,) array
-        Per valve, in the robot's order: saturated, slewed; 0 on a fault.
-    valve_signal : array
-        Normalised signal u before saturation (eq. 24).
-    flow_term : array
-        Q_d in m^2/s (eq. 23).
-    required_force_n, force_n : array
-        Piston force required (eq. 22) and measured, N.
-    required_piston_velocity_m_s, piston_velocity_m_s : array
-    q_d, qd_d : array
-        Desired joint position and velocity, for `/joint_reference`.
-    tip_d_m : (3,) array
-        Desired tip position, for `/tip_reference`.
-    notes : tuple of str
-        What was limited or started anew.
-    fault : str
-        Empty, or why the voltage is 0.
-    """
-
-    voltage_v: FloatArray
-    valve_signal: FloatArray
-    flow_term: FloatArray
-    required_force_n: FloatArray
-    force_n: FloatArray
-    required_piston_velocity_m_s: FloatArray
-    piston_velocity_m_s: FloatArray
-    q_d: FloatArray
-    qd_d: FloatArray
-    tip_d_m: FloatArray
-    notes: tuple[str, ...] = ()
-    fault: str = ""
 
 
 class ControlLaw:
@@ -85,6 +58,12 @@ class ControlLaw:
 
     Attributes
     ----------
+    plan : CompensationPlan
+        What becomes of the effects that the robot lists.
+    compensation : Compensation or None
+        None where no listed effect is compensated.
+    lead_s : float
+        How far ahead of a sample `step` wants to know the reference; 0 where not at all.
     adaptation : Adaptation or None
         What is estimated beside the model; its estimates outlive `reset`.
 
@@ -93,7 +72,7 @@ class ControlLaw:
     ControlError
         A lever arm vanishes within the joint limits, or a velocity limit is not above 0.
     RobotError
-        A joint has no cylinder or a cylinder no valve.
+        A joint has no cylinder, a cylinder no valve, or a listed effect does not resolve.
     """
 
     def __init__(
@@ -103,21 +82,33 @@ class ControlLaw:
         dt_s: float | None = None,
         adaptation: AdaptationSettings | None = None,
     ) -> None:
-        self.robot, self.gains = robot, gains
+        self.plan = plan(robot)
+        robot = self.robot = self.plan.robot
+        self.gains = gains
         self.dt_s = 1.0 / robot.sensors.rate_hz if dt_s is None else dt_s
         self._axes = axes_of(robot)
+        self.compensation = self._compensation()
         self.adaptation = (
-            Adaptation(robot, adaptation, self.dt_s)
+            Adaptation(robot, adaptation, self.dt_s, self.plan.active)
             if adaptation is not None and adaptation.on
             else None
         )
+        self.lead_s, force_lag_s = 0.0, np.zeros(robot.dof)
+        if self.compensation is not None:
+            # The rate of the required force is as late as its filter: it is asked for earlier.
+            self.lead_s = self.compensation.delay_s + difference_lag_s(gains.alpha_fd, self.dt_s)
+            force_lag_s = self.compensation.force_lag_s
         self._rated_v = np.array([valve.rated_voltage_v for valve in robot.valves])
-        self._position = Ewma(gains.alpha_q)
-        self._velocity = FilteredDifference(gains.alpha_qd, self.dt_s)
-        self._pressure = Ewma(gains.alpha_p)
+        self._state = StateFilter(self._axes, gains, self.dt_s, force_lag_s)
         self._force_rate = FilteredDifference(gains.alpha_fd, self.dt_s)
         self._last_s: float | None = None
         self._voltage_v = np.zeros(len(robot.valves))
+        self._asked_acceleration = self._asked_force_rate = np.zeros(robot.dof)
+
+    def _compensation(self) -> Compensation | None:
+        if not self.plan.names:
+            return None
+        return Compensation(self.robot, self.plan.active, self._axes, self.dt_s)
 
     def reset(self) -> None:
         """Forget all samples, and start from 0 V."""
@@ -125,10 +116,13 @@ class ControlLaw:
         self._voltage_v = np.zeros_like(self._voltage_v)
 
     def _forget(self) -> None:
-        for part in (self._position, self._velocity, self._pressure, self._force_rate):
-            part.reset()
+        self._state.reset()
+        self._force_rate.reset()
         if self.adaptation is not None:
             self.adaptation.forget()
+        if self.compensation is not None:
+            self.compensation.reset()
+        self._asked_acceleration = self._asked_force_rate = np.zeros(self.robot.dof)
         self._last_s = None
 
     def wind_down(self) -> FloatArray:
@@ -145,6 +139,7 @@ class ControlLaw:
         p_s: float,
         p_t: float,
         reference: Reference,
+        ahead: Reference | None = None,
     ) -> Output:
         """Answer one sample.
 
@@ -159,6 +154,9 @@ class ControlLaw:
         p_s, p_t : float
             Gauge supply and tank pressure, Pa.
         reference : Reference
+        ahead : Reference, optional
+            The reference `lead_s` later. Given it, the required quantities are those of that
+            instant, for the state predicted for it; `q_d`, `qd_d` and `tip_d_m` are the sample's.
 
         Returns
         -------
@@ -173,23 +171,34 @@ class ControlLaw:
         fault = not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
         if fault:
             self.reset()
-            return self._stopped(q, reference, fault)
+            return stopped(q, reference, len(self._voltage_v), fault)
         steps, notes = self._advance(stamp_s)
-        q_f = self._position.update(q, steps)
-        qd = self._velocity.update(q, steps)
-        pressures = self._pressure.update(np.array([p_a, p_b]), steps)
-        motion = required_motion(self.robot, q_f, qd, reference, self.gains.k_p_1_s)
-        torque = required_torque(self.robot, q_f, qd, motion.qd_r, motion.qdd_r, self.gains.k_v)
-        arm = np.array([float(lever(a.cylinder, x)) for a, x in zip(self._axes, q_f, strict=True)])
-        xd, xd_r = arm * qd, arm * motion.qd_r
-        force_d = torque / arm + self._friction(xd_r)
-        if self.adaptation is not None:
-            force_d += self.adaptation.required_force(q_f, qd, motion.qd_r, motion.qdd_r, arm)
-        force = self._forces(pressures)
-        flow_term = self._flow_term(q_f, xd, xd_r, force, force_d, steps)
-        signal = self._signals(flow_term, q_f, pressures, p_s, p_t)
-        if self.adaptation is not None:
-            signal -= self.adaptation.null_bias
+        now = state = self._state.measured(q, np.array([p_a, p_b]), p_s, p_t, steps)
+        if ahead is not None:
+            rates = self._asked_acceleration, self._asked_force_rate
+            state = self._state.predicted(now, self.lead_s, *rates)
+        aim = reference if ahead is None else ahead
+        asked = required_motion(self.robot, state.q, state.qd, aim, self.gains.k_p_1_s)
+        self._asked_acceleration = asked.qdd_r
+        motion = asked if ahead is None else desired_at(self.robot, now.q, reference, asked)
+        arm = np.array(
+            [float(lever(a.cylinder, x)) for a, x in zip(self._axes, state.q, strict=True)]
+        )
+        xd, xd_r = arm * state.qd, arm * asked.qd_r
+        columns = swept_columns(self._axes, state.q)
+        if self.compensation is not None:
+            seen = Motion(
+                stamp_s, state.q, asked.qd_r, asked.qdd_r, arm, now.pressures, p_s, p_t, now.force
+            )
+            self.compensation.observe(seen, columns)
+            columns = self.compensation.columns(columns)
+        force_d = self._required_force(state, asked, arm, xd_r)
+        flow_term = self._flow_term(columns, xd, xd_r, state.force, force_d, steps)
+        signal = self._signals(flow_term, columns, state, steps)
+        if not math.isfinite(float(signal.sum())):
+            self.reset()
+            fault = f"expected finite valve signals, found {signal.tolist()}"
+            return stopped(q, reference, len(self._voltage_v), fault)
         voltage_v = self._driven(signal)
         if self.adaptation is not None:
             self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
@@ -198,14 +207,30 @@ class ControlLaw:
             valve_signal=signal,
             flow_term=flow_term,
             required_force_n=force_d,
-            force_n=force,
+            force_n=now.force,
             required_piston_velocity_m_s=xd_r,
-            piston_velocity_m_s=xd,
+            piston_velocity_m_s=xd if state is now else arm * now.qd,
             q_d=motion.q_d,
             qd_d=motion.qd_d,
             tip_d_m=motion.tip_d_m,
             notes=(*notes, *motion.notes),
         )
+
+    def _required_force(
+        self, state: State, asked: JointMotion, arm: FloatArray, xd_r: FloatArray
+    ) -> FloatArray:
+        """Required piston force of eq. 22, N."""
+        torque = required_torque(
+            self.robot, state.q, state.qd, asked.qd_r, asked.qdd_r, self.gains.k_v
+        )
+        force_d = torque / arm + self._friction(xd_r)
+        if self.compensation is not None:
+            force_d += self.compensation.friction()
+        if self.adaptation is not None:
+            force_d += self.adaptation.required_force(
+                state.q, state.qd, asked.qd_r, asked.qdd_r, arm
+            )
+        return np.asarray(force_d)
 
     def _advance(self, stamp_s: float) -> tuple[int, tuple[str, ...]]:
         """Sample times since the last sample, 1 at the start and after a gap."""
@@ -227,19 +252,9 @@ class ControlLaw:
             [a.cylinder.viscous_friction * v for a, v in zip(self._axes, xd_r, strict=True)]
         )
 
-    def _forces(self, pressures: FloatArray) -> FloatArray:
-        return np.array(
-            [float(piston_force(a.cylinder, *pressures[:, a.cylinder_index])) for a in self._axes]
-        )
-
-    def _stroke(self, axis: Axis, q: float) -> float:
-        length = axis.cylinder.stroke_m
-        x = float(stroke(axis.cylinder, q))
-        return min(max(x, STROKE_MARGIN * length), (1.0 - STROKE_MARGIN) * length)
-
     def _flow_term(
         self,
-        q: FloatArray,
+        columns: OilColumns,
         xd: FloatArray,
         xd_r: FloatArray,
         force: FloatArray,
@@ -248,27 +263,34 @@ class ControlLaw:
     ) -> FloatArray:
         """Q_d of eq. 23 (corrected), m^2/s."""
         gains = self.gains
-        rate = self._force_rate.update(force_d, steps)
+        rate = self._asked_force_rate = self._force_rate.update(force_d, steps)
         feedback = gains.k_f_m2_ns * (force_d - force) + gains.k_x_m * (xd_r - xd)
         forward = np.empty_like(xd)
         for i, axis in enumerate(self._axes):
             c = axis.cylinder
-            x = self._stroke(axis, q[i])
-            area = c.area_a_m2 / x + c.area_b_m2 / (c.stroke_m - x)
+            area = c.area_a_m2 / columns.a_m[i] + c.area_b_m2 / columns.b_m[i]
             forward[i] = -area * xd_r[i] - rate[i] / c.bulk_modulus_pa
+        if columns.leak is not None:
+            forward += columns.leak
         return forward - feedback
 
     def _signals(
-        self, flow_term: FloatArray, q: FloatArray, pressures: FloatArray, p_s: float, p_t: float
+        self, flow_term: FloatArray, columns: OilColumns, state: State, steps: int
     ) -> FloatArray:
-        """Normalised valve signals of eq. 24."""
-        signal = np.empty_like(flow_term)
+        """Normalised valve signals of eq. 24, for the edges and then for the valve."""
+        opening = np.empty_like(flow_term)
         for i, axis in enumerate(self._axes):
-            p_a, p_b = pressures[:, axis.cylinder_index]
-            x = self._stroke(axis, q[i])
-            u = valve_signal(axis.valve, axis.cylinder, flow_term[i], x, p_a, p_b, p_s, p_t)
-            signal[i] = float(u)
-        return signal
+            p_a, p_b = state.pressures[:, axis.cylinder_index]
+            lengths = columns.a_m[i], columns.b_m[i]
+            u = signal_at_lengths(
+                axis.valve, flow_term[i], *lengths, p_a, p_b, state.p_s, state.p_t
+            )
+            opening[i] = float(u)
+        if self.adaptation is not None:
+            opening -= self.adaptation.null_bias
+        if self.compensation is None:
+            return opening
+        return self.compensation.signals(opening, steps)
 
     def _driven(self, signal: FloatArray) -> FloatArray:
         """Voltages in the robot's order of valves, saturated and slewed."""
@@ -283,20 +305,3 @@ class ControlLaw:
         most = self.gains.slew_limit_v_s * self.dt_s
         self._voltage_v = np.clip(wanted_v, self._voltage_v - most, self._voltage_v + most)
         return self._voltage_v.copy()
-
-    def _stopped(self, q: FloatArray, reference: Reference, fault: str) -> Output:
-        zero = np.zeros(self.robot.dof)
-        joint = reference.space == "joint"
-        return Output(
-            voltage_v=np.zeros_like(self._rated_v),
-            valve_signal=zero,
-            flow_term=zero,
-            required_force_n=zero,
-            force_n=zero,
-            required_piston_velocity_m_s=zero,
-            piston_velocity_m_s=zero,
-            q_d=reference.position if joint else np.asarray(q, dtype=float),
-            qd_d=zero,
-            tip_d_m=np.full(3, np.nan) if joint else reference.position,
-            fault=fault,
-        )

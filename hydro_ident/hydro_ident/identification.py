@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from hydro_ident.bag.recording import Recording
@@ -299,7 +299,9 @@ def _hold_out(surveys: Sequence[Survey], every: int) -> HoldOut:
 
 def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
-    return force_model(robot, torque, effects.force_names, effects.force_columns)
+    model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
+    changes = effects.held_torque if effects.changes else None
+    return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
 
 
 def _notes(
@@ -314,6 +316,10 @@ def _notes(
         if recording.gaps:
             notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
     notes += [f"effect {name} taken as listed, not fitted" for name in effects.held]
+    notes += [
+        f"effect {name} is listed, but the fit of the valve's flows does not know it"
+        for name in effects.ignored
+    ]
     if every:
         notes.append(f"scores are of one block in {every} of the bags, which the fit never saw")
     elif not validation:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_hw_bridge.rig.extras import SensorExtras
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_model.robot import FloatArray, Robot
 
@@ -59,6 +61,10 @@ class Instruments:
         self._count = np.array([_count(robot, j.prismatic) for j in robot.joints])
         self._offset = np.array([sensors.encoder_offset.get(n, 0.0) for n in robot.joint_names])
         self._bias = np.array([sensors.pressure_bias_pa.get(n, 0.0) for n in robot.pressure_names])
+        self._extras = plant.truth.extras.sensors
+        self._history: deque[FloatArray] = deque(maxlen=_depth(robot, self._extras))
+        self._cycle_s, self._cycles = 1.0 / robot.sensors.rate_hz, 0
+        self._wander = np.zeros(len(self._bias))
         names = [c.name for c in robot.cylinders]
         self._valve_cylinder = [names.index(v.cylinder) for v in robot.valves]
         self._measured = [i for i, c in enumerate(robot.cylinders) if c.stroke_sensor]
@@ -77,6 +83,8 @@ class Instruments:
         noise = self._random.standard_normal(n + len(self._bias) + 2 * m)
         position = plant.q + self._offset + noise[:n] * sensors.encoder_noise_counts * self._count
         pressure = np.zeros(len(self._bias)) if depressurised else self._true_pressures()
+        if self._extras.any:
+            position, pressure = self._with_extras(position, pressure)
         pressure = pressure + self._bias
         pressure += sensors.pressure_noise_pa * noise[n : n + len(self._bias)]
         spool = plant.spools + sensors.spool_noise * noise[-m:] if m else plant.spools
@@ -101,10 +109,41 @@ class Instruments:
             oil_temperature_c=sensors.oil_temperature_c,
         )
 
+    def _with_extras(
+        self, position: FloatArray, pressure: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Encoders off their centres; transducers late, off in span, and humming."""
+        extras, robot = self._extras, self._plant.robot
+        swing = [extras.encoder_swing.get(n, 0.0) for n in robot.joint_names]
+        turns = [extras.encoder_swing_count.get(n, 0.0) for n in robot.joint_names]
+        position = position + np.array(swing) * np.sin(np.array(turns) * self._plant.q)
+        self._history.append(pressure)
+        past = np.array(self._history)
+        age = self._cycle_s * np.arange(1 - len(past), 1)
+        shown = np.empty_like(pressure)
+        for k, name in enumerate(robot.pressure_names):
+            late = np.interp(-extras.pressure_delay_s.get(name, 0.0), age, past[:, k])
+            turn = 2.0 * np.pi * extras.hum_hz.get(name, 0.0) * self._cycle_s * self._cycles
+            hum = extras.hum_pa.get(name, 0.0) * np.sin(turn)
+            shown[k] = late * (1.0 + extras.pressure_gain.get(name, 0.0)) + hum
+        self._cycles += 1
+        if extras.wander_pa > 0.0:
+            keep = np.exp(-self._cycle_s / extras.wander_time_s)
+            fresh = self._random.standard_normal(len(shown))
+            self._wander = keep * self._wander
+            self._wander += extras.wander_pa * np.sqrt(1.0 - keep * keep) * fresh
+        return position, shown + self._wander
+
     def _true_pressures(self) -> FloatArray:
         plant = self._plant
         chambers = np.column_stack([plant.pressures_a, plant.pressures_b]).ravel()
         return np.concatenate([chambers, [plant.supply_pa, plant.tank_pa]])
+
+
+def _depth(robot: Robot, extras: SensorExtras) -> int:
+    """Cycles of pressures to remember for the oldest reading."""
+    oldest = max(extras.pressure_delay_s.values(), default=0.0)
+    return int(np.ceil(oldest * robot.sensors.rate_hz)) + 2
 
 
 def _count(robot: Robot, prismatic: bool) -> float:

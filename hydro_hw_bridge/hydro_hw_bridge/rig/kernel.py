@@ -18,6 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from hydro_hw_bridge.rig.extras import CYLINDER_FIELDS, JOINT_FIELDS
+
 #: Swept volume below which a chamber is not allowed to shrink: keeps the oil's stiffness within
 #: what the fixed step integrates, and lies beyond the joint limits of a sound machine.
 SMALLEST_VOLUME_M3 = 2.0e-4
@@ -47,6 +49,7 @@ LINK = np.dtype(
         ("mass", "f8"),
         ("com", *_VECTOR),
         ("inertia", *_MATRIX),
+        *((name, "f8") for name in JOINT_FIELDS),
     ]
 )
 
@@ -72,6 +75,7 @@ CYLINDER = np.dtype(
         ("joint", "i8"),
         ("direct", "i8"),
         ("heavy", "i8"),
+        ("extra", "i8"),
         ("parent_pin", *_VECTOR),
         ("child_pin", *_VECTOR),
         ("barrel", *_VECTOR),
@@ -85,6 +89,8 @@ CYLINDER = np.dtype(
                 *("c_pa", "c_at", "c_pb", "c_bt", "deadband", "rounding", "null"),
                 *("spool_rate", "spool_damping", "spool_limit", "transition"),
                 *("lever", "x", "v"),
+                *CYLINDER_FIELDS,
+                *("disturbance", "shake"),
             )
         ),
     ]
@@ -94,9 +100,13 @@ CYLINDER = np.dtype(
 WORLD = np.dtype(
     [
         ("gravity", *_VECTOR),
+        ("tip", *_VECTOR),
+        ("extra", "i8"),
         *(
             (name, "f8")
             for name in (
+                *("time", "contact_stiffness", "contact_height", "contact_damping"),
+                *("supply_ripple", "supply_ripple_rate"),
                 *("bulk_modulus", "low_pressure_loss", "low_pressure_scale", "atmosphere"),
                 *("supply", "tank", "droop", "droop_quadratic", "droop_lag"),
                 *("tank_resistance", "tank_lag"),
@@ -422,7 +432,142 @@ def _line_rates(p_s, p_t, drawn, returned, pump, world):  # type: ignore[no-unty
     if pump:
         target = world.supply - world.droop * drawn - world.droop_quadratic * drawn * drawn
         back += world.tank
+        if world.supply_ripple != 0.0:
+            target += world.supply_ripple * np.sin(world.supply_ripple_rate * world.time)
     return (max(target, 0.0) - p_s) / world.droop_lag, (back - p_t) / world.tank_lag
+
+
+@_helper
+def _sign(v, cyl):  # type: ignore[no-untyped-def]
+    """Smooth sign of a velocity."""
+    return v / np.sqrt(v * v + cyl.sign_velocity * cyl.sign_velocity)
+
+
+@_helper
+def _extra_force(x, v, p_a, p_b, q, qd, cyl, time):  # type: ignore[no-untyped-def]
+    """What pulls at the piston beside friction, stops and oil, N, positive against +v."""
+    sign, speed = _sign(v, cyl), abs(v)
+    level = cyl.seal * (max(p_a, 0.0) + 0.7 * max(p_b, 0.0))
+    level += cyl.turbulent * speed**1.75
+    if cyl.slow_force != 0.0:
+        ratio = v / cyl.slow_velocity
+        level += cyl.slow_force / (1.0 + ratio * ratio)
+    if cyl.local_force != 0.0:
+        ratio = (x - cyl.local_center) / cyl.local_width
+        level += cyl.local_force * np.exp(-ratio * ratio)
+    if cyl.pin_radius != 0.0:
+        oil = p_a * cyl.area_a - p_b * cyl.area_b
+        level += cyl.pin_radius * abs(oil / cyl.lever)
+    if (
+        cyl.drag_force != 0.0
+        and np.sin(cyl.drag_rate * time) + np.sin(1.7 * cyl.drag_rate * time) > 0.3
+    ):
+        level += cyl.drag_force
+    pull = level * sign + cyl.even_force * sign * sign + cyl.even_viscous * v * sign
+    pull += cyl.offset_force
+    if cyl.cooling != 0.0:
+        pull -= cyl.cooling * (1.0 - np.exp(-time / cyl.cooling_time)) * v
+    if cyl.gas_force != 0.0:
+        pull -= cyl.gas_force * (1.0 + max(x, 0.0) / cyl.full_stroke) ** -1.3
+    if cyl.vibration_force != 0.0:
+        pull -= cyl.vibration_force * np.sin(cyl.vibration_rate * time)
+    torque = 0.0
+    if cyl.ripple_torque != 0.0:
+        torque += cyl.ripple_torque * np.cos(cyl.ripple_count * q[cyl.joint] + cyl.ripple_phase)
+    if cyl.coupling != 0.0:
+        rate = qd[int(cyl.coupling_joint)]
+        torque += cyl.coupling * rate / np.sqrt(1.0 + rate * rate)
+    return pull + torque / cyl.lever - cyl.disturbance
+
+
+@_helper
+def _balance(inflow, coefficient, opening, drop, pilot, cyl):  # type: ignore[no-untyped-def]
+    """Outflow of chamber A over its edge and the load-holding valve in series, m^3/s."""
+    share = min(max((pilot - cyl.balance_pressure) / cyl.balance_range, 0.0), 1.0)
+    share = share * share * (3.0 - 2.0 * share)
+    edge = coefficient * opening
+    valve = cyl.balance_flow * max(share, 1.0e-4)
+    if drop <= 0.0 or edge <= 0.0:
+        return inflow
+    return inflow / np.sqrt(1.0 + edge * edge / (valve * valve))
+
+
+@_helper
+def _extra_flows(q_pa, q_at, q_pb, q_bt, opening, p_va, p_vb, p_s, p_t, x, cyl):  # type: ignore[no-untyped-def]
+    """The four edge flows with what bends them beyond the square root."""
+    if cyl.compensation != 0.0:
+        half = 0.5 * cyl.compensation
+        q_pa *= (cyl.compensation_pressure / max(p_s - p_va, 1.0e5)) ** half
+        q_pb *= (cyl.compensation_pressure / max(p_s - p_vb, 1.0e5)) ** half
+    if cyl.balance_flow != 0.0:
+        pilot = p_va + cyl.balance_ratio * p_vb
+        q_at = _balance(q_at, cyl.c_at, -opening, p_va - p_t, pilot, cyl)
+    if cyl.cushion_length > 0.0:
+        near = min(max(x / cyl.cushion_length, 0.0), 1.0)
+        q_at *= cyl.cushion_share + (1.0 - cyl.cushion_share) * np.sqrt(near)
+        near = min(max((cyl.full_stroke - x) / cyl.cushion_length, 0.0), 1.0)
+        q_bt *= cyl.cushion_share + (1.0 - cyl.cushion_share) * np.sqrt(near)
+    return q_pa, q_at, q_pb, q_bt
+
+
+@_helper
+def _mount_force(bent, cyl):  # type: ignore[no-untyped-def]
+    """Force of the spring with play between rod and pin, N."""
+    if bent > cyl.mount_gap:
+        return cyl.mount_stiffness * (bent - cyl.mount_gap)
+    if bent < -cyl.mount_gap:
+        return cyl.mount_stiffness * (bent + cyl.mount_gap)
+    return 0.0
+
+
+@_helper
+def _contact(links, frames, world, rows, qd, force):  # type: ignore[no-untyped-def]
+    """Add the ground's force on the tip."""
+    n = links.shape[0]
+    frame = frames[n]
+    x, y, z = _apply(frame.rotation, world.tip[0], world.tip[1], world.tip[2])
+    origin = frame.origin
+    depth = world.contact_height - (origin[2] + z)
+    if depth <= 0.0:
+        return
+    _columns(n, origin[0] + x, origin[1] + y, origin[2] + z, links, frames, rows)
+    rising = 0.0
+    for k in range(n):
+        rising += rows[k, 2] * qd[k]
+    push = world.contact_stiffness * depth**1.5 * max(1.0 - world.contact_damping * rising, 0.0)
+    for k in range(n):
+        force[k] += rows[k, 2] * push
+
+
+@_helper
+def _loosen(links, y, first, matrix, force):  # type: ignore[no-untyped-def]
+    """Hang part of the load's inertia on springs, before the accelerations are solved for."""
+    n = links.shape[0]
+    for i in range(n):
+        inertia, rate = links[i].flex_inertia, links[i].flex_rate
+        if inertia > 0.0:
+            bend, speed = y[first + i], y[first + n + i]
+            matrix[i, i] -= inertia
+            force[i] += inertia * (rate * rate * bend + 2.0 * links[i].flex_damping * rate * speed)
+
+
+@_helper
+def _swing(links, y, first, qdd, out):  # type: ignore[no-untyped-def]
+    """Rates of the sprung parts, relative to their joints."""
+    n = links.shape[0]
+    for i in range(n):
+        out[first + i], out[first + n + i] = 0.0, 0.0
+        if links[i].flex_inertia > 0.0:
+            rate, speed = links[i].flex_rate, y[first + n + i]
+            pull = rate * rate * y[first + i] + 2.0 * links[i].flex_damping * rate * speed
+            out[first + i], out[first + n + i] = speed, -pull - qdd[i]
+
+
+@_helper
+def _hose(p_v, p, flow, inflow, modulus, cyl):  # type: ignore[no-untyped-def]
+    """Rates of the pressure at the valve and of the flow in the hose."""
+    rise = modulus * (inflow - flow) / cyl.line_volume
+    return rise, (p_v - p - cyl.line_resistance * flow) / cyl.line_inertance
 
 
 @_kernel
@@ -442,29 +587,73 @@ def rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, out):  
         cyl, a = cyls[i], 2 * n + i
         b, z, p, w = a + m, a + 2 * m, a + 3 * m, a + 4 * m
         spool = asked[i] if cyl.spool_rate == 0.0 else y[p]
+        if cyl.extra == 1:
+            spool += cyl.shake
         signal = min(max(spool + cyl.null, -1.0), 1.0)
         opening = dead_zone(signal, cyl.deadband, cyl.rounding)
-        q_pa = edge_flow(cyl.c_pa, opening, p_s - y[a], cyl.transition)
-        q_at = edge_flow(cyl.c_at, -opening, y[a] - p_t, cyl.transition)
-        q_pb = edge_flow(cyl.c_pb, -opening, p_s - y[b], cyl.transition)
-        q_bt = edge_flow(cyl.c_bt, opening, y[b] - p_t, cyl.transition)
+        x, v, p_va, p_vb, back = cyl.x, cyl.v, y[a], y[b], -opening
+        if cyl.extra == 1:
+            if cyl.hum != 0.0:
+                opening += cyl.hum * np.sin(cyl.hum_rate * oil.time)
+            opening *= (1.0 + cyl.bend) / (1.0 + cyl.bend * abs(opening))
+            back = -opening
+            if cyl.underlap > 0.0:
+                root = np.sqrt(opening * opening + 4.0 * cyl.underlap * cyl.underlap)
+                opening, back = 0.5 * (opening + root), 0.5 * (root - opening)
+            if cyl.line_inertance > 0.0:
+                h = s + 2 + m + 2 * n + i
+                p_va, p_vb = y[h], y[h + 2 * m]
+        q_pa = edge_flow(cyl.c_pa, opening, p_s - p_va, cyl.transition)
+        q_at = edge_flow(cyl.c_at, back, p_va - p_t, cyl.transition)
+        q_pb = edge_flow(cyl.c_pb, back, p_s - p_vb, cyl.transition)
+        q_bt = edge_flow(cyl.c_bt, opening, p_vb - p_t, cyl.transition)
+        rub, out[z] = _friction(v, y[z], cyl)
+        if cyl.extra == 1:
+            q_pa, q_at, q_pb, q_bt = _extra_flows(
+                q_pa, q_at, q_pb, q_bt, opening, p_va, p_vb, p_s, p_t, x, cyl
+            )
+            rub += _extra_force(x, v, y[a], y[b], q, qd, cyl, oil.time)
         drawn += q_pa + q_pb
         returned += q_at + q_bt
-        x, v, leak = cyl.x, cyl.v, cyl.leak * (y[a] - y[b])
+        in_a, in_b, hold, slip = q_pa - q_at, q_pb - q_bt, 0.0, 0.0
+        modulus_a, modulus_b = _bulk_modulus(y[a], oil), _bulk_modulus(y[b], oil)
+        if cyl.extra == 1:
+            if cyl.line_inertance > 0.0:
+                h = s + 2 + m + 2 * n + i
+                out[h], out[h + m] = _hose(p_va, y[a], y[h + m], in_a, modulus_a, cyl)
+                g = h + 2 * m
+                out[g], out[g + m] = _hose(p_vb, y[b], y[g + m], in_b, modulus_b, cyl)
+                in_a, in_b = y[h + m], y[g + m]
+            if cyl.mount_stiffness > 0.0:
+                hold = _mount_force(y[s + 2 + i], cyl)
+                drive = y[a] * cyl.area_a - y[b] * cyl.area_b - rub - hold
+                slip = drive / (cyl.viscous + cyl.mount_damping)
+                out[s + 2 + i] = slip
+                x, v = x + y[s + 2 + i], v + slip
+            wave = 1.0 + cyl.stiffness_ripple * np.cos(cyl.stiffness_count * x)
+            modulus_a, modulus_b = modulus_a * wave, modulus_b * wave
+        leak = cyl.leak * (y[a] - y[b])
         volume_a = max(cyl.dead_a + cyl.area_a * x, SMALLEST_VOLUME_M3)
         volume_b = max(cyl.dead_b + cyl.area_b * (cyl.full_stroke - x), SMALLEST_VOLUME_M3)
-        net_a = q_pa - q_at - leak - cyl.leak_a * y[a] - cyl.area_a * v
-        net_b = q_pb - q_bt + leak - cyl.leak_b * y[b] + cyl.area_b * v
-        out[a] = _bulk_modulus(y[a], oil) * net_a / volume_a
-        out[b] = _bulk_modulus(y[b], oil) * net_b / volume_b
-        rub, out[z] = _friction(v, y[z], cyl)
+        net_a = in_a - leak - cyl.leak_a * y[a] - cyl.area_a * v
+        net_b = in_b + leak - cyl.leak_b * y[b] + cyl.area_b * v
+        out[a] = modulus_a * net_a / volume_a
+        out[b] = modulus_b * net_b / volume_b
         out[p], out[w] = 0.0, 0.0
         if cyl.spool_rate > 0.0:
             out[p], out[w] = _spool_rates(asked[i], y[p], y[w], cyl)
         stop = _stop_force(x, v, 0.0, cyl.full_stroke)
         push = y[a] * cyl.area_a - y[b] * cyl.area_b - rub + stop
+        if cyl.mount_stiffness > 0.0:
+            push = hold + cyl.mount_damping * slip + stop
         force[cyl.joint] += cyl.lever * push
+    if oil.extra == 1:
+        if oil.contact_stiffness > 0.0:
+            _contact(links, frames, oil, jac[0], qd, force)
+        _loosen(links, y, s + 2 + m, matrix, force)
     _solve_in_place(matrix, force)
+    if oil.extra == 1:
+        _swing(links, y, s + 2 + m, force, out)
     out[s], out[s + 1] = _line_rates(p_s, p_t, drawn, returned, pump, oil)
 
 
@@ -479,6 +668,7 @@ def advance(y, asked, pump, steps, step, links, frames, cyls, world, jac, matrix
     lowest = VAPOUR_PRESSURE_PA - world[0].atmosphere
     for _ in range(steps):
         rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
+        world[0].time += 0.5 * step
         for i in range(size):
             total[i] = slope[i]
             probe[i] = y[i] + 0.5 * step * slope[i]
@@ -490,6 +680,7 @@ def advance(y, asked, pump, steps, step, links, frames, cyls, world, jac, matrix
         for i in range(size):
             total[i] += 2.0 * slope[i]
             probe[i] = y[i] + step * slope[i]
+        world[0].time += 0.5 * step
         rates(probe, asked, pump, links, frames, cyls, world, jac, matrix, bias, slope)
         for i in range(size):
             y[i] += step / 6.0 * (total[i] + slope[i])
@@ -499,3 +690,214 @@ def advance(y, asked, pump, steps, step, links, frames, cyls, world, jac, matrix
         # A spool without dynamics stands where it is asked to.
         if cyls[i].spool_rate == 0.0:
             y[first + 3 * cyls.shape[0] + i] = asked[i]
+
+
+@_helper
+def _hysteresis(asked, memory, width):  # type: ignore[no-untyped-def]
+    """Mean of plays of half widths around `width` (Prandtl and Ishlinskii), memory updated."""
+    total, plays = 0.0, memory.shape[0]
+    for k in range(plays):
+        radius = width * (0.4 + 1.2 * k / (plays - 1))
+        memory[k] = min(max(memory[k], asked - radius), asked + radius)
+        total += memory[k]
+    return total / plays
+
+
+@_kernel
+def cycle(  # type: ignore[no-untyped-def]
+    y,
+    older,
+    newer,
+    share,
+    memory,
+    pump,
+    steps,
+    cycle_s,
+    work,
+    links,
+    frames,
+    cyls,
+    world,
+    jac,
+    matrix,
+    bias,
+    asked,
+):
+    """One cycle of a machine with extras: the older command for a share of it, then the newer.
+
+    `asked` (m,) returns what the spools were asked over the cycle, on average.
+    """
+    m = cyls.shape[0]
+    spools = work[3]
+    for i in range(m):
+        asked[i] = 0.0
+    for part in range(2):
+        length = share if part == 0 else 1.0 - share
+        if length <= 0.0:
+            continue
+        for i in range(m):
+            spools[i] = older[i] if part == 0 else newer[i]
+            if cyls[i].hysteresis > 0.0:
+                spools[i] = _hysteresis(spools[i], memory[i], cyls[i].hysteresis)
+            asked[i] += length * spools[i]
+        count = max(1, int(np.ceil(steps * length)))
+        span = length * cycle_s / count
+        advance(
+            y, spools[:m], pump, count, span, links, frames, cyls, world, jac, matrix, bias, work
+        )
+
+
+@_helper
+def _servo(i, slow, target, rate, seen, y, gains, cyls, cycle_s, n, p_s, p_t):  # type: ignore[no-untyped-def]
+    """Spool position that a plain position servo asks for, with washed-out force feedback."""
+    cyl, m = cyls[i], cyls.shape[0]
+    p_a, p_b = y[2 * n + i], y[2 * n + m + i]
+    force = p_a * cyl.area_a - p_b * cyl.area_b
+    slow[i] += cycle_s / gains[i, 2] * (force - slow[i])
+    v = cyl.lever * (rate + gains[i, 0] * (target - seen)) - gains[i, 1] * (force - slow[i])
+    if v > 0.0:
+        u = v * cyl.area_a / (gains[i, 3] * np.sqrt(max(p_s - p_a, 1.0e5)))
+    else:
+        u = v * cyl.area_a / (gains[i, 4] * np.sqrt(max(p_a - p_t, 1.0e5)))
+    return min(max(u, -0.95), 0.95)
+
+
+@_kernel
+def follow(  # type: ignore[no-untyped-def]
+    y,
+    targets,
+    rates_wanted,
+    jitter,
+    encoder,
+    pushes,
+    shakes,
+    gains,
+    delay,
+    payload,
+    memory,
+    steps,
+    cycle_s,
+    work,
+    links,
+    frames,
+    cyls,
+    world,
+    jac,
+    matrix,
+    bias,
+    states,
+    commands,
+    applied,
+    seen,
+):
+    """Drive the machine along joint targets (N, n) by the servo, cycle by cycle, compiled.
+
+    `encoder` (n, 4) has each encoder's offset, swing, swing count and resolution; `jitter` (N, n)
+    its noise in counts, `pushes` and `shakes` (N, m) what disturbs pistons and spools, `payload`
+    (14,) the cycle from which the last link has another mass, centre of mass and inertia. The
+    rest is filled in: states before each cycle, commands, what the spools were asked, positions
+    as read.
+    """
+    count, n, m = targets.shape[0], links.shape[0], cyls.shape[0]
+    s, slow = 2 * n + 5 * m, np.zeros(m)
+    late = int(np.floor(delay))
+    share = delay - late
+    older, newer, zero = np.zeros(m), np.zeros(m), np.zeros(m)
+    for i in range(m):
+        slow[i] = y[2 * n + i] * cyls[i].area_a - y[2 * n + m + i] * cyls[i].area_b
+    for k in range(count):
+        equations_of_motion(y[:n], y[n : 2 * n], links, frames, cyls, world, jac, matrix, bias)
+        for j in range(y.shape[0]):
+            states[k, j] = y[j]
+        for j in range(n):
+            shown = y[j] + encoder[j, 0] + encoder[j, 1] * np.sin(encoder[j, 2] * y[j])
+            seen[k, j] = np.rint(shown / encoder[j, 3] + jitter[k, j]) * encoder[j, 3]
+        for i in range(m):
+            j = cyls[i].joint
+            commands[k, i] = _servo(
+                i, slow, targets[k, j], rates_wanted[k, j], seen[k, j], y, gains, cyls, cycle_s, n,
+                y[s], y[s + 1],
+            )  # fmt: skip
+            cyls[i].disturbance, cyls[i].shake = pushes[k, i], shakes[k, i]
+            newer[i] = commands[k - late, i] if k >= late else zero[i]
+            older[i] = commands[k - late - 1, i] if k > late else zero[i]
+        if k == payload[0]:
+            _exchange(links[n - 1], payload)
+        cycle(
+            y, older, newer, share, memory, True, steps, cycle_s, work, links, frames, cyls, world,
+            jac, matrix, bias, applied[k],
+        )  # fmt: skip
+
+
+@_helper
+def _exchange(link, payload):  # type: ignore[no-untyped-def]
+    """Give the last link another mass, centre of mass and inertia."""
+    link.mass = payload[1]
+    for a in range(3):
+        link.com[a] = payload[2 + a]
+        for b in range(3):
+            link.inertia[a, b] = payload[5 + 3 * a + b]
+
+
+@_kernel
+def rates_along(  # type: ignore[no-untyped-def]
+    states, asked, start_s, cycle_s, links, frames, cyls, world, jac, matrix, bias, out
+):
+    """`rates` at the states (N, size) of a run, the first at `start_s`, without disturbance."""
+    for i in range(cyls.shape[0]):
+        cyls[i].disturbance, cyls[i].shake = 0.0, 0.0
+    for k in range(states.shape[0]):
+        world[0].time = start_s + k * cycle_s
+        rates(states[k], asked[k], True, links, frames, cyls, world, jac, matrix, bias, out[k])
+
+
+@_kernel
+def balances(  # type: ignore[no-untyped-def]
+    q,
+    qd,
+    qdd,
+    p_a,
+    p_b,
+    rise_a,
+    rise_b,
+    lines,
+    asked,
+    links,
+    frames,
+    cyls,
+    world,
+    jac,
+    matrix,
+    bias,
+    out,
+):
+    """What is left of the balances of a machine without extras when signals are put into it.
+
+    Signals are (N, n) and (N, m), supply and tank in `lines` (N, 2); `out` (N, 3 m) holds per
+    cylinder the force (N, oil less load and viscous friction) and the flows into chambers A and
+    B (m^3/s, valve less displacement and compression).
+    """
+    n, m, oil = links.shape[0], cyls.shape[0], world[0]
+    for k in range(q.shape[0]):
+        equations_of_motion(q[k], qd[k], links, frames, cyls, world, jac, matrix, bias)
+        p_s, p_t = lines[k, 0], lines[k, 1]
+        for i in range(m):
+            cyl = cyls[i]
+            j = cyl.joint
+            load = bias[j]
+            for c in range(n):
+                load += (matrix[j, c] if c <= j else matrix[c, j]) * qdd[k, c]
+            a, b, x, v = p_a[k, i], p_b[k, i], cyl.x, cyl.v
+            oil_force = a * cyl.area_a - b * cyl.area_b
+            out[k, 3 * i] = oil_force - cyl.viscous * v - load / cyl.lever
+            u = min(max(asked[k, i] + cyl.null, -1.0), 1.0)
+            in_a = edge_flow(cyl.c_pa, u, p_s - a, cyl.transition)
+            in_a -= edge_flow(cyl.c_at, -u, a - p_t, cyl.transition)
+            in_b = edge_flow(cyl.c_pb, -u, p_s - b, cyl.transition)
+            in_b -= edge_flow(cyl.c_bt, u, b - p_t, cyl.transition)
+            volume_a = max(cyl.dead_a + cyl.area_a * x, SMALLEST_VOLUME_M3)
+            volume_b = max(cyl.dead_b + cyl.area_b * (cyl.full_stroke - x), SMALLEST_VOLUME_M3)
+            stored_a = volume_a / _bulk_modulus(a, oil) * rise_a[k, i]
+            stored_b = volume_b / _bulk_modulus(b, oil) * rise_b[k, i]
+            out[k, 3 * i + 1] = in_a - cyl.area_a * v - stored_a
+            out[k, 3 * i + 2] = in_b + cyl.area_b * v - stored_b

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig import kernel
+from hydro_hw_bridge.rig.extras import CYLINDER_FIELDS, JOINT_FIELDS, AxisExtras
 from hydro_hw_bridge.rig.payload import loaded
+from hydro_hw_bridge.rig.process import Process
 from hydro_hw_bridge.rig.truth import CylinderTruth, LinkTruth, Truth, ValveTruth
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 
@@ -18,6 +20,8 @@ Records = NDArray[Any]
 #: Integration step: well inside the stability limit of the classical Runge-Kutta method for the
 #: stiffest part, a small chamber behind a fully open valve.
 STEP_S = 50.0e-6
+#: Plays that a hysteresis consists of.
+PLAYS = 5
 #: Pressure of the lower chamber at the start, as a share of the supply.
 RESTING_SHARE = 0.2
 
@@ -37,7 +41,9 @@ class Plant:
     ----------
     state : (2 n + 5 m + 2,) array
         q, qd, pressures of the chambers A, of the chambers B, bristle deflections, spool
-        positions, spool speeds, supply and tank pressure; pressures gauge.
+        positions, spool speeds, supply and tank pressure; pressures gauge. With extras, behind
+        them: bend of every mount (m,), angle and rate of every sprung load (n,) each, and of
+        every cylinder pressure at the valve and flow of hose A, then of hose B, (m,) each.
 
     Raises
     ------
@@ -55,16 +61,26 @@ class Plant:
         self._frames = np.zeros(n + 1, dtype=kernel.FRAME)
         self._frames[0]["rotation"] = np.eye(3)
         self._jac, self._matrix, self._bias = np.zeros((3, n, 3)), np.zeros((n, n)), np.zeros(n)
-        self.state = np.zeros(2 * n + 5 * m + 2)
-        self._work = np.zeros((3, self.state.size))
+        self._lines = 2 * n + 5 * m
+        self._extra = truth.extras.in_plant
+        self.state = np.zeros(self._lines + 2 + (m + 2 * n + 4 * m) * self._extra)
+        # Three rows for the integrator, one for what the spools are asked.
+        self._work = np.zeros((4, self.state.size))
         self.state[:n] = q
-        self.state[-2:] = truth.supply.pressure_pa, truth.supply.tank_pressure_pa
+        lines = truth.supply.pressure_pa, truth.supply.tank_pressure_pa
+        self.state[self._lines : self._lines + 2] = lines
         self._rest()
+        if self._extra:
+            self._rest_extras()
+        self._memory = np.zeros((m, PLAYS))
+        self._older = np.zeros(m)
+        self._process = Process(truth.extras.machine, m, 1.0 / robot.sensors.rate_hz)
         # No steps: compiles before the clock runs.
-        kernel.advance(self.state, np.zeros(m), True, 0, STEP_S, *self._constants, self._work)
+        kernel.advance(self.state, np.zeros(m), True, 0, STEP_S, *self.records, self._work)
 
     @property
-    def _constants(self) -> tuple[NDArray[Any], ...]:
+    def records(self) -> tuple[NDArray[Any], ...]:
+        """Arguments of every kernel: links, frames, cylinders, world, and three scratch arrays."""
         return (
             self._links,
             self._frames,
@@ -111,14 +127,19 @@ class Plant:
         return self._block(3)
 
     @property
+    def lines_index(self) -> int:
+        """Where supply and tank pressure stand in the state."""
+        return self._lines
+
+    @property
     def supply_pa(self) -> float:
         """Gauge pressure of the supply line."""
-        return float(self.state[-2])
+        return float(self.state[self._lines])
 
     @property
     def tank_pa(self) -> float:
         """Gauge pressure of the tank line."""
-        return float(self.state[-1])
+        return float(self.state[self._lines + 1])
 
     def advance(
         self, asked: FloatArray, duration_s: float, *, pump: bool = True, step_s: float = STEP_S
@@ -141,9 +162,33 @@ class Plant:
         """
         steps = max(1, int(np.ceil(duration_s / step_s - 1e-9)))
         step = duration_s / steps
-        kernel.advance(self.state, asked, pump, steps, step, *self._constants, self._work)
+        if self._extra:
+            self._cycle(np.asarray(asked, dtype=float), duration_s, pump, steps)
+        else:
+            kernel.advance(self.state, asked, pump, steps, step, *self.records, self._work)
         if not np.isfinite(self.state).all():
             raise BridgeError(f"plant of {self.robot.name}: the state is no longer finite")
+
+    def _cycle(self, asked: FloatArray, duration_s: float, pump: bool, steps: int) -> None:
+        """One cycle with extras: disturbance, delayed command, hysteresis."""
+        push, shake = self._process.draw(1)
+        self._cylinders["disturbance"], self._cylinders["shake"] = push[0], shake[0]
+        share = min(self.truth.extras.machine.command_delay_s / duration_s, 1.0)
+        out = np.zeros_like(asked)
+        kernel.cycle(
+            self.state,
+            self._older,
+            asked,
+            share,
+            self._memory,
+            pump,
+            steps,
+            duration_s,
+            self._work,
+            *self.records,
+            out,
+        )
+        self._older = asked.copy()
 
     def load_tip(self, mass_kg: float) -> None:
         """Fix a point mass to the tip, in place of the one before; 0 takes it away.
@@ -156,12 +201,12 @@ class Plant:
     def rates(self, asked: FloatArray, *, pump: bool = True) -> FloatArray:
         """Time derivative of the whole state, in its layout."""
         out = np.zeros_like(self.state)
-        kernel.rates(self.state, asked, pump, *self._constants, out)
+        kernel.rates(self.state, asked, pump, *self.records, out)
         return out
 
     def strokes(self) -> FloatArray:
         """Piston displacements (m,), m."""
-        kernel.equations_of_motion(self.q, self.qd, *self._constants)
+        kernel.equations_of_motion(self.q, self.qd, *self.records)
         return np.array(self._cylinders["x"])
 
     def tip(self) -> FloatArray:
@@ -176,10 +221,23 @@ class Plant:
         self, q: FloatArray, qd: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Mass matrix (n, n), bias (n,) with gravity, and levers dx/dq (m,) at a state."""
-        kernel.equations_of_motion(np.asarray(q), np.asarray(qd), *self._constants)
+        kernel.equations_of_motion(np.asarray(q), np.asarray(qd), *self.records)
         lower = np.tril(self._matrix)
         matrix = lower + np.tril(lower, -1).T
         return matrix, self._bias.copy(), np.array(self._cylinders["lever"])
+
+    def _rest_extras(self) -> None:
+        """Mounts bent and hoses filled as the resting chambers ask for."""
+        n, m = self.robot.dof, len(self.robot.cylinders)
+        mounts, hoses = self._lines + 2, self._lines + 2 + m + 2 * n
+        record = self._cylinders
+        force = self.pressures_a * record["area_a"] - self.pressures_b * record["area_b"]
+        stiff = record["mount_stiffness"] > 0.0
+        bend = force / np.where(stiff, record["mount_stiffness"], 1.0)
+        bend += np.sign(force) * record["mount_gap"]
+        self.state[mounts : mounts + m] = np.where(stiff, bend, 0.0)
+        self.state[hoses : hoses + m] = self.pressures_a
+        self.state[hoses + 2 * m : hoses + 3 * m] = self.pressures_b
 
     def _rest(self) -> None:
         """Chamber pressures that hold the pose against gravity."""
@@ -220,6 +278,9 @@ def _links(robot: Robot, truth: Truth) -> Records:
         row["stopped"] = joint.name not in driven
         row["lower"], row["upper"] = joint.lower, joint.upper
         _fill_link(row, link)
+    for cylinder, axis in zip(robot.cylinders, truth.extras.axes, strict=False):
+        for name in JOINT_FIELDS:
+            out[robot.joint_index(cylinder.joint)][name] = getattr(axis, name)
     return out
 
 
@@ -241,7 +302,21 @@ def _cylinders(robot: Robot, truth: Truth) -> Records:
         row["area_a"], row["area_b"] = cylinder.area_a_m2, cylinder.area_b_m2
         _fill_cylinder(row, real)
         _fill_valve(row, by_cylinder.get(cylinder.name, closed))
+    for row, axis in zip(out, _axes(robot, truth), strict=True):
+        row["extra"] = truth.extras.in_plant
+        for name in CYLINDER_FIELDS:
+            row[name] = getattr(axis, name)
     return out
+
+
+def _axes(robot: Robot, truth: Truth) -> tuple[AxisExtras, ...]:
+    axes = truth.extras.axes or (AxisExtras(),) * len(robot.cylinders)
+    if len(axes) != len(robot.cylinders):
+        raise BridgeError(
+            f"truth {truth.name}: expected extras of {len(robot.cylinders)} cylinders,"
+            f" found {len(axes)}"
+        )
+    return axes
 
 
 def _fill_cylinder(row: Any, real: CylinderTruth) -> None:
@@ -277,7 +352,13 @@ def _fill_valve(row: Any, valve: ValveTruth) -> None:
 def _world(robot: Robot, truth: Truth) -> Records:
     out = np.zeros(1, dtype=kernel.WORLD)
     fluid, supply = truth.fluid, truth.supply
-    out["gravity"] = robot.gravity_m_s2
+    out["gravity"] = robot.gravity_m_s2 if truth.gravity_m_s2 is None else truth.gravity_m_s2
+    out["tip"] = robot.tip_offset_m
+    out["extra"] = truth.extras.in_plant
+    for name in ("contact_stiffness", "contact_height", "contact_damping"):
+        out[name] = getattr(truth.extras.machine, name)
+    out["supply_ripple"] = truth.extras.machine.supply_ripple
+    out["supply_ripple_rate"] = truth.extras.machine.supply_ripple_rate
     out["bulk_modulus"] = fluid.bulk_modulus_pa
     out["low_pressure_loss"] = fluid.low_pressure_loss
     out["low_pressure_scale"] = fluid.low_pressure_scale_pa

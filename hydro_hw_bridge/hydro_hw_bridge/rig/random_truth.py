@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hydro_hw_bridge.rig.extras import Extras, MachineExtras, SensorExtras
 from hydro_hw_bridge.rig.truth import (
     CylinderTruth,
     FluidTruth,
@@ -71,6 +72,79 @@ def random_truth(robot: Robot, seed: int) -> Truth:
         ),
         command_delay_cycles=1,
     )
+
+
+def plain_truth(robot: Robot, seed: int) -> Truth:
+    """A machine that a plain model explains: rigid bodies, viscous friction, edges and oil.
+
+    Its numbers miss the datasheet like `random_truth`'s; sensors are noisy and wander, and small
+    random forces and motions shake every piston and spool. Nothing else: no dry friction, no dead
+    band, no leakage.
+
+    Parameters
+    ----------
+    robot : Robot
+        With full link inertia.
+    seed : int
+
+    Returns
+    -------
+    Truth
+        Without droop; the command is late by up to one cycle.
+
+    Raises
+    ------
+    BridgeError
+        The robot's own inertia is no physical body.
+    """
+    random = np.random.default_rng(seed)
+    links = tuple(_link(link, random) for link in links_of(robot))
+    cylinders = tuple(
+        CylinderTruth(
+            c.name,
+            viscous_friction=random.uniform(20.0e3, 45.0e3) * c.area_a_m2 / 5.0e-3,
+            barrel=_part(c.barrel, random),
+            rod=_part(c.rod, random),
+        )
+        for c in robot.cylinders
+    )
+    valves = []
+    for valve in robot.valves:
+        pa, at, pb, bt = 1.0 + random.uniform(-EDGE_ERROR, EDGE_ERROR, 4)
+        edges = valve.c_pa * pa, valve.c_at * at, valve.c_pb * pb, valve.c_bt * bt
+        valves.append(ValveTruth(valve.name, *edges, transition_pressure_pa=5.0e3))
+    machine = MachineExtras(
+        disturbance_n=_log_uniform(random, 1.0, 15.0),
+        disturbance_time_s=_log_uniform(random, 0.02, 0.3),
+        shake=_log_uniform(random, 3.0e-6, 5.0e-5),
+        shake_time_s=_log_uniform(random, 0.02, 0.3),
+        process_seed=int(random.integers(1 << 31)),
+        command_delay_s=random.uniform(0.0, 1.0) / robot.sensors.rate_hz,
+    )
+    return Truth(
+        name="plain",
+        links=links,
+        cylinders=cylinders,
+        valves=tuple(valves),
+        fluid=FluidTruth(random.uniform(0.7e9, 1.3e9)),
+        supply=SupplyTruth(robot.supply_pressure_pa, robot.tank_pressure_pa),
+        sensors=SensorTruth(
+            pressure_noise_pa=_log_uniform(random, 1.0e3, 8.0e3),
+            encoder_noise_counts=random.uniform(0.2, 0.8),
+            oil_temperature_c=random.uniform(25.0, 55.0),
+        ),
+        extras=Extras(
+            machine=machine,
+            sensors=SensorExtras(
+                wander_pa=_log_uniform(random, 0.5e3, 5.0e3),
+                wander_time_s=_log_uniform(random, 0.02, 0.3),
+            ),
+        ),
+    )
+
+
+def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def _miss(random: np.random.Generator, size: int | None = None) -> FloatArray:

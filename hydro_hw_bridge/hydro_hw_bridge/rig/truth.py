@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.rig.extras import Extras
 from hydro_model.robot import CylinderPart, FloatArray, Robot
 
 
@@ -210,6 +211,11 @@ class Truth:
     sensors : SensorTruth
     command_delay_cycles : int
         Whole cycles between a valve frame and the amplifier's output.
+    gravity_m_s2 : (3,) array or None
+        In the frame that the robot's file calls its base: a machine that does not stand level;
+        None: as the file has it.
+    extras : Extras
+        None by default.
     """
 
     name: str
@@ -220,6 +226,8 @@ class Truth:
     supply: SupplyTruth
     sensors: SensorTruth = field(default_factory=SensorTruth)
     command_delay_cycles: int = 0
+    gravity_m_s2: FloatArray | None = None
+    extras: Extras = field(default_factory=Extras)
 
     @staticmethod
     def ideal(robot: Robot, *, quantised: bool = False) -> Truth:

@@ -46,6 +46,8 @@ class Motion:
 #: Piston forces (joint forces where there is no cylinder) of the listed effects at unit linear
 #: parameters, (N, n, e) by joint.
 ForceColumns = Callable[[Trace, Motion], FloatArray]
+#: Joint torques (N, n) of what is taken as listed.
+HeldTorque = Callable[[Trace, Motion], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,10 @@ class ForceModel:
     effect_names : tuple of str
     effect_columns : callable or None
         Gives the (N, n, e) piston forces of unit parameters, opposing motion.
+    held : callable or None
+        Gives the (N, n) joint torques of listed effects that are not fitted.
+    corrected : callable or None
+        Gives the trace without the errors of sensors that the robot file lists.
     """
 
     robot: Robot
@@ -75,6 +81,8 @@ class ForceModel:
     torque: bool = False
     effect_names: tuple[str, ...] = ()
     effect_columns: ForceColumns | None = None
+    held: HeldTorque | None = None
+    corrected: Callable[[Trace], Trace] | None = None
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -178,6 +186,8 @@ def force_rows(
         One channel per joint. None where the trace is shorter than the filter's edges, or a
         joint angle or every force is missing: each force needs all the angles.
     """
+    if model.corrected is not None:
+        trace = model.corrected(trace)
     keep = kept_samples(trace.samples, trace.step_s, settings, trace.cycle, trace.core)
     force = measured_force(model, trace)
     known = np.isfinite(force).all(axis=0)
@@ -197,9 +207,27 @@ def force_rows(
     )
     y = np.full((keep.size, force.shape[1]), np.nan)
     y[:, known] = parallel_filter(force[:, known], trace.step_s, settings, keep)
+    if model.held is not None:
+        y -= _held(model, trace, q, settings, keep)
     step_s = settings.decimation(trace.step_s) * trace.step_s
     time_s = trace.time_s[keep]
     return Rows(y, x, time_s, trace.label, z, step_s, settings.stride(trace.step_s))
+
+
+def _held(
+    model: ForceModel,
+    trace: Trace,
+    q: FloatArray,
+    settings: FilterSettings,
+    keep: NDArray[np.intp],
+) -> FloatArray:
+    """What the channels owe to effects that are taken as listed, filtered, (kept, n)."""
+    moved = Motion(*motion(q, trace.step_s, settings))
+    torque = np.zeros_like(q) if model.held is None else model.held(trace, moved)
+    for cylinder in () if model.torque else model.robot.cylinders:
+        at = model.robot.joint_index(cylinder.joint)
+        torque[:, at] /= lever(cylinder, moved.q[:, at])
+    return parallel_filter(torque, trace.step_s, settings, keep)
 
 
 def held_still(q: FloatArray, still: Mapping[int, float] | Sequence[int]) -> FloatArray:

@@ -1,7 +1,10 @@
 """Columns of the effects that a robot file lists, from the one catalogue of hydro_model.
 
 `identify` fits the linear parameters of listed effects and the null bias of valves, and never
-adds an effect. Other laws on the valve signal are applied as listed and not fitted.
+adds an effect. What it cannot fit is taken as listed: other laws on the valve signal shape it,
+bodies and payloads take their torque off the measured one, a tilt turns gravity, errors of
+sensors are undone. Laws that bend the flow of the valve's own edges, and those of single
+chambers, have no place in the chambers' balances: `ListedEffects.ignored` names them.
 """
 
 from __future__ import annotations
@@ -12,30 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.chambers import Chamber
+from hydro_ident.estimate.held_effects import (
+    corrected,
+    cylinder_signals,
+    held_torque,
+    moving_signals,
+)
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.traces import Trace
-from hydro_model.cylinder import chamber_volumes, lever, piston_force
+from hydro_model.cylinder import chamber_volumes
+from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
 from hydro_model.robot import FloatArray, Robot, Valve
-from hydro_model.signals import (
-    ATMOSPHERIC_PRESSURE,
-    JOINT_POSITION,
-    JOINT_VELOCITY,
-    LEVER,
-    PISTON_ACCELERATION,
-    PISTON_FORCE,
-    PISTON_POSITION,
-    PISTON_VELOCITY,
-    PRESSURE_A,
-    PRESSURE_B,
-    SIGNAL_COUNT,
-    SUPPLY_PRESSURE,
-    TANK_PRESSURE,
-    TIME,
-    VALVE_SIGNAL,
-)
+from hydro_model.signals import PRESSURE_A, PRESSURE_B, SIGNAL_COUNT, VALVE_SIGNAL
 from hydro_model.valve import edge_flows
 
 #: The one law on the valve signal that is fitted, by Gauss-Newton steps.
@@ -62,6 +56,23 @@ class ListedEffects:
     robot: Robot
     active: tuple[ActiveEffect, ...]
 
+    @property
+    def level(self) -> Robot:
+        """The robot with gravity as a listed tilt turns it."""
+        return replace(self.robot, gravity_m_s2=with_changes(self.robot).gravity_m_s2)
+
+    @property
+    def changes(self) -> tuple[ActiveEffect, ...]:
+        """Listed effects that change the robot's bodies, and are not fitted."""
+        return tuple(
+            one for one in self.active if one.effect.change and "force" in one.effect.channels
+        )
+
+    @property
+    def errors(self) -> tuple[ActiveEffect, ...]:
+        """Listed effects of instruments."""
+        return tuple(one for one in self.active if one.effect.reading is not None)
+
     @staticmethod
     def of(robot: Robot) -> ListedEffects:
         """The listed effects of a robot; raises RobotError where one is not in the catalogue."""
@@ -75,21 +86,21 @@ class ListedEffects:
         """
         return tuple(
             f"{target_name(self.robot, one)}.{name}"
-            for one in self._with(Stage.FRICTION)
+            for one in self._rubbing
             for name in _linear_names(one)
         )
+
+    @property
+    def _rubbing(self) -> list[ActiveEffect]:
+        """Fitted friction: laws without a change of the robot, which are taken as listed."""
+        return [one for one in self._with(Stage.FRICTION) if one.effect.change is None]
 
     def force_columns(self, trace: Trace, moved: Motion) -> FloatArray:
         """Piston forces (joint forces without cylinder) of unit parameters, (N, n, e)."""
         columns = []
-        for one in self._with(Stage.FRICTION):
-            if one.joint is not None:
-                at, signals = one.joint, _dry_signals(trace, one.joint, moved)
-            else:
-                index = one.cylinder or 0
-                at = self.robot.joint_index(self.robot.cylinders[index].joint)
-                signals = self._signals(trace, index, moved)
-            unit = one.effect.columns(signals, one.parameters, Stage.FRICTION)
+        for one in self._rubbing:
+            at, signals = moving_signals(self.robot, one, trace, moved)
+            unit = one.effect.columns(signals, one.parameters, Stage.FRICTION, trace.step_s)
             block = np.zeros((unit.shape[0], self.robot.dof, unit.shape[1]))
             block[:, at] = unit
             columns.append(block)
@@ -97,11 +108,19 @@ class ListedEffects:
             return np.zeros((trace.samples, self.robot.dof, 0))
         return np.concatenate(columns, axis=2)
 
+    def held_torque(self, trace: Trace, moved: Motion) -> FloatArray:
+        """Joint torques (N, n) of the listed `changes` and of their laws."""
+        return held_torque(self.robot, self.changes, trace, moved)
+
+    def corrected(self, trace: Trace) -> Trace:
+        """The trace without the listed errors of its instruments, to first order in their size."""
+        return corrected(self.robot, self.errors, trace)
+
     def chamber_columns(
         self, chamber: Chamber, trace: Trace
     ) -> tuple[tuple[str, ...], FloatArray]:
         """Names and interval integrals (N - 1, e) of a chamber's linear effect parameters."""
-        signals = self._signals(trace, chamber.index)
+        signals = cylinder_signals(self.robot, trace, chamber.index)
         pressure = signals[:, PRESSURE_A if chamber.side == "a" else PRESSURE_B]
         side = 0 if chamber.side == "a" else 1
         volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
@@ -109,7 +128,7 @@ class ListedEffects:
         names: list[str] = []
         columns = [np.zeros((trace.samples - 1, 0))]
         for one in self.active:
-            if one.cylinder != chamber.index:
+            if one.cylinder != chamber.index or _bends_edges(one):
                 continue
             if _is_bias(one):
                 names.append(NULL_BIAS)
@@ -118,7 +137,7 @@ class ListedEffects:
                 stage = stages[chamber.side]
                 if not any(term.stage is stage for term in one.effect.terms):
                     continue
-                unit = one.effect.columns(signals, one.parameters, stage)
+                unit = one.effect.columns(signals, one.parameters, stage, trace.step_s)
                 weight = volume[:, None] if stages is _COMPLIANCE else 1.0
                 factor = trace.step_s if stages is _FLOW else rise
                 integral = _middle(unit * weight) * factor
@@ -168,14 +187,19 @@ class ListedEffects:
         return ListedEffects(replace(self.robot, valves=tuple(valves)), tuple(active)), largest
 
     def with_signal_laws(self, trace: Trace) -> Trace:
-        """The trace with its valve signals passed through the listed laws, as listed."""
+        """The trace as the balances are to see it.
+
+        Without the listed errors of sensors, and with the valve signals passed through the listed
+        laws on them.
+        """
+        trace = self.corrected(trace)
         chosen = [one for one in self._with(Stage.SIGNAL) if one.cylinder is not None]
         if not chosen:
             return trace
         result = trace.valve_signal.copy()
         for one in chosen:
             index = one.cylinder or 0
-            signals = self._signals(trace, index)
+            signals = cylinder_signals(self.robot, trace, index)
             known = np.isfinite(result[:, index])
             signals[:, VALVE_SIGNAL] = np.where(known, result[:, index], 0.0)
             law = _mean_signal(one, signals, trace.step_s)
@@ -194,51 +218,21 @@ class ListedEffects:
     @property
     def held(self) -> tuple[str, ...]:
         """Listed effects whose parameters are taken as listed, by name."""
-        rest = [o for o in self.active if not _linear_names(o) and not _is_bias(o)]
-        return tuple(dict.fromkeys(one.effect.name for one in rest))
+        fitted = [*self._rubbing, *(o for o in self.active if _is_bias(o))]
+        fitted += [o for o in self.active if _in_chambers(o) and not _bends_edges(o)]
+        names = [o.effect.name for o in self.active if o not in fitted or not _fits(o)]
+        return tuple(n for n in dict.fromkeys(names) if n not in self.ignored)
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Listed effects that neither fit nor balances know of, by name."""
+        return tuple(dict.fromkeys(one.effect.name for one in self.active if _bends_edges(one)))
 
     def _with(self, stage: Stage) -> list[ActiveEffect]:
-        return [o for o in self.active if any(t.stage is stage for t in o.effect.terms)]
+        return [o for o in self.active if any(t.stage is stage for t in o.terms)]
 
     def _cylinder_name(self, one: ActiveEffect) -> str:
         return self.robot.cylinders[one.cylinder or 0].name
-
-    def _signals(self, trace: Trace, index: int, moved: Motion | None = None) -> FloatArray:
-        """Signals of one cylinder over a trace; velocities only where the motion is known."""
-        cylinder = self.robot.cylinders[index]
-        joint = self.robot.joint_index(cylinder.joint)
-        signals = np.full((trace.samples, SIGNAL_COUNT), np.nan)
-        signals[:, TIME] = trace.time_s
-        signals[:, PISTON_POSITION] = trace.stroke[:, index]
-        signals[:, PRESSURE_A] = trace.p_a[:, index]
-        signals[:, PRESSURE_B] = trace.p_b[:, index]
-        signals[:, SUPPLY_PRESSURE] = trace.supply
-        signals[:, TANK_PRESSURE] = trace.tank
-        signals[:, VALVE_SIGNAL] = trace.valve_signal[:, index]
-        signals[:, PISTON_FORCE] = piston_force(cylinder, trace.p_a[:, index], trace.p_b[:, index])
-        signals[:, JOINT_POSITION] = trace.q[:, joint]
-        signals[:, LEVER] = lever(cylinder, trace.q[:, joint])
-        signals[:, ATMOSPHERIC_PRESSURE] = self.robot.atmospheric_pressure_pa
-        if moved is not None:
-            arm = lever(cylinder, moved.q[:, joint])
-            signals[:, JOINT_VELOCITY] = moved.qd[:, joint]
-            signals[:, PISTON_VELOCITY] = arm * moved.qd[:, joint]
-            signals[:, PISTON_ACCELERATION] = np.gradient(
-                signals[:, PISTON_VELOCITY], trace.step_s
-            )
-        return signals
-
-
-def _dry_signals(trace: Trace, joint: int, moved: Motion) -> FloatArray:
-    """Signals of a joint without cylinder: its piston is the joint itself."""
-    signals = np.full((trace.samples, SIGNAL_COUNT), np.nan)
-    signals[:, TIME] = trace.time_s
-    signals[:, PISTON_POSITION] = signals[:, JOINT_POSITION] = moved.q[:, joint]
-    signals[:, PISTON_VELOCITY] = signals[:, JOINT_VELOCITY] = moved.qd[:, joint]
-    signals[:, PISTON_ACCELERATION] = moved.qdd[:, joint]
-    signals[:, PISTON_FORCE] = trace.joint_torque[:, joint]
-    signals[:, LEVER] = 1.0
-    return signals
 
 
 def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
@@ -267,14 +261,30 @@ def _is_bias(one: ActiveEffect) -> bool:
     return one.effect.name == NULL_BIAS.split(".", 1)[0]
 
 
+def _in_chambers(one: ActiveEffect) -> bool:
+    stages = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
+    return bool(stages.intersection(one.effect.stages))
+
+
+def _bends_edges(one: ActiveEffect) -> bool:
+    """A law whose size counts in the edges' own flow, or which acts on one chamber alone."""
+    return _in_chambers(one) and (one.effect.needs_valve or bool(one.side))
+
+
+def _fits(one: ActiveEffect) -> bool:
+    return bool(_linear_names(one)) or _is_bias(one)
+
+
 def _linear_names(one: ActiveEffect) -> list[str]:
     return [f"{one.effect.name}.{p.name}" for p in one.effect.parameters if p.linear]
 
 
 def _acting(one: ActiveEffect, stage: Stage) -> NDArray[np.bool_]:
     """Which linear parameters a stage's law depends on, seen at a probe of distinct signals."""
-    probe = 1.0e5 * np.arange(1.0, SIGNAL_COUNT + 1.0)[None, :]
-    return np.asarray(one.effect.columns(probe, one.parameters, stage)[0] != 0.0)
+    rising = 1.0e5 * np.arange(1.0, SIGNAL_COUNT + 1.0)
+    # What has internal states is at rest in the first row and moves when the signals turn.
+    probe = np.array([rising, -rising, rising])
+    return np.asarray((one.effect.columns(probe, one.parameters, stage, 1e-3) != 0.0).any(axis=0))
 
 
 def _middle(values: FloatArray) -> FloatArray:

@@ -19,7 +19,8 @@ from hydro_ident.report.validation_report import (
     losses_section,
 )
 
-_STYLE = """
+#: Of every report.
+STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.6em 0 1.6em;font-variant-numeric:tabular-nums}
 th,td{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}
@@ -49,7 +50,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     parts = [
         "<!DOCTYPE html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{_STYLE}</style></head><body>",
+        f"<style>{STYLE}</style></head><body>",
         f"<h1>{title}</h1>",
         f'<p class="verdict">{escape(found.verdict.replace("_", " "))}</p>',
         _list(found.problems, "no"),
@@ -67,7 +68,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         "<h2>Notes</h2>",
         _list(found.notes, ""),
         "<h2>Provenance</h2>",
-        _provenance(origin),
+        provenance_table(origin),
         "</body></html>",
     ]
     return "\n".join(parts) + "\n"
@@ -130,7 +131,8 @@ def _plot(channel: ChannelScore) -> str:
     return line_plot(title, channel.time_s, lines, "time in s", channel.unit)
 
 
-def _provenance(origin: Mapping[str, Any]) -> str:
+def provenance_table(origin: Mapping[str, Any]) -> str:
+    """Command, version, robot and bags of a result."""
     rows = [("command", str(origin["command"])), ("version", str(origin["version"]))]
     rows.append(("robot", str(origin["robot"])))
     for kind in ("bags", "validation"):

@@ -147,13 +147,16 @@ def roll_out(
     tolerance: float,
     inputs: Array,
     results: Any,
+    begin: int,
+    end: int,
 ) -> tuple[int, float]:
-    """The state at every sample.
+    """The state at the samples from `begin` to before `end`.
 
     Parameters
     ----------
     model, work, solver : ModelArrays, Work, Solver
-        `solver.y` holds the state at the first sample; its effect states are set to rest.
+        `solver.y` holds the state at the first sample, whose effect states are set to rest; or,
+        with a later `begin`, `solver.z` that of the sample before.
     times : (N,) array
         Increasing.
     commands : (N, m) array
@@ -167,6 +170,7 @@ def roll_out(
         Working memory.
     results : tuple of (N, ...) arrays
         States, rails after effects, valve signals after effects, friction; filled.
+    begin, end : int
 
     Returns
     -------
@@ -176,7 +180,7 @@ def roll_out(
         Time reached.
     """
     m, held, h = model.joint.shape[0], np.int64(0), FIRST_STEP_S
-    for sample in range(times.shape[0]):
+    for sample in range(begin, end):
         if sample > 0:
             for i in range(2):
                 inputs[m + i] = 0.5 * (rails[sample - 1, i] + rails[sample, i])
@@ -212,4 +216,4 @@ def roll_out(
         if not right_hand_side(model, work, times[sample], inputs, solver.y, solver.f, RATES):
             return NOT_FINITE, times[sample]
         _record(model, work, solver, sample, results)
-    return DONE, times[-1]
+    return DONE, times[end - 1]

@@ -4,7 +4,9 @@ A law receives one row of `SIGNAL_COUNT` numbers, in a roll-out from the state, 
 identification from a recording. Pressures are gauge. In a roll-out, signals that are an outcome of
 the step or are not simulated are NaN, so that a law that needs them fails loudly:
 `PISTON_ACCELERATION`, `VALVE_RATE`, `OIL_TEMPERATURE`, and `SUPPLY_FLOW` and `RETURN_FLOW` for
-laws of a single cylinder (the sums over all valves are known to laws of the whole robot only).
+laws of a single cylinder (the sums over all valves are known to laws of the whole robot only),
+and `OTHER_ACCELERATION`. On a joint without cylinder, pressures, areas, edges and flows are NaN.
+`hydro_model.effects.rows.signal_rows` fills them from a recording.
 
 Only append: compiled laws in a user's numba cache hold these numbers.
 """
@@ -31,9 +33,26 @@ OIL_TEMPERATURE = 16  # deg C
 ATMOSPHERIC_PRESSURE = 17  # Pa absolute
 STATE_0 = 18  # the effect's own internal states
 STATE_1 = 19
+STATE_2 = 20
+STATE_3 = 21
+OTHER_POSITION = 22  # rad or m, of the next joint outwards, or of the one before the last
+OTHER_VELOCITY = 23  # rad/s or m/s
+OTHER_ACCELERATION = 24  # rad/s^2 or m/s^2
+TRAVEL_LOW = 25  # m, end of the piston's travel: 0 (a joint's lower limit where no cylinder is)
+TRAVEL_HIGH = 26  # m, the stroke (the joint's upper limit)
+AREA_A = 27  # m^2
+AREA_B = 28  # m^2
+EDGE_PA = 29  # m^3/(s sqrt(Pa)), coefficients of the valve's edges
+EDGE_AT = 30
+EDGE_PB = 31
+EDGE_BT = 32
+VALVE_FLOW_A = 33  # m^3/s, into chamber A through the edges at the shaped valve signal
+VALVE_FLOW_B = 34  # m^3/s, into chamber B
+TIP_HEIGHT = 35  # m, of the tip over the base's origin, against gravity
+TIP_SLOPE = 36  # m/rad (1 where it slides), how much it rises as this joint moves
 
-SIGNAL_COUNT = 20
-MAX_STATES = 2
+SIGNAL_COUNT = 37
+MAX_STATES = 4
 
 #: Names of the signals in index order, for tables and reports.
 SIGNAL_NAMES = (
@@ -57,4 +76,21 @@ SIGNAL_NAMES = (
     "atmospheric_pressure",
     "state_0",
     "state_1",
+    "state_2",
+    "state_3",
+    "other_position",
+    "other_velocity",
+    "other_acceleration",
+    "travel_low",
+    "travel_high",
+    "area_a",
+    "area_b",
+    "edge_pa",
+    "edge_at",
+    "edge_pb",
+    "edge_bt",
+    "valve_flow_a",
+    "valve_flow_b",
+    "tip_height",
+    "tip_slope",
 )

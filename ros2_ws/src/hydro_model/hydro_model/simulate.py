@@ -8,16 +8,24 @@ the effects the robot lists. Chamber by chamber (eq. 10 before the pressures are
 and ``M(q) qdd + h(q, qd) = lever (p_a A1 - p_b A2 - friction) + torque``. Effects add to flows,
 volumes, compliances, friction and supply as `hydro_model.effects` says. Pressures are not kept
 above vapour pressure: laws are finite for any pressure, and cavitation is not part of the base.
+
+Effects that change the robot (payload, tilt, delay) are applied to it before the roll-out; one
+that starts within it (`payload_change.start_s`) is taken up at the first sample at or after its
+time. Effects of instruments act on no machine: `hydro_model.effects.read_with` applies them to
+what was simulated.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hydro_model import cylinder as geometry
+from hydro_model.effects import resolve
+from hydro_model.effects.catalogue import start_s
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.simulate_model import Model, equilibrium_pressures, shaped
@@ -126,15 +134,26 @@ def simulate(
     torques = shaped("torque", np.zeros((count, n)) if torque is None else torque, (count, n))
     q_start = shaped("q0", q0, (n,))
     qd_start = shaped("qd0", np.zeros(n) if qd0 is None else qd0, (n,))
+    rails_known = {"measured_supply": supply is not None, "measured_tank": tank is not None}
+    models = [
+        (begin, Model(robot, time_s=times[max(begin - 1, 0)], **rails_known))
+        for begin in _beginnings(robot, times)
+    ]
     if p0 is None:
-        p0 = equilibrium_pressures(robot, q_start, rails[0, 0], rails[0, 1])
+        p0 = equilibrium_pressures(models[0][1].robot, q_start, rails[0, 0], rails[0, 1])
     start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
-    model = Model(robot, measured_supply=supply is not None, measured_tank=tank is not None)
-    return _run(model, times, commands, rails, torques, start, tolerance)
+    return _run(models, times, commands, rails, torques, start, tolerance)
+
+
+def _beginnings(robot: Robot, times: FloatArray) -> list[int]:
+    """Samples whose step another robot makes: the first, and those after a change started."""
+    starts = [start_s(one) for one in resolve(robot)]
+    firsts = np.searchsorted(times, [t for t in starts if times[0] < t < times[-1]])
+    return sorted({0, *(int(first) + 1 for first in firsts if first + 1 < len(times))})
 
 
 def _run(
-    model: Model,
+    models: Sequence[tuple[int, Model]],
     times: FloatArray,
     commands: FloatArray,
     rails: FloatArray,
@@ -146,25 +165,31 @@ def _run(
     from hydro_model.rosenbrock_kernels import new_solver
 
     count, m = commands.shape
+    model = models[0][1]
     solver = new_solver(model.state_size)
     solver.y[: len(start)] = start
     states = np.empty((count, model.state_size))
     results = (states, np.empty((count, 2)), np.empty((count, m)), np.empty((count, m)))
-    status, reached = roll_out(
-        model.arrays,
-        model.work,
-        solver,
-        times,
-        commands,
-        rails,
-        torques,
-        float(model.robot.command_delay_s),
-        float(tolerance),
-        np.empty(m + 2 + torques.shape[1]),
-        results,
-    )
-    if status != DONE:
-        raise _failure(model.robot, status, reached, solver.z * model.arrays.scale)
+    inputs = np.empty(m + 2 + torques.shape[1])
+    ends = [first for first, _ in models[1:]] + [count]
+    for (first, model), end in zip(models, ends, strict=True):
+        status, reached = roll_out(
+            model.arrays,
+            model.work,
+            solver,
+            times,
+            commands,
+            rails,
+            torques,
+            float(model.robot.command_delay_s),
+            float(tolerance),
+            inputs,
+            results,
+            np.int64(first),
+            np.int64(end),
+        )
+        if status != DONE:
+            raise _failure(model.robot, status, reached, solver.z * model.arrays.scale)
     return _rollout(model.robot, times, results, int(solver.tried[0]))
 
 

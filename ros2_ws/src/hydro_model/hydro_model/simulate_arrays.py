@@ -12,8 +12,9 @@ from hydro_model.chain_arrays import chain_arrays
 from hydro_model.chain_kernels import SCRATCH
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.compiled import law_address
+from hydro_model.effects.rows import constant_signals, other_joint, upwards
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
-from hydro_model.signals import ATMOSPHERIC_PRESSURE, SIGNAL_COUNT
+from hydro_model.signals import SIGNAL_COUNT
 
 IntArray = NDArray[np.int64]
 
@@ -59,9 +60,13 @@ class ModelArrays(NamedTuple):
     axis: FloatArray  # (n, 3)
     prismatic: NDArray[np.bool_]  # (n,)
     gravity: FloatArray  # (3,)
+    tip: FloatArray  # (3,) in the last joint's frame
+    up: FloatArray  # (3,) unit vector against gravity
+    tip_used: NDArray[np.bool_]  # (1,) some law looks at the tip
     theta: FloatArray  # (n, 10)
     parts: FloatArray  # (2 k, PART_COLUMNS) barrels and rods
     joint: IntArray  # (m,) joint of each cylinder
+    other: IntArray  # (n,) the joint that each one's laws may look at, -1: none
     geometry: FloatArray  # (m, 9)
     edges: FloatArray  # (m, 4) c_pa, c_at, c_pb, c_bt
     dry_joint: IntArray  # (d,) joints without cylinder
@@ -81,6 +86,8 @@ class Work(NamedTuple):
     q: FloatArray  # (n,)
     qd: FloatArray  # (n,)
     chain: FloatArray  # (n + 2 k, SCRATCH)
+    tip: FloatArray  # (3,) tip position
+    tip_columns: FloatArray  # (2, 3, n) its Jacobian and the Jacobian's rate
     mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
     bias: FloatArray  # (n,) and its bias
     factor: FloatArray  # (n, n)
@@ -96,7 +103,7 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     ----------
     robot : Robot
     active : sequence of ActiveEffect
-        In catalogue order, as `hydro_model.effects.resolve` returns them.
+        Those with laws, in catalogue order, as `hydro_model.effects.resolve` returns them.
 
     Returns
     -------
@@ -120,9 +127,13 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         axis=chain.axis,
         prismatic=chain.prismatic,
         gravity=chain.gravity_m_s2,
+        tip=np.array(robot.tip_offset_m, dtype=np.float64),
+        up=upwards(robot),
+        tip_used=np.array([any(one.effect.needs_tip for one in active)]),
         theta=chain.theta,
         parts=chain.parts,
         joint=np.array([robot.joint_index(c.joint) for c in cylinders], dtype=np.int64),
+        other=np.array([other_joint(robot, j) for j in range(robot.dof)], dtype=np.int64),
         geometry=np.array([_geometry(c) for c in cylinders], dtype=float).reshape(-1, 9),
         edges=np.array([_edges(v) for v in valves], dtype=float).reshape(-1, 4),
         dry_joint=np.array(robot.dry_joints, dtype=np.int64),
@@ -141,11 +152,15 @@ def new_work(robot: Robot) -> Work:
     """Working memory for a robot; signals that a roll-out does not know are NaN."""
     n, m = robot.dof, len(robot.cylinders)
     signals = np.full((len(_places(robot)), SIGNAL_COUNT), np.nan)
-    signals[:, ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
+    for row, (cylinder, joint) in zip(signals, _places(robot), strict=True):
+        for index, value in constant_signals(robot, cylinder, joint).items():
+            row[index] = value
     return Work(
         q=np.zeros(n),
         qd=np.zeros(n),
         chain=np.zeros((n + 2 * len(robot.closed_chains), SCRATCH)),
+        tip=np.zeros(3),
+        tip_columns=np.zeros((2, 3, n)),
         mass=np.zeros((n, n)),
         bias=np.zeros(n),
         factor=np.zeros((n, n)),
@@ -204,9 +219,9 @@ def _terms(
 
 def _rows(one: ActiveEffect, index: int, stage: Stage) -> list[tuple[int, int, int]]:
     # States of a robot-wide effect follow the sum of all flows, known only after its laws ran.
-    first = None if one.effect.robot_wide else one.effect.terms[0]
+    first = None if one.effect.robot_wide else one.terms[0]
     return [
         (law_address(term.law), index, int(term is first))
-        for term in one.effect.terms
+        for term in one.terms
         if term.stage is stage
     ]

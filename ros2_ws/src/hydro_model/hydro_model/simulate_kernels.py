@@ -10,6 +10,7 @@ from numba import njit
 from hydro_model.composite_kernels import solve_spd
 from hydro_model.effects.compiled import call_law
 from hydro_model.rigid_body_kernels import mass_matrix_and_bias
+from hydro_model.signal_kernels import look, look_aside, look_at_tip
 from hydro_model.signals import (
     JOINT_POSITION,
     JOINT_VELOCITY,
@@ -25,6 +26,8 @@ from hydro_model.signals import (
     SUPPLY_PRESSURE,
     TANK_PRESSURE,
     TIME,
+    VALVE_FLOW_A,
+    VALVE_FLOW_B,
     VALVE_SIGNAL,
 )
 from hydro_model.simulate_arrays import (
@@ -40,10 +43,7 @@ from hydro_model.simulate_arrays import (
     FRICTION,
     INVERSE_BULK,
     KEEP_MASS,
-    L1,
-    L2,
     OWNER,
-    Q0,
     REST,
     ROBOT_WIDE,
     SIGNAL,
@@ -54,7 +54,6 @@ from hydro_model.simulate_arrays import (
     VISCOUS,
     VOLUME_A,
     VOLUME_B,
-    X0,
 )
 from hydro_model.valve import SMOOTH_PRESSURE_PA
 
@@ -113,28 +112,6 @@ def _apply(
 
 
 @njit(cache=True, error_model="numpy")
-def _look(model: Any, work: Any, y: Array, i: int, time: float, u: float) -> None:
-    """Signals of cylinder i from the state (eqs. 9, 16, 17 corrected)."""
-    n, m = model.axis.shape[0], model.joint.shape[0]
-    s, g = work.signals[i], model.geometry[i]
-    q, qd = y[model.joint[i]], y[n + model.joint[i]]
-    lever, x = 1.0, q - g[X0]
-    if g[L1] != 0.0:
-        product = g[L1] * g[L2]
-        angle = q + g[Q0]
-        length = math.sqrt(g[L1] * g[L1] + g[L2] * g[L2] - 2.0 * product * math.cos(angle))
-        lever, x = product * math.sin(angle) / length, length - g[X0]
-    p_a, p_b = y[2 * n + i], y[2 * n + m + i]
-    s[TIME], s[VALVE_SIGNAL] = time, u
-    s[JOINT_POSITION], s[JOINT_VELOCITY] = q, qd
-    s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = x, lever * qd, lever
-    s[PRESSURE_A], s[PRESSURE_B] = p_a, p_b
-    s[PISTON_FORCE] = p_a * g[AREA_A] - p_b * g[AREA_B]
-    s[SUPPLY_PRESSURE] = work.signals[m, SUPPLY_PRESSURE]
-    s[TANK_PRESSURE] = work.signals[m, TANK_PRESSURE]
-
-
-@njit(cache=True, error_model="numpy")
 def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
     """Flows into the chambers of cylinder i (eqs. 11 to 13); adds to the robot's sums."""
     m = model.joint.shape[0]
@@ -156,10 +133,11 @@ def _cylinder(
 ) -> None:
     """Pressure rates of cylinder i (eq. 10, per chamber) and its force on the joint."""
     n, m = model.axis.shape[0], model.joint.shape[0]
-    _look(model, work, y, i, time, u)
+    look(model, work, y, i, time, u)
     s, g = work.signals[i], model.geometry[i]
     opening = _apply(model, work, y, dy, i, SIGNAL, u, mode)
     q_a, q_b = _valve(model, work, i, opening)
+    s[VALVE_FLOW_A], s[VALVE_FLOW_B] = q_a, q_b
     q_a = _apply(model, work, y, dy, i, FLOW_A, q_a, mode)
     q_b = _apply(model, work, y, dy, i, FLOW_B, q_b, mode)
     x, v = s[PISTON_POSITION], s[PISTON_VELOCITY]
@@ -182,6 +160,7 @@ def _dry(model: Any, work: Any, y: Array, dy: Array, d: int, time: float, mode: 
     s[TIME] = time
     s[JOINT_POSITION], s[JOINT_VELOCITY] = y[j], y[n + j]
     s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = y[j], y[n + j], 1.0
+    look_aside(model, work, s, y, j)
     viscous = model.dry_viscous[d] * y[n + j]
     work.force[j] -= _apply(model, work, y, dy, m + 1 + d, FRICTION, viscous, mode)
 
@@ -223,6 +202,8 @@ def right_hand_side(
     robot[TANK_PRESSURE] = _apply(model, work, y, dy, m, TANK, inputs[m + 1], mode)
     for j in range(n):
         work.force[j] = inputs[m + 2 + j]
+    if model.tip_used[0]:
+        look_at_tip(model, work, y)
     for i in range(m):
         _cylinder(model, work, y, dy, i, time, inputs[i], mode)
     for d in range(model.dry_joint.shape[0]):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hydro_model import cylinder as geometry
-from hydro_model.effects import ActiveEffect, Stage, resolve
+from hydro_model.effects import ActiveEffect, Stage, resolve, with_changes
+from hydro_model.effects.applied import changed_for_laws
 from hydro_model.errors import SimulationError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
@@ -25,6 +26,16 @@ class Model:
     robot : Robot
     measured_supply, measured_tank : bool
         The rail's pressure is given as an input: effects that would change it are left out.
+    time_s : float
+        Effects that change the robot (`Effect.change`) from a later time on are left out.
+
+    Attributes
+    ----------
+    robot : Robot
+        With its changes: masses, gravity and delays as the listed effects make them.
+    active : tuple of ActiveEffect
+        The effects that are laws. Those of instruments act on no machine
+        (`hydro_model.effects.read_with`).
 
     Raises
     ------
@@ -33,18 +44,23 @@ class Model:
     """
 
     def __init__(
-        self, robot: Robot, *, measured_supply: bool = False, measured_tank: bool = False
+        self,
+        robot: Robot,
+        *,
+        measured_supply: bool = False,
+        measured_tank: bool = False,
+        time_s: float = float("inf"),
     ) -> None:
         from hydro_model.simulate_arrays import model_arrays, new_work
 
         left_out = {Stage.SUPPLY} if measured_supply else set()
         left_out |= {Stage.TANK} if measured_tank else set()
-        self.robot = robot
         self.active: tuple[ActiveEffect, ...] = tuple(
-            one for one in resolve(robot) if one.effect.terms[0].stage not in left_out
+            one for one in resolve(robot) if one.terms and one.terms[0].stage not in left_out
         )
-        self.arrays: ModelArrays = model_arrays(robot, self.active)
-        self.work: Work = new_work(robot)
+        self.robot: Robot = changed_for_laws(with_changes(robot, time_s), self.active)
+        self.arrays: ModelArrays = model_arrays(self.robot, self.active)
+        self.work: Work = new_work(self.robot)
 
     @property
     def state_size(self) -> int:

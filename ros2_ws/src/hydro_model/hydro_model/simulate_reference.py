@@ -13,6 +13,7 @@ import numpy as np
 from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects.rows import constant_signals, other_joint, set_tip
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.valve import edge_flows
@@ -31,7 +32,7 @@ def reference_rates(
     ----------
     robot : Robot
     active : sequence of ActiveEffect
-        In catalogue order.
+        Those with laws, in catalogue order.
     time_s : float
     inputs : (m + 2 + n,) array
         Normalised valve signals, supply and tank pressure before effects, joint torques.
@@ -90,18 +91,21 @@ def _cylinder(
     x, v = float(geometry.stroke(cylinder, q)), lever * qd
     force = float(geometry.piston_force(cylinder, p_a, p_b))
     s = common.copy()
+    _look_around(robot, s, i, None, state)
     s[[sig.JOINT_POSITION, sig.JOINT_VELOCITY, sig.PISTON_POSITION]] = q, qd, x
     s[[sig.PISTON_VELOCITY, sig.LEVER, sig.PISTON_FORCE]] = v, lever, force
     s[[sig.PRESSURE_A, sig.PRESSURE_B, sig.VALVE_SIGNAL]] = p_a, p_b, command
     for one, where in own:
-        for term in one.effect.terms:
+        for term in one.terms:
             if term.stage is Stage.SIGNAL:
                 _drive(one, where, s, state, rates)
                 s[sig.VALVE_SIGNAL] = term.law(s, one.parameters)
-        if one.effect.terms[0].stage is not Stage.SIGNAL:
-            _drive(one, where, s, state, rates)
     p_s, p_t = s[sig.SUPPLY_PRESSURE], s[sig.TANK_PRESSURE]
     q_a, q_b = edge_flows(valve, s[sig.VALVE_SIGNAL], p_a, p_b, p_s, p_t)
+    s[[sig.VALVE_FLOW_A, sig.VALVE_FLOW_B]] = q_a, q_b
+    for one, where in own:
+        if one.terms[0].stage is not Stage.SIGNAL:
+            _drive(one, where, s, state, rates)
     # Seen from the pump: the supply edge feeds A while u > 0 and B while u < 0.
     used = np.array([q_a, -q_b] if s[sig.VALVE_SIGNAL] > 0.0 else [q_b, -q_a])
     volume_a, volume_b = geometry.chamber_volumes(cylinder, x)
@@ -128,11 +132,25 @@ def _dry_friction(
     q, qd = state[[j, robot.dof + j]]
     s = common.copy()
     s[[sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE]] = np.nan
+    _look_around(robot, s, None, j, state)
     s[[sig.JOINT_POSITION, sig.JOINT_VELOCITY, sig.LEVER]] = q, qd, 1.0
     s[[sig.PISTON_POSITION, sig.PISTON_VELOCITY]] = q, qd
     for one, where in own:
         _drive(one, where, s, state, rates)
     return float(robot.joints[j].viscous_friction * qd + _sum(Stage.FRICTION, own, s, state))
+
+
+def _look_around(
+    robot: Robot, s: FloatArray, cylinder: int | None, joint: int | None, state: FloatArray
+) -> None:
+    """Constants of a cylinder or joint, the joint beside it and the tip."""
+    for index, value in constant_signals(robot, cylinder, joint).items():
+        s[index] = value
+    own = robot.joint_index(robot.cylinders[cylinder].joint) if cylinder is not None else joint
+    set_tip(s[None, :], robot, own or 0, state[None, : robot.dof])
+    other = other_joint(robot, own or 0)
+    if other >= 0:
+        s[[sig.OTHER_POSITION, sig.OTHER_VELOCITY]] = state[other], state[robot.dof + other]
 
 
 def _with_states(
@@ -165,6 +183,6 @@ def _sum(
     total = 0.0
     for one, where in effects:
         _load(where, s, state)
-        laws = [term.law for term in one.effect.terms if term.stage is stage]
+        laws = [term.law for term in one.terms if term.stage is stage]
         total += sum(law(s, one.parameters) for law in laws)
     return total

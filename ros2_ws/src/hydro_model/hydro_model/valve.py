@@ -113,9 +113,38 @@ def valve_signal(
     array
         u, positive where `q_term` is negative.
     """
-    q_term = np.asarray(q_term, dtype=float)
     x = np.asarray(x, dtype=float)
-    rest = cylinder.stroke_m - x
+    return signal_at_lengths(valve, q_term, x, cylinder.stroke_m - x, p_a, p_b, p_s, p_t)
+
+
+def signal_at_lengths(
+    valve: Valve,
+    q_term: ArrayLike,
+    length_a: ArrayLike,
+    length_b: ArrayLike,
+    p_a: ArrayLike,
+    p_b: ArrayLike,
+    p_s: ArrayLike,
+    p_t: ArrayLike,
+) -> FloatArray:
+    """`valve_signal` with the oil columns of the chambers given: ``Q = -Q1 / l_A - Q2 / l_B``.
+
+    Parameters
+    ----------
+    valve : Valve
+    q_term : array
+        Wanted Q, m^2/s.
+    length_a, length_b : array
+        In m: x and S - x in eqs. 14 and 15, longer where a chamber is softer than that.
+    p_a, p_b, p_s, p_t : array
+        Gauge pressures in Pa.
+
+    Returns
+    -------
+    array
+        u, positive where `q_term` is negative.
+    """
+    q_term, x, rest = _floats(q_term, length_a, length_b)
     p_a, p_b, p_s, p_t = _floats(p_a, p_b, p_s, p_t)
     extend = valve.c_pa * _open_root(p_s - p_a) / x + valve.c_bt * _open_root(p_b - p_t) / rest
     retract = valve.c_at * _open_root(p_a - p_t) / x + valve.c_pb * _open_root(p_s - p_b) / rest

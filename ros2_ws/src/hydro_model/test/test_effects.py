@@ -10,16 +10,25 @@ from scipy.signal import lti, step
 
 from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Effect, Stage, resolve
+from hydro_model.effects.effect import CHANNELS
 from hydro_model.errors import RobotError
-from hydro_model.robot import EffectSpec
+from hydro_model.robot import EffectSpec, Valve
 from hydro_model.robot_files import load_robot
+from hydro_model.valve import edge_flows, signed_root
 
-FORCE_AND_FLOW = {
-    "coulomb_friction", "stribeck_friction", "asymmetric_friction", "pressure_dependent_friction",
-    "quadratic_friction", "valve_deadband", "valve_null_bias", "valve_gain_nonlinearity",
-    "valve_spool_lag", "valve_rate_limit", "internal_leakage", "external_leakage", "dead_volume",
-    "entrained_air", "supply_droop", "tank_back_pressure",
-}  # fmt: skip
+#: Every name of the contract, by family.
+NAMES = {
+    "force": """coulomb_friction stribeck_friction asymmetric_friction pressure_dependent_friction
+        presliding_friction quadratic_friction position_dependent_friction temperature_drift
+        pin_friction payload_change cylinder_inertia structural_flexibility backlash
+        encoder_offset base_tilt pressure_sensor_bias pressure_sensor_gain constant_force_offset
+        counterbalance_spring joint_coupling external_contact""",
+    "flow": """valve_deadband valve_underlap valve_null_bias valve_gain_nonlinearity
+        valve_spool_lag valve_rate_limit valve_hysteresis internal_leakage external_leakage
+        dead_volume entrained_air cavitation supply_droop tank_back_pressure counterbalance_valve
+        pressure_compensation end_cushion line_dynamics""",
+    "timing": "pressure_delay command_delay",
+}
 EFFECTS = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda e: e.name)
 
 
@@ -32,14 +41,26 @@ def recording(count: int = 200) -> np.ndarray:
     s[:, sig.ATMOSPHERIC_PRESSURE] = 101325.0
     s[:, sig.SUPPLY_FLOW] = rng.uniform(0.0, 1e-3, count)
     s[:, sig.RETURN_FLOW] = rng.uniform(0.0, 1e-3, count)
+    s[:, sig.SUPPLY_PRESSURE], s[:, sig.TANK_PRESSURE] = 19e6, 1e6
+    s[:, sig.PISTON_POSITION] = rng.uniform(0.0, 0.59, count)
+    s[:, sig.TRAVEL_LOW], s[:, sig.TRAVEL_HIGH] = 0.0, 0.59
+    s[:, sig.LEVER] = rng.uniform(0.2, 0.4, count)
+    s[:, sig.PISTON_FORCE] = rng.normal(size=count) * 3e4
+    s[:, sig.AREA_A], s[:, sig.AREA_B] = 5.03e-3, 3.44e-3
+    s[:, sig.EDGE_PA : sig.EDGE_BT + 1] = [9e-7, 8e-7, 7e-7, 6e-7]
+    s[:, sig.VALVE_FLOW_A : sig.VALVE_FLOW_B + 1] *= 0.01
+    s[:, sig.TIME] = np.arange(count) * 0.002
     return s
 
 
 S = recording()
 V, U = S[:, sig.PISTON_VELOCITY], S[:, sig.VALVE_SIGNAL]
+X, LEVER, FORCE = S[:, sig.PISTON_POSITION], S[:, sig.LEVER], S[:, sig.PISTON_FORCE]
+Q_A, Q_B = S[:, sig.VALVE_FLOW_A], S[:, sig.VALVE_FLOW_B]
 P_A, P_B = S[:, sig.PRESSURE_A], S[:, sig.PRESSURE_B]
 P_ABS = P_A + 101325.0
 
+VALVE = Valve("spool", "ram", 10.0, c_pa=9e-7, c_at=8e-7, c_pb=7e-7, c_bt=6e-7)
 #: Name, parameters, stage, what the equation of PHYSICS notes gives.
 EQUATIONS = [
     ("coulomb_friction", [3e3, 0.01], Stage.FRICTION, 3e3 * np.tanh(V / 0.01)),
@@ -83,6 +104,53 @@ EQUATIONS = [
         Stage.COMPLIANCE_A,
         0.01 / (1.3 * P_ABS) * (101325.0 / P_ABS) ** (1.0 / 1.3),
     ),
+    (
+        "position_dependent_friction",
+        [1e3, 2e3, 4e3, 3e3, 5e3, 0.01],
+        Stage.FRICTION,
+        np.interp(X, np.linspace(0.0, 0.59, 5), [1e3, 2e3, 4e3, 3e3, 5e3]) * np.tanh(V / 0.01),
+    ),
+    (
+        "pin_friction",
+        [2e-3, 0.05],
+        Stage.FRICTION,
+        2e-3 * np.abs(FORCE) / LEVER * np.tanh(S[:, sig.JOINT_VELOCITY] / 0.05),
+    ),
+    ("counterbalance_spring", [-2e3, 5e3], Stage.FRICTION, -2e3 + 5e3 * X),
+    (
+        "external_contact",
+        [1e5, 0.05],
+        Stage.FRICTION,
+        -1e5 * np.maximum(0.05 - S[:, sig.TIP_HEIGHT], 0.0) * S[:, sig.TIP_SLOPE] / LEVER,
+    ),
+    (
+        "valve_underlap",
+        [0.05],
+        Stage.FLOW_A,
+        edge_flows(VALVE, U + 0.05, P_A, P_B, 19e6, 1e6)[0] * (U > -0.05)
+        + edge_flows(VALVE, U - 0.05, P_A, P_B, 19e6, 1e6)[0] * (U < 0.05)
+        - edge_flows(VALVE, U, P_A, P_B, 19e6, 1e6)[0],
+    ),
+    (
+        "pressure_compensation",
+        [1.0, 7e5],
+        Stage.FLOW_B,
+        np.maximum(-U, 0.0)
+        * 7e-7
+        * (signed_root(np.minimum(19e6 - P_B, 7e5)) - signed_root(19e6 - P_B)),
+    ),
+    (
+        "counterbalance_valve",
+        [2e7, 4e6, 1.0],
+        Stage.FLOW_A,
+        (1.0 - np.clip((P_A + P_B - 2e7) / 4e6, 0.0, 1.0)) * np.maximum(-Q_A, 0.0),
+    ),
+    (
+        "end_cushion",
+        [0.8, 0.1],
+        Stage.FLOW_B,
+        0.8 * np.maximum(1.0 - (0.59 - X) / 0.1, 0.0) * np.maximum(-Q_B, 0.0),
+    ),
 ]
 
 
@@ -92,8 +160,10 @@ def test_law_is_its_equation(name, values, stage, expected) -> None:
 
 
 def test_catalogue_has_what_the_contract_names() -> None:
-    assert set(CATALOGUE) >= FORCE_AND_FLOW
     assert all(name == effect.name for name, effect in CATALOGUE.items())
+    for channel, names in NAMES.items():
+        found = {effect.name for effect in CATALOGUE.values() if effect.channel == channel}
+        assert found == set(names.split())
 
 
 @EFFECTS
@@ -102,6 +172,10 @@ def test_every_effect_is_described(effect: Effect) -> None:
     for text in (effect.equation, effect.source, effect.separating_experiment):
         assert len(text) > 5
     assert effect.looks_like
+    assert effect.terms or effect.change or effect.reading
+    assert effect.channels
+    assert set(effect.channels) <= set(CHANNELS)
+    assert not effect.start or effect.change
     assert len(effect.states) <= sig.MAX_STATES
     for p in effect.parameters:
         assert p.unit
@@ -122,17 +196,15 @@ def test_compiled_laws_equal_the_plain_ones(effect: Effect) -> None:
 
 @EFFECTS
 def test_linear_parameters_are_columns(effect: Effect) -> None:
-    if effect.states:
-        return
-    linear = [i for i, p in enumerate(effect.parameters) if p.linear]
+    """Superposition: the columns times the linear parameters are the law, states and all."""
+    linear = list(effect.linear)
     for term in effect.terms:
-        columns = effect.columns(S, effect.typical, term.stage)
+        columns = effect.columns(S, effect.typical, term.stage, 0.002)
         assert columns.shape == (len(S), len(linear))
         if linear:
+            law = effect.evaluate(S, effect.typical, term.stage, 0.002)
             np.testing.assert_allclose(
-                columns @ effect.typical[linear],
-                effect.evaluate(S, effect.typical, term.stage),
-                rtol=1e-12,
+                columns @ effect.typical[linear], law, rtol=1e-9, atol=1e-9 * np.abs(law).max()
             )
 
 
@@ -181,7 +253,7 @@ def test_evaluation_of_states_starts_at_rest_and_keeps_the_input() -> None:
 
 def test_wrong_shapes_and_stages_are_said() -> None:
     coulomb = CATALOGUE["coulomb_friction"]
-    with pytest.raises(RobotError, match=r"signals of shape \(N, 20\), found \(5,\)"):
+    with pytest.raises(RobotError, match=r"signals of shape \(N, 37\), found \(5,\)"):
         coulomb.evaluate(np.zeros(5), [1.0, 1.0])
     with pytest.raises(RobotError, match="expected 2 parameters"):
         coulomb.evaluate(S, [1.0])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hydro_model.effects.effect import Effect, ParameterSpec, Row, Stage, Term
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
 from hydro_model.signals import ATMOSPHERIC_PRESSURE, PRESSURE_A, PRESSURE_B
 
 #: Absolute pressure below which air counts as if it were at this pressure, Pa: the model does
@@ -55,6 +56,7 @@ INTERNAL_LEAKAGE = Effect(
     source="laminar flow past the piston seal",
     parameters=(ParameterSpec("coefficient", "m^3/(s Pa)", "c", 0.0, 1e-9, 5e-13, linear=True),),
     terms=(Term(Stage.FLOW_A, _cross_into_a), Term(Stage.FLOW_B, _cross_into_b)),
+    channels=("flow_a", "flow_b"),
     looks_like=("valve_null_bias", "valve_underlap"),
     separating_experiment="valve closed under load, with the load acting either way",
 )
@@ -69,6 +71,7 @@ EXTERNAL_LEAKAGE = Effect(
         ParameterSpec("coefficient_b", "m^3/(s Pa)", "c_B", 0.0, 1e-9, 5e-13, True, optional=True),
     ),
     terms=(Term(Stage.FLOW_A, _out_of_a), Term(Stage.FLOW_B, _out_of_b)),
+    channels=("flow_a", "flow_b"),
     looks_like=("internal_leakage", "valve_null_bias"),
     separating_experiment="valve closed: both pressures decay, where internal leakage equalises",
 )
@@ -83,6 +86,7 @@ DEAD_VOLUME = Effect(
         ParameterSpec("volume_b", "m^3", "V0_B", 0.0, 0.05, 1e-3, linear=True),
     ),
     terms=(Term(Stage.VOLUME_A, _first), Term(Stage.VOLUME_B, _second)),
+    channels=("flow_a", "flow_b"),
     looks_like=("bulk modulus", "entrained_air"),
     separating_experiment="small steps near both ends of the stroke",
 )
@@ -101,6 +105,7 @@ ENTRAINED_AIR = Effect(
         ),
     ),
     terms=(Term(Stage.COMPLIANCE_A, _air_in_a), Term(Stage.COMPLIANCE_B, _air_in_b)),
+    channels=("flow_a", "flow_b"),
     looks_like=("dead_volume", "bulk modulus", "cavitation"),
     separating_experiment="steps of the valve at low and at high chamber pressure",
 )  # fmt: skip

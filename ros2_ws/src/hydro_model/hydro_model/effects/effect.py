@@ -1,117 +1,57 @@
-"""What an effect is: a name, an equation, parameters and laws that the whole product shares.
+"""What an effect is: a name, an equation, parameters and the physics that all parts share.
 
-A law is plain scalar Python in numba's subset, ``law(s, p) -> float``, with `s` the signals of one
-cylinder (`hydro_model.signals`) and `p` the effect's parameters in the order of
-`Effect.parameters`. It is written once: the roll-out calls it compiled, the identification
-evaluates it over a recording, the controller compensates it, the report prints its equation.
+The physics is written once, in one of three forms, and everything else (roll-out, identification,
+controller, report) uses it. Laws (`hydro_model.effects.law`) add to one cylinder's equations. A
+*change* turns the robot into the one that has the effect: masses, gravity, delays. A *reading*
+turns true signals into what the sensors show; it acts on no machine, only on what is recorded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hydro_model.effects.law import (
+    ROBOT_STAGES,
+    InternalState,
+    Law,
+    ParameterSpec,
+    Row,
+    Stage,
+    Term,
+)
+from hydro_model.effects.readings import Readings
 from hydro_model.errors import RobotError
-from hydro_model.robot import FloatArray
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import SIGNAL_COUNT
 
+__all__ = [
+    "CHANNELS",
+    "ROBOT_STAGES",
+    "Effect",
+    "InternalState",
+    "Law",
+    "ParameterSpec",
+    "ReadingChange",
+    "RobotChange",
+    "Row",
+    "Stage",
+    "Term",
+]
 
-class Row(Protocol):
-    """Numbers by index: an array, or a pointer in compiled code."""
+#: (robot, target, parameters) to the robot that has the effect. The target is one of
+#: `hydro_model.effects.catalogue.targets`.
+RobotChange = Callable[[Robot, str, FloatArray], Robot]
+#: (true readings, index, parameters) to what the sensors show. The index is that of the joint for
+#: targets of kind ``joint``, of the cylinder for ``cylinder``, and that in `Robot.pressure_names`
+#: for ``pressure``; 0 for ``robot``.
+ReadingChange = Callable[[Readings, int, FloatArray], Readings]
 
-    def __getitem__(self, index: int, /) -> float: ...
-
-
-Law = Callable[[Row, Row], float]
-
-
-class Stage(Enum):
-    """Where in the model a law's value enters, and its unit.
-
-    Every stage but `SIGNAL` adds: laws of one stage are summed. `SIGNAL` laws map the valve
-    signal one after the other, in catalogue order.
-    """
-
-    FRICTION = "friction"  # N, opposes piston motion
-    SIGNAL = "signal"  # valve signal in, valve signal out
-    FLOW_A = "flow_a"  # m^3/s, added into chamber A
-    FLOW_B = "flow_b"  # m^3/s, added into chamber B
-    VOLUME_A = "volume_a"  # m^3, added to chamber A
-    VOLUME_B = "volume_b"  # m^3, added to chamber B
-    COMPLIANCE_A = "compliance_a"  # 1/Pa, added to 1/beta of chamber A
-    COMPLIANCE_B = "compliance_b"  # 1/Pa, added to 1/beta of chamber B
-    SUPPLY = "supply"  # Pa, added to the supply pressure of the whole robot
-    TANK = "tank"  # Pa, added to the tank pressure of the whole robot
-
-
-#: Stages of laws that act once for the robot, not once per cylinder.
-ROBOT_STAGES = frozenset({Stage.SUPPLY, Stage.TANK})
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterSpec:
-    """A parameter of an effect.
-
-    Attributes
-    ----------
-    name, unit, text : str
-    lower, upper : float
-        Physical bounds, inclusive.
-    typical : float
-        Size on a crane of this class (PHYSICS notes), a start for searches.
-    linear : bool
-        The laws are proportional to it while the effect's other linear parameters are zero.
-    optional : bool
-        A robot file may leave it out and then gets `typical`: shape parameters that few data
-        can tell.
-    """
-
-    name: str
-    unit: str
-    text: str
-    lower: float
-    upper: float
-    typical: float
-    linear: bool = False
-    optional: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Term:
-    """One contribution of an effect to the model.
-
-    Attributes
-    ----------
-    stage : Stage
-    law : callable
-    """
-
-    stage: Stage
-    law: Law
-
-
-@dataclass(frozen=True, slots=True)
-class InternalState:
-    """An internal state of an effect.
-
-    Attributes
-    ----------
-    rate : callable
-        Law of its time derivative.
-    initial : callable
-        Law of its value at rest, from the signals at the start.
-    scale : float
-        Typical size, for the integrator's error control.
-    """
-
-    rate: Law
-    initial: Law
-    scale: float
+#: Kinds of residual channels.
+CHANNELS = ("force", "flow_a", "flow_b", "timing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +63,13 @@ class Effect:
     name : str
         Name of the contract.
     channel : str
-        Residual it shows in: ``force``, ``flow`` or ``timing``.
+        Family of the contract: ``force``, ``flow`` or ``timing``.
     equation, source : str
         For the report: the law in words of mathematics, and where it is from.
     parameters : tuple of ParameterSpec
     terms : tuple of Term
-        What it adds where; the first is the one that names its size.
+        What it adds where; the first is the one that names its size. Empty where `change` or
+        `reading` says it all.
     looks_like : tuple of str
         What a fit may take for it.
     separating_experiment : str
@@ -138,6 +79,26 @@ class Effect:
         False where the laws look at the motion alone, so that the effect can act on a joint
         without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute
         joint.
+    channels : tuple of str
+        The kinds of residual channels it can show in, of `CHANNELS`; strongest first.
+    acts_on : str
+        Kind of its targets: ``cylinder`` (or a joint without, see `needs_cylinder`), ``joint``,
+        ``pressure`` (a pressure's name) or ``robot``.
+    change : callable or None
+        The robot that has the effect.
+    reading : callable or None
+        What the sensors show.
+    start : str
+        Name of the parameter that is the time from which the `change` holds, in seconds on the
+        recording's time axis; empty where it always does.
+    needs_other_joint : bool
+        Looks at another joint: not for a robot with a single one.
+    needs_valve : bool
+        Looks at the edges' flows or coefficients, in proportion to which it acts.
+    needs_tip : bool
+        Looks at the height of the tip, which a roll-out computes for such effects only.
+    limits : str
+        What the form leaves out, for the report; empty where it is all there is to say.
     """
 
     name: str
@@ -150,26 +111,46 @@ class Effect:
     separating_experiment: str
     states: tuple[InternalState, ...] = ()
     needs_cylinder: bool = True
+    channels: tuple[str, ...] = ("force",)
+    acts_on: str = "cylinder"
+    change: RobotChange | None = None
+    reading: ReadingChange | None = None
+    start: str = ""
+    needs_other_joint: bool = False
+    needs_valve: bool = False
+    needs_tip: bool = False
+    limits: str = ""
 
     @property
     def robot_wide(self) -> bool:
         """Acts once for the robot instead of once per cylinder."""
-        return self.terms[0].stage in ROBOT_STAGES
+        return self.acts_on == "robot"
 
     @property
     def typical(self) -> FloatArray:
         """Typical parameter values, in parameter order."""
         return np.array([parameter.typical for parameter in self.parameters])
 
+    @property
+    def linear(self) -> tuple[int, ...]:
+        """Indices of its linear parameters."""
+        return tuple(i for i, parameter in enumerate(self.parameters) if parameter.linear)
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """The stages that its laws enter at."""
+        return tuple(dict.fromkeys(term.stage for term in self.terms))
+
     def term(self, stage: Stage | None = None) -> Term:
         """Its term at a stage, or the first one; raises RobotError where there is none."""
-        if stage is None:
+        if stage is None and self.terms:
             return self.terms[0]
         for term in self.terms:
             if term.stage is stage:
                 return term
-        known = ", ".join(t.stage.value for t in self.terms)
-        raise RobotError(f"effect '{self.name}' has no {stage.value} law (it has: {known})")
+        wanted = "" if stage is None else f"{stage.value} "
+        known = ", ".join(t.stage.value for t in self.terms) or "none"
+        raise RobotError(f"effect '{self.name}' has no {wanted}law (it has: {known})")
 
     def values(self, given: Mapping[str, float], where: str) -> FloatArray:
         """Parameter values in order, checked.
@@ -198,7 +179,7 @@ class Effect:
     def _value(self, spec: ParameterSpec, given: Mapping[str, float], where: str) -> float:
         if spec.name not in given:
             if spec.optional:
-                return spec.typical
+                return spec.typical if spec.default is None else spec.default
             raise RobotError(
                 f"{where}: effect '{self.name}' needs parameter '{spec.name}' in {spec.unit}"
             )
@@ -229,7 +210,7 @@ class Effect:
             Default: the first term.
         sample_time_s : float, optional
             Needed by effects with internal states, which are integrated from rest at the first
-            row with every row held for this long.
+            row; between rows the valve's signal and flows are held, the rest moves evenly.
 
         Returns
         -------
@@ -253,7 +234,11 @@ class Effect:
         return evaluate_law(law, rows, values)
 
     def columns(
-        self, signals: ArrayLike, parameters: ArrayLike, stage: Stage | None = None
+        self,
+        signals: ArrayLike,
+        parameters: ArrayLike,
+        stage: Stage | None = None,
+        sample_time_s: float | None = None,
     ) -> FloatArray:
         """Regressor columns of its linear parameters at a stage.
 
@@ -264,6 +249,8 @@ class Effect:
             Values of the parameters that are not linear; the linear ones are ignored.
         stage : Stage, optional
             Default: the first term.
+        sample_time_s : float, optional
+            Needed by effects with internal states.
 
         Returns
         -------
@@ -271,13 +258,13 @@ class Effect:
             One column per linear parameter, in parameter order: the law at its unit.
         """
         rows, values = self._checked(signals, parameters)
-        linear = [i for i, parameter in enumerate(self.parameters) if parameter.linear]
+        linear = list(self.linear)
         out = np.empty((len(rows), len(linear)))
         for column, index in enumerate(linear):
             unit = values.copy()
             unit[linear] = 0.0
             unit[index] = 1.0
-            out[:, column] = self.evaluate(rows, unit, stage)
+            out[:, column] = self.evaluate(rows, unit, stage, sample_time_s)
         return out
 
     def _checked(self, signals: ArrayLike, parameters: ArrayLike) -> tuple[FloatArray, FloatArray]:

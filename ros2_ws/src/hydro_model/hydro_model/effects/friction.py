@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hydro_model.effects.effect import Effect, ParameterSpec, Row, Stage, Term
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
 from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B
 
 _VELOCITY_SCALE = ParameterSpec(

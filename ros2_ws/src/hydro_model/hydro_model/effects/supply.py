@@ -6,7 +6,8 @@ state, so that flow and pressure need not be solved for together.
 
 from __future__ import annotations
 
-from hydro_model.effects.effect import Effect, InternalState, ParameterSpec, Row, Stage, Term
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term
 from hydro_model.signals import RETURN_FLOW, STATE_0, SUPPLY_FLOW
 
 
@@ -45,6 +46,8 @@ SUPPLY_DROOP = Effect(
     ),
     terms=(Term(Stage.SUPPLY, _lower_supply),),
     states=(InternalState(_droop_rate, _droop, 1e6),),
+    channels=("flow_a", "flow_b"),
+    acts_on="robot",
     looks_like=("valve_gain_nonlinearity", "edge coefficients"),
     separating_experiment="record the supply pressure; move one joint, then both",
 )
@@ -60,6 +63,8 @@ TANK_BACK_PRESSURE = Effect(
     ),
     terms=(Term(Stage.TANK, _raise_tank),),
     states=(InternalState(_back_pressure_rate, _back_pressure, 1e6),),
+    channels=("flow_a", "flow_b"),
+    acts_on="robot",
     looks_like=("edge coefficients c_at and c_bt",),
     separating_experiment="record the tank pressure; staircase of speeds",
 )

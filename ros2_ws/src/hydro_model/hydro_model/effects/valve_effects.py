@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 
-from hydro_model.effects.effect import Effect, InternalState, ParameterSpec, Row, Stage, Term
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
 from hydro_model.signals import STATE_0, STATE_1, VALVE_SIGNAL
 
 
 def _signal(s: Row, p: Row) -> float:
     return s[VALVE_SIGNAL]
-
-
-def _nothing(s: Row, p: Row) -> float:
-    return 0.0
 
 
 def _spool(s: Row, p: Row) -> float:
@@ -51,6 +48,11 @@ def _bent(s: Row, p: Row) -> float:
     return u * (1.0 + p[0] * (abs(u) - 1.0))
 
 
+def _play(s: Row, p: Row) -> float:
+    gap = s[VALVE_SIGNAL] - s[STATE_0]
+    return (gap - min(max(gap, -p[0]), p[0])) / p[1]
+
+
 RATE_LIMIT = Effect(
     name="valve_rate_limit",
     channel="flow",
@@ -64,6 +66,7 @@ RATE_LIMIT = Effect(
     ),
     terms=(Term(Stage.SIGNAL, _spool),),
     states=(InternalState(_limited_rate, _signal, 1.0),),
+    channels=("flow_a", "flow_b"),
     looks_like=("valve_spool_lag", "command_delay"),
     separating_experiment="the same chirp at a small and at a large amplitude",
 )
@@ -80,11 +83,32 @@ SPOOL_LAG = Effect(
     terms=(Term(Stage.SIGNAL, _spool),),
     states=(
         InternalState(_spool_velocity, _signal, 1.0),
-        InternalState(_spool_acceleration, _nothing, 100.0),
+        InternalState(_spool_acceleration, nothing, 100.0),
     ),
+    channels=("flow_a", "flow_b"),
     looks_like=("command_delay", "pressure_delay", "valve_rate_limit"),
     separating_experiment="chirp of the command to twice the lag's frequency",
 )
+
+HYSTERESIS = Effect(
+    name="valve_hysteresis",
+    channel="flow",
+    equation="tau u' = (u_in - u) - clip(u_in - u, -h, h): play of half width h",
+    source="play operator; Visintin, Differential Models of Hysteresis (1994)",
+    parameters=(
+        ParameterSpec("half_width", "1", "h", 0.0, 0.2, 0.002),
+        ParameterSpec(
+            "time_constant", "s", "tau, in which the play is taken up", 1e-4, 0.02, 5e-4,
+            optional=True,
+        ),
+    ),
+    terms=(Term(Stage.SIGNAL, _spool),),
+    states=(InternalState(_play, _signal, 1.0),),
+    channels=("flow_a", "flow_b"),
+    looks_like=("valve_spool_lag", "command_delay", "valve_deadband"),
+    separating_experiment="slow triangles of the command at two amplitudes",
+    limits="one play, where a real spool's branches are many",
+)  # fmt: skip
 
 NULL_BIAS = Effect(
     name="valve_null_bias",
@@ -93,6 +117,7 @@ NULL_BIAS = Effect(
     source="mechanical null of the spool off the electrical one",
     parameters=(ParameterSpec("bias", "1", "u0", -0.2, 0.2, 0.005),),
     terms=(Term(Stage.SIGNAL, _biased),),
+    channels=("flow_a", "flow_b"),
     looks_like=("internal_leakage", "one-sided valve_deadband"),
     separating_experiment="slow ramps of the command through zero, both ways",
 )
@@ -104,6 +129,7 @@ DEADBAND = Effect(
     source="overlap of the control edges",
     parameters=(ParameterSpec("width", "1", "d, overlap either way", 0.0, 0.3, 0.01),),
     terms=(Term(Stage.SIGNAL, _past_deadband),),
+    channels=("flow_a", "flow_b"),
     looks_like=("valve_gain_nonlinearity", "supply_droop"),
     separating_experiment="staircase of small commands through zero",
 )
@@ -115,8 +141,9 @@ GAIN_NONLINEARITY = Effect(
     source="progressive (k > 0) or saturating (k < 0) edges; the full opening is unchanged",
     parameters=(ParameterSpec("progression", "1", "k", -0.9, 0.9, 0.1),),
     terms=(Term(Stage.SIGNAL, _bent),),
+    channels=("flow_a", "flow_b"),
     looks_like=("supply_droop", "valve_deadband"),
     separating_experiment="staircase of commands up to full opening, one joint at a time",
 )
 
-VALVE_EFFECTS = (RATE_LIMIT, SPOOL_LAG, NULL_BIAS, DEADBAND, GAIN_NONLINEARITY)
+VALVE_EFFECTS = (RATE_LIMIT, SPOOL_LAG, HYSTERESIS, NULL_BIAS, DEADBAND, GAIN_NONLINEARITY)

@@ -1,0 +1,104 @@
+"""The state of the robot as the control law takes it: filtered, and predicted for the valve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_control.axes import Axis
+from hydro_control.filters import Ewma, FilteredDifference, average_lag_s, difference_lag_s
+from hydro_control.gains import Gains
+from hydro_model.cylinder import piston_force
+from hydro_model.robot import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The robot at an instant.
+
+    Attributes
+    ----------
+    q, qd, force : (n,) array
+        Joint positions and velocities, piston forces.
+    pressures : (2, m) array
+        Gauge, per cylinder in the robot's order.
+    p_s, p_t : float
+        Gauge supply and tank pressure.
+    """
+
+    q: FloatArray
+    qd: FloatArray
+    force: FloatArray
+    pressures: FloatArray
+    p_s: float
+    p_t: float
+
+
+class StateFilter:
+    """The filters of section V over the sensors.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+    gains : Gains
+    dt_s : float
+    force_lag_s : (n,) array
+        By which pressures are late before they are filtered.
+    """
+
+    def __init__(
+        self, axes: Sequence[Axis], gains: Gains, dt_s: float, force_lag_s: FloatArray
+    ) -> None:
+        self._axes = tuple(axes)
+        self._position = Ewma(gains.alpha_q)
+        self._velocity = FilteredDifference(gains.alpha_qd, dt_s)
+        self._pressure = Ewma(gains.alpha_p)
+        self._position_lag_s = average_lag_s(gains.alpha_q, dt_s)
+        self._velocity_lag_s = difference_lag_s(gains.alpha_qd, dt_s)
+        self._force_lag_s = force_lag_s + average_lag_s(gains.alpha_p, dt_s)
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        for part in (self._position, self._velocity, self._pressure):
+            part.reset()
+
+    def measured(
+        self, q: FloatArray, pressures: FloatArray, p_s: float, p_t: float, steps: int
+    ) -> State:
+        """The state at a sample, `steps` sample times after the one before."""
+        position = self._position.update(q, steps)
+        velocity = self._velocity.update(q, steps)
+        filtered = self._pressure.update(pressures, steps)
+        force = [
+            float(piston_force(a.cylinder, *filtered[:, a.cylinder_index])) for a in self._axes
+        ]
+        return State(position, velocity, np.array(force), filtered, p_s, p_t)
+
+    def predicted(
+        self, now: State, lead_s: float, acceleration: FloatArray, force_rate: FloatArray
+    ) -> State:
+        """The state `lead_s` later, if what was asked for comes about.
+
+        What is filtered is late by its filter besides. Pressures stay as they are: valves answer
+        to their square roots.
+
+        Parameters
+        ----------
+        now : State
+        lead_s : float
+        acceleration, force_rate : (n,) array
+            Of the joints and of the piston forces, as asked for one sample ago.
+
+        Returns
+        -------
+        State
+        """
+        late, ahead = self._velocity_lag_s, lead_s + self._position_lag_s
+        return replace(
+            now,
+            q=now.q + ahead * now.qd + (0.5 * ahead + late) * ahead * acceleration,
+            qd=now.qd + (lead_s + late) * acceleration,
+            force=now.force + (lead_s + self._force_lag_s) * force_rate,
+        )

@@ -1,0 +1,164 @@
+"""`hydro_ident diagnose`: what physics a model leaves out, from recorded bags."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hydro_model.command import run_command
+
+if TYPE_CHECKING:
+    from hydro_ident.mismatch.diagnosis import Diagnosis
+    from hydro_ident.results import Provenance
+
+_EPILOG = """\
+DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
+file with the effects that were found) and controller.yaml (a ROS parameters file). Exit 0 done;
+1 the data were not enough; 2 bad usage or unreadable input, nothing written.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="diagnose",
+        description="Locate, name, model and verify the physics that a robot's model leaves out,"
+        " from recorded bags.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 directory or .mcap file")
+    p.add_argument(
+        "--robot",
+        required=True,
+        help="*.hydraulics.yaml, model.yaml or a shipped robot: the structure that is refitted",
+    )
+    p.add_argument(
+        "--validate",
+        nargs="+",
+        default=[],
+        metavar="BAG",
+        help="bags to verify on; without them every fifth block is held out",
+    )
+    p.add_argument(
+        "--fixed-base",
+        action="store_true",
+        help="keep the robot's base parameters as they are (to their stated deviations), so that"
+        " payload, offsets and tilt can be told",
+    )
+    p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
+    return p
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Body of the command; returns its exit code."""
+    options = parser().parse_args(arguments)
+    from hydro_ident.mismatch.diagnosis import NOT_ENOUGH, diagnose
+    from hydro_ident.mismatch.settings import DiagnosisSettings
+    from hydro_ident.results import provenance
+    from hydro_ident.sources import bag_source
+    from hydro_model.robot_files import load_robot
+
+    robot = load_robot(options.robot)
+    training = [bag_source(bag, robot) for bag in options.bags]
+    validation = [bag_source(bag, robot) for bag in options.validate]
+    # Without --out: the same input gives the same result wherever it is written.
+    command = ["diagnose", *options.bags, "--robot", options.robot]
+    command += ["--validate", *options.validate] if options.validate else []
+    command += ["--fixed-base"] if options.fixed_base else []
+    origin = provenance(
+        shlex.join(command),
+        options.robot,
+        [source.path for source in training],
+        [source.path for source in validation],
+    )
+    found = diagnose(robot, training, validation, DiagnosisSettings(options.fixed_base))
+    write_results(found, origin, options.out)
+    print(summary_text(found))
+    if found.verdict == NOT_ENOUGH:
+        print(f"diagnose: {'; '.join(found.problems)}", file=sys.stderr)
+        return 1
+    print(f"written: {options.out}")
+    return 0
+
+
+def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
+    """Write every result file of a diagnosis, or none.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    origin : Provenance
+    folder : Path
+
+    Raises
+    ------
+    IdentError
+        The folder cannot be written; what was there stays.
+    """
+    from hydro_ident.controller_file import controller_text
+    from hydro_ident.mismatch.diagnosis_file import result_json
+    from hydro_ident.model_file import write_model
+    from hydro_ident.report.diagnosis_report import report_html
+    from hydro_ident.results import (
+        CONTROLLER_FILE,
+        MODEL_FILE,
+        REPORT_FILE,
+        RESULT_FILE,
+        write_together,
+    )
+
+    def fill(fresh: Path) -> None:
+        (fresh / RESULT_FILE).write_text(result_json(found, origin), encoding="utf-8")
+        (fresh / REPORT_FILE).write_text(report_html(found, origin.as_dict()), encoding="utf-8")
+        if found.robot is not None:
+            write_model(found.robot, fresh / MODEL_FILE, origin.as_dict())
+            text = controller_text(folder / MODEL_FILE)
+            (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
+
+    write_together(folder, fill)
+
+
+def summary_text(found: Diagnosis) -> str:
+    """The result as lines for the terminal."""
+    from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
+    from hydro_ident.validation_results import rollout_lines
+
+    lines = [f"verdict: {found.verdict}"]
+    lines += [f"problem: {text}" for text in found.problems]
+    lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
+    for one in found.findings:
+        data = finding_dict(found, one)
+        pairs = zip(data["names"], data["probability"], strict=True)
+        names = " or ".join(f"{name} ({share:.0%})" for name, share in pairs)
+        lines.append(f"found in {data['channel']}: {names}, {data['where']['text']}")
+        for p in data["parameters"]:
+            std = "" if p["std"] is None else f" +- {p['std']:.3g}"
+            lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}")
+        before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
+        lines.append(f"    held-out RMSE {before:.4g} -> {after:.4g} with it")
+        if len(data["names"]) > 1:
+            lines.append(f"    to tell them apart: {data['separating_experiment']}")
+    lines += [f"unexplained: {one.text}" for one in found.unexplained]
+    for channel in found.channels:
+        s = channel_dict(channel)
+        lines.append(
+            f"  {channel.name:14} RMSE {s['rmse_before']:10.4g} -> {s['rmse_after']:10.4g}"
+            f" {channel.unit}, noise alone {s['noise_floor']:.3g}"
+        )
+    lines += rollout_lines(found.free_run)
+    lines += [f"note: {text}" for text in found.notes]
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Entry point."""
+    return run_command("diagnose", run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,127 @@
+"""What listed effects do that a fit takes as listed: torques of bodies, errors of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.estimate.force_rows import Motion
+from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import stroke
+from hydro_model.effects import ActiveEffect, Readings, Stage
+from hydro_model.effects.catalogue import start_s
+from hydro_model.effects.rows import signal_rows
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.signals import LEVER, PISTON_FORCE, PISTON_POSITION
+
+
+def held_torque(
+    robot: Robot, changes: Sequence[ActiveEffect], trace: Trace, moved: Motion
+) -> FloatArray:
+    """Joint torques of effects that change the robot's bodies, and of their laws.
+
+    Parameters
+    ----------
+    robot : Robot
+    changes : sequence of ActiveEffect
+    trace : Trace
+    moved : Motion
+
+    Returns
+    -------
+    (N, n) array
+    """
+    state = (moved.q, moved.qd, moved.qdd)
+    total, plain = np.zeros_like(moved.q), inverse_dynamics(robot, *state)
+    for one in changes:
+        if one.effect.change is None:
+            continue
+        changed = one.effect.change(robot, one.target, one.parameters)
+        # A tilt is in the regressor, whose masses are the fit's and not the robot file's.
+        changed = replace(changed, gravity_m_s2=robot.gravity_m_s2)
+        acts = (trace.time_s >= start_s(one))[:, None]
+        total += np.where(acts, inverse_dynamics(changed, *state) - plain, 0.0)
+        if Stage.FRICTION in one.effect.stages:
+            at, signals = moving_signals(robot, one, trace, moved)
+            law = one.effect.evaluate(signals, one.parameters, Stage.FRICTION, trace.step_s)
+            total[:, at] += law * signals[:, LEVER]
+    return total
+
+
+def corrected(robot: Robot, errors: Sequence[ActiveEffect], trace: Trace) -> Trace:
+    """A trace without the errors of its instruments.
+
+    A reading of the opposite sign undoes one, to first order in its size.
+
+    Parameters
+    ----------
+    robot : Robot
+    errors : sequence of ActiveEffect
+        Effects with a reading.
+    trace : Trace
+
+    Returns
+    -------
+    Trace
+    """
+    if not errors:
+        return trace
+    rails, signal = (trace.supply, trace.tank), trace.valve_signal
+    r = Readings(trace.step_s, trace.q, trace.p_a, trace.p_b, *rails, signal)
+    for one in errors:
+        if one.effect.reading is not None:
+            r = one.effect.reading(r, one.index, -one.parameters)
+    x = trace.stroke.copy()
+    for i, cylinder in enumerate(robot.cylinders):
+        if not cylinder.stroke_sensor:
+            x[:, i] = stroke(cylinder, r.q[:, robot.joint_index(cylinder.joint)])
+    return replace(
+        trace,
+        q=r.q,
+        stroke=x,
+        p_a=r.p_a,
+        p_b=r.p_b,
+        supply=r.supply,
+        tank=r.tank,
+        valve_signal=r.valve_signal,
+    )
+
+
+def moving_signals(
+    robot: Robot, one: ActiveEffect, trace: Trace, moved: Motion
+) -> tuple[int, FloatArray]:
+    """Joint that an effect of motion acts on, and the signals its laws see."""
+    if one.joint is None:
+        index = one.cylinder or 0
+        at = robot.joint_index(robot.cylinders[index].joint)
+        return at, cylinder_signals(robot, trace, index, moved)
+    # The piston of a joint without cylinder is the joint itself.
+    signals = signal_rows(robot, None, one.joint, trace.time_s, moved.q, moved.qd, moved.qdd)
+    signals[:, PISTON_FORCE] = trace.joint_torque[:, one.joint]
+    return one.joint, signals
+
+
+def cylinder_signals(
+    robot: Robot, trace: Trace, index: int, moved: Motion | None = None
+) -> FloatArray:
+    """Signals of one cylinder over a trace; velocities only where the motion is known."""
+    joint = robot.joint_index(robot.cylinders[index].joint)
+    pressures = np.column_stack(
+        [trace.p_a[:, index], trace.p_b[:, index], trace.supply, trace.tank]
+    )
+    signals = signal_rows(
+        robot,
+        index,
+        joint,
+        trace.time_s,
+        trace.q if moved is None else moved.q,
+        None if moved is None else moved.qd,
+        None if moved is None else moved.qdd,
+        pressures,
+        trace.valve_signal[:, index],
+    )
+    signals[:, PISTON_POSITION] = trace.stroke[:, index]
+    return signals

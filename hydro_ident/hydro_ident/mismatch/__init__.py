@@ -1,0 +1,1 @@
+"""The diagnosis: what physics a model leaves out. Residuals, locate, name, model, verify."""

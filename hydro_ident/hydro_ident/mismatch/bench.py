@@ -1,0 +1,188 @@
+"""Whitened regression against which candidates are held: what they gain beyond a refit.
+
+Columns are compared after everything that the model fits anyway has been partialled out. For each
+column its products with the residual are kept by block of time: flipping the signs of whole
+blocks gives what such a column gains by chance, with the residual's own size and dependence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import qr
+
+from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
+from hydro_model.robot import FloatArray
+
+#: Base columns within this share of each other's span count once.
+RANK = 1.0e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Partial:
+    """Candidate columns beyond the base.
+
+    Attributes
+    ----------
+    gram : (k, k) array
+        Products of the whitened columns among each other.
+    scores : (B, k) array
+        Their products with the residual by block of time.
+    plain : (k,) array
+        Squared norms before the base was partialled out.
+    chance : (B, k) array
+        As `scores`, with what is left of the residual without the best candidate.
+    """
+
+    gram: FloatArray
+    scores: FloatArray
+    plain: FloatArray
+    chance: FloatArray
+
+
+class Bench:
+    """Whitened rows of a model.
+
+    Parameters
+    ----------
+    layout : Layout
+    noise : Noise
+    y : (N,) array
+        Residual, or measured values.
+    x : (N, p) array
+        All columns that a refit may move.
+    block_s : float
+        Length of a block of time.
+    prior : ((m, p), (m,)) arrays, optional
+        Further equations of unit variance, columns and values: what is known beforehand.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        noise: Noise,
+        y: FloatArray,
+        x: FloatArray,
+        block_s: float,
+        prior: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
+        self.layout, self.noise = layout, noise
+        self.rows = noise.settled(layout)
+        self._y = noise.whitened(layout, y)[self.rows]
+        self._x = noise.whitened(layout, x)[self.rows]
+        self.measured = self._y.size
+        block = layout.blocks(block_s)[self.rows]
+        channel = layout.channel[self.rows]
+        if prior is not None:
+            self._y = np.concatenate([self._y, prior[1]])
+            self._x = np.concatenate([self._x, prior[0]])
+            last = int(block.max()) + 1 if block.size else 0
+            block = np.concatenate([block, np.full(prior[1].size, last)])
+            channel = np.concatenate([channel, np.full(prior[1].size, -1)])
+        self.block: IndexArray = block
+        self.channel: IndexArray = channel
+        self.scale = np.linalg.norm(self._x, axis=0)
+        self.scale[self.scale == 0.0] = 1.0
+        q, r, pivot = qr(self._x / self.scale, mode="economic", pivoting=True)
+        size = np.abs(np.diag(r))
+        rank = int(np.sum(size > RANK * max(size[0], 1e-300))) if size.size else 0
+        self.basis = q[:, :rank]
+        self._r, self._pivot = r[:rank, :rank], pivot[:rank]
+        self.residual: FloatArray = self._y - self.basis @ (self.basis.T @ self._y)
+
+    @cached_property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.block.max()) + 1 if self.block.size else 0
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the whitened values themselves."""
+        return float(self._y @ self._y)
+
+    @property
+    def count(self) -> int:
+        """Rows."""
+        return int(self.residual.size)
+
+    @property
+    def rank(self) -> int:
+        """Directions that the base fits."""
+        return int(self.basis.shape[1])
+
+    def solve(self) -> FloatArray:
+        """Least-squares coefficients of the columns; zero where others say the same."""
+        theta = np.zeros(self._x.shape[1])
+        theta[self._pivot] = np.linalg.solve(self._r, self.basis.T @ self._y)
+        return np.asarray(theta / self.scale)
+
+    def refit(self, column: FloatArray) -> FloatArray:
+        """Coefficients of the columns that come closest to another column (N,)."""
+        theta = np.zeros(self._x.shape[1])
+        theta[self._pivot] = np.linalg.solve(self._r, self.basis.T @ self._whitened(column))
+        return np.asarray(theta / self.scale)
+
+    def covariance(self) -> FloatArray:
+        """Covariance of the coefficients, robust against what is left of dependence in blocks."""
+        inverse = np.zeros((self._x.shape[1], self.rank))
+        inverse[self._pivot] = np.linalg.inv(self._r)
+        scores = self.by_block(self.basis * self.residual[:, None])
+        meat = scores.T @ scores
+        # Never below what independent rows would give.
+        meat = np.where(np.eye(self.rank) > 0.0, np.maximum(meat, np.eye(self.rank)), meat)
+        total = inverse @ meat @ inverse.T
+        return np.asarray(total / np.outer(self.scale, self.scale))
+
+    def beyond(self, columns: FloatArray) -> FloatArray:
+        """Whitened columns (N, k) with the base partialled out."""
+        white = self._whitened(columns)
+        return np.asarray(white - self.basis @ (self.basis.T @ white))
+
+    def partial(self, columns: FloatArray, left_over: FloatArray | None = None) -> Partial:
+        """What columns (N, k) hold beyond the base, and what of the residual they meet.
+
+        Parameters
+        ----------
+        columns : (N, k) array
+        left_over : (M,) array, optional
+            Another whitened residual whose products with the columns are wanted, too.
+        """
+        white = self._whitened(columns)
+        left = white - self.basis @ (self.basis.T @ white)
+        scores = self.by_block(left * self.residual[:, None])
+        chance = scores if left_over is None else self.by_block(left * left_over[:, None])
+        return Partial(left.T @ left, scores, np.sum(white**2, axis=0), chance)
+
+    def held_out(self, block_s: float, folds: int, guard_s: float) -> FloatArray:
+        """Squared whitened errors of rows that took no part, fold by fold; (M,)."""
+        times, recording = self.layout.time_s[self.rows], self.layout.recording[self.rows]
+        x, y, extra = self._x / self.scale, self._y, slice(self.measured, None)
+        errors = np.zeros(self.measured)
+        number = [
+            (np.floor((times + shift) / block_s).astype(int) + recording) % folds
+            for shift in (-guard_s, 0.0, guard_s)
+        ]
+        for fold in range(folds):
+            held = number[1] == fold
+            kept = ~(held | (number[0] == fold) | (number[2] == fold))
+            a = np.concatenate([x[: self.measured][kept], x[extra]])
+            b = np.concatenate([y[: self.measured][kept], y[extra]])
+            gram = a.T @ a
+            ridge = RANK * np.trace(gram) * np.eye(gram.shape[0])
+            theta = np.linalg.solve(gram + ridge, a.T @ b)
+            errors[held] = (y[: self.measured][held] - x[: self.measured][held] @ theta) ** 2
+        return errors
+
+    def _whitened(self, columns: FloatArray) -> FloatArray:
+        white = self.noise.whitened(self.layout, columns)[self.rows]
+        extra = self._y.size - self.measured
+        return np.concatenate([white, np.zeros((extra, *white.shape[1:]))]) if extra else white
+
+    def by_block(self, values: FloatArray) -> FloatArray:
+        """Sums (B, k) of rows by block of time."""
+        result = np.zeros((self.blocks, values.shape[1]))
+        for k in range(values.shape[1]):
+            result[:, k] = np.bincount(self.block, weights=values[:, k], minlength=self.blocks)
+        return result

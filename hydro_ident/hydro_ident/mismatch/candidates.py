@@ -1,0 +1,250 @@
+"""Every effect of the catalogue at every target, in every shape that is tried.
+
+A trial is an effect with its shape parameters set. What is linear in it becomes a column per
+linear parameter; an effect without linear parameters becomes one column, the change it makes at
+the size that is tried, whose free coefficient stands for its size to first order.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.mismatch.law_signals import wet_rows
+from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
+from hydro_model.effects.effect import Effect, Stage
+from hydro_model.effects.law import ParameterSpec
+from hydro_model.effects.targets import places
+from hydro_model.robot import FloatArray
+from hydro_model.signals import PRESSURE_A, PRESSURE_B, TIP_HEIGHT
+
+#: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
+#: those optional ones that a fit from the typical value alone would not find.
+FIRST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+FURTHER_FACTORS = (0.4, 1.0, 2.5)
+SCANNED_FACTORS = (0.25, 1.0, 4.0)
+SCANNED = ("velocity_scale", "time_constant")
+#: Places along a range at which positions and times are tried.
+QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+#: Instants tried for something that begins within a recording: one every so often, in s.
+INSTANT_S, MOST_INSTANTS = 2.0, 60
+#: Most shapes of one effect at one target.
+MOST_SHAPES = 75
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """An effect at a target in one shape.
+
+    Attributes
+    ----------
+    active : ActiveEffect
+        With the shape's parameters.
+    units : tuple of (k,) array
+        Parameters of each column.
+    free : tuple of int
+        The parameter whose size each column's coefficient is; -1: that of the whole shape.
+    signed : tuple of bool
+        Whether a coefficient may be negative.
+    """
+
+    active: ActiveEffect
+    units: tuple[FloatArray, ...]
+    free: tuple[int, ...]
+    signed: tuple[bool, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.active.effect.name
+
+    @property
+    def target(self) -> str:
+        """What it acts on."""
+        return self.active.target
+
+    def columns(self, predictor: Predictor, model: Model) -> FloatArray:
+        """The trial's columns on the rows, (N, k), per unit of each coefficient."""
+        return np.stack(
+            [predictor.contribution(model, self.active, unit) for unit in self.units], axis=1
+        )
+
+    def at(self, coefficients: Sequence[float] | FloatArray) -> ActiveEffect:
+        """The effect with fitted coefficients, within its bounds."""
+        effect = self.active.effect
+        values = self.active.parameters.copy()
+        for which, unit, c in zip(self.free, self.units, coefficients, strict=True):
+            if which >= 0:
+                values[which] = c * unit[which]
+            elif effect.name in _INVERSE_SIZE:
+                values[0] = unit[0] / np.clip(c, 0.2, 5.0)
+            else:
+                size = _size_index(effect)
+                values[size] = unit[size] * c
+        low = np.array([p.lower for p in effect.parameters])
+        high = np.array([p.upper for p in effect.parameters])
+        return replace(self.active, parameters=np.clip(values, low, high))
+
+
+#: Effects whose first parameter shrinks as the effect grows.
+_INVERSE_SIZE = ("valve_spool_lag", "line_dynamics", "valve_rate_limit")
+
+
+def _size_index(effect: Effect) -> int:
+    """The parameter that an effect without linear ones grows with."""
+    return 1 if effect.name == "base_tilt" else 0
+
+
+def trials(
+    predictor: Predictor, model: Model, names: Sequence[str] | None = None
+) -> Iterator[Trial]:
+    """Every trial that the recorded channels could show.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+        Effects that are at work in it already are left out at their targets.
+    names : sequence of str, optional
+        Of the catalogue.
+    """
+    material = predictor.material
+    for name in names or CATALOGUE:
+        effect = CATALOGUE[name]
+        if untestable(material, effect):
+            continue
+        for one in _at_targets(material, effect):
+            if any(t.effect.name == name and t.target == one.target for t in model.terms):
+                continue
+            yield from _shaped(predictor, model, one)
+
+
+def untestable(material: Material, effect: Effect) -> str:
+    """Why an effect cannot show in these recordings whatever its size; empty where it can."""
+    wet = any(material.is_flow(k) for k in range(len(material.channels)))
+    forced = any(not material.is_flow(k) for k in range(len(material.channels)))
+    flows = {Stage.FLOW_A, Stage.FLOW_B, Stage.VOLUME_A, Stage.VOLUME_B, Stage.COMPLIANCE_A}
+    flows |= {Stage.COMPLIANCE_B, Stage.SIGNAL, Stage.SUPPLY, Stage.TANK}
+    stages = set(effect.stages)
+    if stages and stages <= flows and not wet:
+        return "no flow channel was recorded (valve voltage, both pressures and position)"
+    if effect.channel == "timing" and not wet:
+        return "no flow channel was recorded"
+    if effect.channel == "force" and not forced and not stages & flows:
+        return "no force channel was recorded"
+    if effect.acts_on == "pressure" and material.forces.torque:
+        return "no pressures were recorded"
+    if not targets(material.robot, effect):
+        return "the robot has nothing that it could act on"
+    for stage, rail in ((Stage.SUPPLY, "supply"), (Stage.TANK, "tank")):
+        if stage in stages and stages <= {Stage.SUPPLY, Stage.TANK} and recorded(material, rail):
+            return f"the {rail} pressure was recorded: whatever it does is in the data"
+    return ""
+
+
+def recorded(material: Material, rail: str) -> bool:
+    """Whether a rail's pressure was recorded, not the robot file's constant."""
+    return any(
+        float(np.ptp(getattr(s.trace, rail))) > 0.0 for s in material.stretches if s.trace.samples
+    )
+
+
+def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
+    robot = material.robot
+    return [
+        ActiveEffect(effect, p.cylinder, effect.typical.copy(), p.joint, p.name, p.index, p.side)
+        for target in targets(robot, effect)
+        for p in places(robot, effect, target, robot.name)
+    ]
+
+
+def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[Trial]:
+    effect = one.effect
+    linear = effect.linear
+    shape = [i for i in range(len(effect.parameters)) if i not in linear]
+    grids = [_grid(predictor, model, one, effect.parameters[i]) for i in shape]
+    chosen = list(itertools.product(*grids))
+    if len(chosen) > MOST_SHAPES:
+        chosen = [chosen[k * len(chosen) // MOST_SHAPES] for k in range(MOST_SHAPES)]
+    for values in chosen:
+        parameters = effect.typical.copy()
+        parameters[shape] = values
+        active = replace(one, parameters=parameters)
+        if not linear:
+            yield Trial(active, (parameters,), (-1,), (_signed(effect),))
+            continue
+        units = []
+        for i in linear:
+            unit = parameters.copy()
+            unit[list(linear)] = 0.0
+            unit[i] = effect.parameters[i].typical or 1.0
+            units.append(unit)
+        # A coefficient counts in units of the typical value, which may be negative.
+        signed = tuple(effect.parameters[i].lower < 0.0 for i in linear)
+        yield Trial(active, tuple(units), linear, signed)
+
+
+def _signed(effect: Effect) -> bool:
+    return effect.parameters[_size_index(effect)].lower < 0.0
+
+
+def _grid(
+    predictor: Predictor, model: Model, one: ActiveEffect, spec: ParameterSpec
+) -> list[float]:
+    effect, material = one.effect, predictor.material
+    if spec.name == effect.start:
+        return _instants(material)
+    if effect.name == "external_contact" and spec.name == "height":
+        return _quantiles(predictor, model, one, (TIP_HEIGHT,))
+    if effect.name == "counterbalance_valve" and spec.name == "setting":
+        high = _quantiles(predictor, model, one, (PRESSURE_A, PRESSURE_B))
+        return [high[0], high[2], high[4], high[6], high[8], 2.0 * high[8]]
+    if spec.typical == 0.0:
+        return [0.0]
+    if not effect.linear and spec is effect.parameters[_size_index(effect)] and _signed(effect):
+        return [spec.typical]
+    if effect.name == "command_delay" or effect.reading is not None:
+        return [spec.typical]
+    if spec.optional:
+        factors: tuple[float, ...] = (1.0,)
+        if spec.name == "velocity_scale" or effect.name == "temperature_drift":
+            factors = _scanned(spec)
+    else:
+        needed = [p for p in effect.parameters if not (p.linear or p.optional)]
+        factors = FIRST_FACTORS if spec is needed[0] else FURTHER_FACTORS
+    values = [min(max(f * spec.typical, spec.lower), spec.upper) for f in factors]
+    return list(dict.fromkeys(values))
+
+
+def _scanned(spec: ParameterSpec) -> tuple[float, ...]:
+    if spec.name == "rise":
+        return (-1.0, 1.0)
+    return SCANNED_FACTORS if spec.name in SCANNED else (1.0,)
+
+
+def _instants(material: Material) -> list[float]:
+    if not material.size:
+        return []
+    end = float(material.time_s.max())
+    count = int(min(MOST_INSTANTS, max(1, end / INSTANT_S - 1)))
+    return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
+
+
+def _quantiles(
+    predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
+) -> list[float]:
+    values = []
+    for stretch in predictor.signals.stretches(model):
+        if one.cylinder is not None:
+            rows = wet_rows(model.robot, stretch, one.cylinder)
+        else:
+            rows = predictor.signals.of(model, stretch, one)
+        values += [rows[:, signal] for signal in signals]
+    together = np.concatenate(values)
+    together = together[np.isfinite(together)]
+    return [float(v) for v in np.quantile(together, QUANTILES)] if together.size else [0.0]

@@ -1,0 +1,209 @@
+"""What an effect contributes to the prediction, filtered onto the rows.
+
+One definition serves candidates and chosen effects alike. Laws at an additive stage are evaluated
+by themselves; laws on the valve signal or on the rails re-evaluate the edges; changes of the robot
+re-evaluate the inverse dynamics; readings re-evaluate the whole residual with the sensors' signals
+corrected (a reading of the opposite sign undoes it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import Chamber, edge_integrals
+from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.force_rows import force_columns, measured_force
+from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.material import Material, Place, Stretch
+from hydro_ident.mismatch.shaping import Model, Signals, middle, same, shapes
+from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.effects.effect import Stage
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.signals import LEVER
+
+_FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
+_VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
+_COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
+_BALANCE = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
+
+
+def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
+    """What the prediction gains by an effect on top of a model's other effects, (N,).
+
+    Parameters
+    ----------
+    signals : Signals
+    model : Model
+        With or without the effect.
+    one : ActiveEffect
+    """
+    without = replace(model, terms=tuple(t for t in model.terms if not same(t, one)))
+    if one.effect.reading is not None:
+        plain = replace(without, terms=tuple(t for t in without.terms if t.effect.reading))
+        return _plain_residual(signals, plain) - _plain_residual(signals, plain.with_term(one))
+    result = np.zeros(signals.material.size)
+    stages = set(one.effect.stages)
+    if one.effect.change is not None:
+        _add_change(signals, without, one, result)
+    if Stage.FRICTION in stages:
+        _add_friction(signals, without, one, result)
+    if stages & _BALANCE:
+        _add_balance(signals, without, one, result)
+    if shapes(one):
+        _add_shaping(signals, without, one, result)
+    return result
+
+
+def measured(material: Material, stretch: Stretch) -> FloatArray:
+    """Measured forces of a stretch on its rows, (T, n)."""
+    force = measured_force(material.forces, stretch.trace)
+    settings = material.filters
+    finite = np.where(np.isfinite(force), force, 0.0)
+    smooth = low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
+    return material.filtered(stretch, smooth)
+
+
+def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:
+    """A chamber's volume, and its volume times the rise of its pressure per interval."""
+    side = 0 if chamber.side == "a" else 1
+    volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
+    return volume, middle(volume) * np.diff(pressure_of(chamber, trace))
+
+
+def pressure_of(chamber: Chamber, trace: Trace) -> FloatArray:
+    """Pressure of a chamber, (N,)."""
+    return np.asarray((trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index])
+
+
+def _plain_residual(signals: Signals, model: Model) -> FloatArray:
+    """Residual of the base alone, regressor columns not kept apart."""
+    material = signals.material
+    result = np.zeros(material.size)
+    terms = [term for term in model.terms if term.effect.reading is not None]
+    for s, stretch in enumerate(signals.corrected(terms)):
+        places = [p for p in material.places if p.stretch == s]
+        forced = [p for p in places if not material.is_flow(p.channel)]
+        if forced and stretch.moved is not None:
+            columns = force_columns(material.forces, stretch.trace, stretch.moved)
+            predicted = material.filtered(stretch, columns @ model.theta)
+            values = measured(material, stretch) - predicted
+            for place in forced:
+                result[place.rows] = values[:, material.joint_of(place.channel)]
+        for place in places:
+            if material.is_flow(place.channel):
+                index = material.chamber_index(place.channel)
+                chamber = material.chambers[index]
+                volume, squeezed = compressed(chamber, stretch.trace)
+                inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
+                flow = _edges_at(model.robot, chamber, stretch.trace, model.delay_s)
+                steps = np.diff(volume) + inverse * squeezed - flow
+                result[place.rows] = material.windowed(stretch, index, steps)
+    return result
+
+
+def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
+    change, plain, material = one.effect.change, model.robot, signals.material
+    if change is None:
+        return
+    other = change(plain, one.target, one.parameters)
+    start = one.parameters[_index(one, one.effect.start)] if one.effect.start else None
+    for s, stretch in enumerate(signals.stretches(model)):
+        places = [p for p in material.places if p.stretch == s]
+        places = [p for p in places if not material.is_flow(p.channel)]
+        if not places or stretch.moved is None:
+            continue
+        m = stretch.moved
+        extra = inverse_dynamics(other, m.q, m.qd, m.qdd)
+        extra = extra - inverse_dynamics(plain, m.q, m.qd, m.qdd)
+        if start is not None:
+            extra *= (stretch.trace.time_s >= start)[:, None]
+        for cylinder in () if material.forces.torque else plain.cylinders:
+            joint = plain.joint_index(cylinder.joint)
+            extra[:, joint] /= lever(cylinder, m.q[:, joint])
+        filtered = material.filtered(stretch, extra)
+        for place in places:
+            into[place.rows] += filtered[:, material.joint_of(place.channel)]
+
+
+def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
+    material = signals.material
+    joint = _joint_of(material.robot, one)
+    for place in material.places:
+        if material.is_flow(place.channel) or material.joint_of(place.channel) != joint:
+            continue
+        stretch = signals.stretches(model)[place.stretch]
+        rows = signals.of(model, stretch, one)
+        force = one.effect.evaluate(rows, one.parameters, Stage.FRICTION, stretch.trace.step_s)
+        if material.forces.torque and one.joint is None:
+            force = force * rows[:, LEVER]
+        into[place.rows] += material.filtered(stretch, force)
+
+
+def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
+    for place, stretch, chamber in _balances(signals, model, one):
+        if one.side and chamber.side != one.side:
+            continue
+        trace = signals.shaped(model, stretch)
+        rows = signals.wet(model, stretch, chamber.index, shaped=True)
+        side = 0 if chamber.side == "a" else 1
+        volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
+        inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
+        rise = -np.diff(pressure_of(chamber, trace))
+        steps = np.zeros(trace.samples - 1)
+        for stages, weight, factor in (
+            (_FLOW, 1.0, trace.step_s),
+            (_VOLUME, inverse, rise),
+            (_COMPLIANCE, volume, rise),
+        ):
+            stage = stages[chamber.side]
+            if stage in one.effect.stages:
+                law = one.effect.evaluate(rows, one.parameters, stage, trace.step_s)
+                steps = steps + middle(law * weight) * factor
+        index = signals.material.chamber_index(place.channel)
+        into[place.rows] += signals.material.windowed(stretch, index, steps)
+
+
+def _add_shaping(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
+    whole = model.with_term(one)
+    for place, stretch, chamber in _balances(signals, model, one):
+        without, with_it = (
+            _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delay_s)
+            for m in (model, whole)
+        )
+        index = signals.material.chamber_index(place.channel)
+        into[place.rows] += signals.material.windowed(stretch, index, with_it - without)
+
+
+def _balances(
+    signals: Signals, model: Model, one: ActiveEffect
+) -> Iterator[tuple[Place, Stretch, Chamber]]:
+    """Places of the balances that an effect acts on."""
+    material = signals.material
+    for place in material.places:
+        if material.is_flow(place.channel):
+            chamber = material.chambers[material.chamber_index(place.channel)]
+            if one.cylinder is None or chamber.index == one.cylinder:
+                yield place, signals.stretches(model)[place.stretch], chamber
+
+
+def _edges_at(robot: Robot, chamber: Chamber, trace: Trace, delay_s: float) -> FloatArray:
+    """Volume through both edges per sampling interval."""
+    opening, closing = edge_integrals(chamber, trace, delay_s)
+    valve = robot.valve_of(chamber.cylinder.name)
+    first, second = chamber.edges
+    return opening * float(getattr(valve, first)) + closing * float(getattr(valve, second))
+
+
+def _joint_of(robot: Robot, one: ActiveEffect) -> int:
+    if one.joint is not None:
+        return one.joint
+    return robot.joint_index(robot.cylinders[one.cylinder or 0].joint)
+
+
+def _index(one: ActiveEffect, name: str) -> int:
+    return [p.name for p in one.effect.parameters].index(name)

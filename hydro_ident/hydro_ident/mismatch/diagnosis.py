@@ -1,0 +1,324 @@
+"""The diagnosis, step by step: the pure core of `hydro_ident diagnose`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.errors import IdentError
+from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.locate import Dependence, dependences
+from hydro_ident.mismatch.model import robot_of, summary_of
+from hydro_ident.mismatch.name import Search, Searcher
+from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import NAMED_SHARE, DiagnosisSettings
+from hydro_ident.mismatch.unknown import NotTestable, Unexplained, not_testable, unexplained
+from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.sources import Source, sources_of
+from hydro_ident.survey import Survey, survey_source
+from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
+from hydro_model.robot import FloatArray, Robot
+
+MATCHES, EXPLAINED, PARTLY = "matches", "explained", "partly_explained"
+UNKNOWN, NO_IMPROVEMENT, NOT_ENOUGH = "unknown", "no_improvement", "not_enough_data"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A named cause that held-out rows confirm.
+
+    Attributes
+    ----------
+    named : Named
+    verification : Verification
+    channels : tuple of str
+        Where it shows, strongest first.
+    """
+
+    named: Named
+    verification: Verification
+    channels: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelResult:
+    """A channel on rows that took no part.
+
+    Attributes
+    ----------
+    name, unit : str
+    time_s, measured, before, after : (T,) array
+        Measured values, and what the base and the final model predict.
+    noise_floor : float
+    """
+
+    name: str
+    unit: str
+    time_s: FloatArray
+    measured: FloatArray
+    before: FloatArray
+    after: FloatArray
+    noise_floor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a diagnosis found.
+
+    Attributes
+    ----------
+    verdict : str
+    given : Robot
+    robot : Robot or None
+        With the findings; None with the verdict `not_enough_data`.
+    findings : tuple of Finding
+    rejected : tuple of Finding
+        Named, but not confirmed.
+    unexplained : tuple of Unexplained
+    not_testable : tuple of NotTestable
+    channels : tuple of ChannelResult
+    located : tuple of Dependence
+        Of the base model's residual, strongest first.
+    free_run : FreeRun or None
+    problems, notes : tuple of str
+    losses : tuple of BagLoss
+    work : Residuals or None
+    whole : Fitted or None
+        The final model on the training rows.
+    """
+
+    verdict: str
+    given: Robot
+    robot: Robot | None
+    findings: tuple[Finding, ...] = ()
+    rejected: tuple[Finding, ...] = ()
+    unexplained: tuple[Unexplained, ...] = ()
+    not_testable: tuple[NotTestable, ...] = ()
+    channels: tuple[ChannelResult, ...] = ()
+    located: tuple[Dependence, ...] = ()
+    free_run: FreeRun | None = None
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    losses: tuple[BagLoss, ...] = ()
+    work: Residuals | None = None
+    whole: Fitted | None = None
+
+
+def diagnose(
+    robot: Robot,
+    training: Sequence[Recording | Source],
+    validation: Sequence[Recording | Source] = (),
+    settings: DiagnosisSettings | None = None,
+) -> Diagnosis:
+    """Find the physics that a robot's model leaves out.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its structure, with the effects it lists, is what is refitted first.
+    training : sequence of Recording or Source
+        To fit and select on; at least one.
+    validation : sequence of Recording or Source
+        To verify on; without them every fifth block of `training` is kept for it.
+    settings : DiagnosisSettings, optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    IdentError
+        No recording was given.
+    RobotError
+        The robot lists an effect that does not resolve.
+    """
+    if not training:
+        raise IdentError("expected at least one recording to diagnose, found none")
+    settings = settings or DiagnosisSettings()
+    sources, others = sources_of(training), sources_of(validation)
+    surveys = [survey_source(source, robot) for source in (*sources, *others)]
+    losses = losses_of([s.recording for s in surveys])
+    wrong = wrong_robot(robot, [s.recording for s in surveys])
+    work = None if wrong else residuals(robot, sources, others, surveys, settings)
+    if work is None:
+        problems = tuple(wrong) or (_too_little(surveys),)
+        return Diagnosis(NOT_ENOUGH, robot, None, problems=problems, losses=losses)
+    return _diagnosed(work, settings, losses)
+
+
+def _too_little(surveys: Sequence[Survey]) -> str:
+    total = sum(s.duration_s for s in surveys)
+    return (
+        f"{total:.3g} s of recording leave too few rows in any channel: record positions of every"
+        " joint in motion, with chamber pressures (or joint torques), for half a minute or more"
+    )
+
+
+def _diagnosed(
+    work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
+) -> Diagnosis:
+    base = work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
+    located = dependences(work.scan, base)
+    search = Searcher(work.scan, base).run()
+    whole, findings, rejected = _confirmed(work, search)
+    left = dependences(work.training, whole)
+    whole, findings, withdrawn = _withdrawn(work, whole, findings, left)
+    if withdrawn:
+        left = dependences(work.training, whole)
+    unknown = unexplained(work.training, whole, left)
+    names = [n for f in findings for n in f.named.names]
+    modelled = robot_of(work.training.predictor, whole, work.robot, settings.fixed_base)
+    before = robot_of(work.training.predictor, work.base, work.robot, settings.fixed_base)
+    run = free_run(
+        before.robot, modelled.robot, work.check_traces, work.split,
+        work.training.predictor.material.filters,
+    )  # fmt: skip
+    notes = [*modelled.notes, *run.rejected]
+    notes += [
+        f"{f.named.term.effect.name} of {f.named.term.target} was named on the training rows and"
+        f" not confirmed: {f.verification.reason}"
+        for f in rejected
+    ]
+    notes += [
+        f"{f.named.term.effect.name} of {f.named.term.target} explains too little of what depends"
+        " on the same channel to be its name: withdrawn"
+        for f in withdrawn
+    ]
+    notes.append(f"model: {summary_of(whole.model.terms)}")
+    return Diagnosis(
+        _verdict(findings, rejected, unknown),
+        work.robot,
+        modelled.robot,
+        tuple(findings),
+        tuple(rejected),
+        unknown,
+        not_testable(work.scan, search.scanned, names),
+        _channels(work, whole),
+        tuple(located),
+        run,
+        (),
+        tuple(notes),
+        losses,
+        work,
+        whole,
+    )
+
+
+def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], list[Finding]]:
+    """Findings that stand on held-out rows, the model with them, and those that do not."""
+    whole, named = search.fitted, list(search.named)
+    if work.scan is not work.training:
+        model = replace(work.base.model, terms=search.fitted.model.terms)
+        whole = fit(work.training, model, passes=4)
+    rejected: list[Finding] = []
+    while named:
+        found = [
+            Finding(n, verify(work.training, whole, n, work.check), _acting(work, whole, n))
+            for n in named
+        ]
+        failed = [f for f in found if not f.verification.stands]
+        if not failed:
+            return whole, found, rejected
+        worst = max(failed, key=lambda f: (f.verification.p_value, -f.named.gain))
+        rejected.append(worst)
+        named = [n for n in named if n is not worst.named]
+        whole = _without(work, whole, worst.named)
+    return whole, [], rejected
+
+
+def _without(work: Residuals, whole: Fitted, named: Named) -> Fitted:
+    kept = tuple(t for t in whole.model.terms if not _is_of(named, t.effect.name, t.target))
+    return fit(work.training, replace(whole.model, terms=kept), passes=2)
+
+
+def _is_of(named: Named, name: str, target: str) -> bool:
+    return named.term.effect.name == name and named.term.target == target
+
+
+def _withdrawn(
+    work: Residuals, whole: Fitted, findings: list[Finding], left: Sequence[Dependence]
+) -> tuple[Fitted, list[Finding], list[Finding]]:
+    """Take back names that explain less than what is left in their own channel."""
+    material, taken = work.training.predictor.material, list[Finding]()
+    significant = unexplained(work.training, whole, left)
+    remains = {u.channel: u.dependence.gain for u in significant}
+    for finding in findings:
+        channel = finding.channels[0]
+        total = _gain_in(work, whole, finding.named, material.channels.index(channel))
+        if remains.get(channel, 0.0) > (1.0 - NAMED_SHARE) / NAMED_SHARE * total:
+            taken.append(finding)
+    for finding in taken:
+        whole = _without(work, whole, finding.named)
+    return whole, [f for f in findings if f not in taken], taken
+
+
+def _contributions(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
+    """Whitened contribution of a finding beyond a refit of the base, on the training rows."""
+    training = work.training
+    terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
+    base = whole.columns[:, : len(training.predictor.names)]
+    alone = training.bench(whole.bench.noise, whole.residual, base, whole.offset)
+    column = sum(training.predictor.contribution(whole.model, t) for t in terms)
+    return alone.beyond(np.asarray(column)[training.mask][:, None])[:, 0]
+
+
+def _gain_in(work: Residuals, whole: Fitted, named: Named, channel: int) -> float:
+    own = _contributions(work, whole, named)
+    rows = whole.bench.channel == channel
+    return float(np.sum(own[rows] ** 2))
+
+
+def _acting(work: Residuals, whole: Fitted, named: Named) -> tuple[str, ...]:
+    """Channels in which a finding shows beyond a refit, strongest first."""
+    material = work.training.predictor.material
+    terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
+    column = sum(work.training.predictor.contribution(whole.model, t) for t in terms)
+    gains = {
+        name: _gain_in(work, whole, named, k)
+        for k, name in enumerate(material.channels)
+        if np.any(np.asarray(column)[material.channel == k])
+    }
+    strongest = max(gains.values())
+    # A finding shows in a channel where it would have been found from that channel alone.
+    shown = [n for n, g in gains.items() if g > 0.0 and g >= min(_SHOWN, strongest)]
+    return tuple(sorted(shown, key=lambda n: -gains[n]))
+
+
+#: Gain at which a contribution stands out in a channel by itself.
+_SHOWN = 25.0
+
+
+def _channels(work: Residuals, whole: Fitted) -> tuple[ChannelResult, ...]:
+    check, floors = work.check, work.noise_floors()
+    before, after = check.residual(work.base.model), check.residual(whole.model)
+    material = check.predictor.material
+    measured = check.predictor.base(work.base.model)[0]
+    corrected = check.predictor.base(whole.model)[0]
+    result = []
+    for k, name in enumerate(material.channels):
+        rows = check.rows(k, name)
+        if rows.any() and name in floors:
+            y = measured[rows]
+            # With corrected sensors the measured side moves: errors are what is compared.
+            shift = corrected[rows] - y
+            predicted = corrected[rows] - after[rows] - shift
+            times, unit = material.time_s[rows], material.units[k]
+            first = y - before[rows]
+            result.append(ChannelResult(name, unit, times, y, first, predicted, floors[name]))
+    return tuple(result)
+
+
+def _verdict(
+    findings: Sequence[Finding], rejected: Sequence[Finding], unknown: Sequence[Unexplained]
+) -> str:
+    if findings:
+        return PARTLY if unknown else EXPLAINED
+    if unknown:
+        return UNKNOWN
+    return NO_IMPROVEMENT if rejected else MATCHES

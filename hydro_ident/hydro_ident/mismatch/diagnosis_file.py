@@ -1,0 +1,199 @@
+"""result.json of `diagnose`: the contract's keys, and what stands behind them."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.estimate.scores import fit_percent
+from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
+from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.locate import Dependence
+from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.where import where_of
+from hydro_ident.results import Provenance
+from hydro_ident.validation_results import channel_rollouts, free_run_dict
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+SCHEMA = "hydro_ident/diagnosis/1"
+#: Entries of the list of located dependences.
+_LOCATED = 12
+
+
+def result_json(found: Diagnosis, origin: Provenance) -> str:
+    """result.json as text: the same input gives the same text."""
+    return json.dumps(result_dict(found, origin), indent=1, allow_nan=False) + "\n"
+
+
+def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
+    """The content of result.json.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    origin : Provenance
+
+    Returns
+    -------
+    dict
+        The contract's keys; `located`, `rejected`, `losses`, `free_run`, `problems`, `notes` and
+        `provenance` are added.
+    """
+    return {
+        "schema": SCHEMA,
+        "verdict": found.verdict,
+        "robot": found.given.name,
+        "channels": _channels(found),
+        "findings": [finding_dict(found, one) for one in found.findings],
+        "unexplained": [_unexplained_dict(one) for one in found.unexplained],
+        "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
+        "located": [_located_dict(found, d) for d in found.located[:_LOCATED]],
+        "rejected": [
+            {
+                "names": list(f.named.names),
+                "target": f.named.term.target,
+                "reason": f.verification.reason,
+            }
+            for f in found.rejected
+        ],
+        "losses": [
+            {"bag": loss.bag, "channel": loss.channel, "reason": loss.reason}
+            for loss in found.losses
+        ],
+        "free_run": free_run_dict(found.free_run),
+        "problems": list(found.problems),
+        "notes": list(found.notes),
+        "provenance": origin.as_dict(),
+    }
+
+
+def _channels(found: Diagnosis) -> dict[str, Any]:
+    rollouts = channel_rollouts(found.free_run)
+    result: dict[str, Any] = {}
+    for one in found.channels:
+        joint = one.name.split("/")[0]
+        result[one.name] = {**channel_dict(one), **rollouts.get(joint, _NO_ROLLOUT)}
+    return result
+
+
+_NO_ROLLOUT: dict[str, float | str | None] = {
+    "rollout_rmse_before": None,
+    "rollout_rmse_after": None,
+    "rollout_unit": "rad",
+}
+
+
+def channel_dict(one: ChannelResult) -> dict[str, float | str]:
+    """The numbers of a channel."""
+    spread = float(np.sum((one.measured - one.measured.mean()) ** 2))
+    before = float(np.sum((one.measured - one.before) ** 2))
+    after = float(np.sum((one.measured - one.after) ** 2))
+    count = max(one.measured.size, 1)
+    return {
+        "unit": one.unit,
+        "rmse_before": math.sqrt(before / count),
+        "rmse_after": math.sqrt(after / count),
+        "noise_floor": one.noise_floor,
+        "fit_before_pct": fit_percent(before, spread),
+        "fit_after_pct": fit_percent(after, spread),
+    }
+
+
+def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
+    """A finding as the contract lists it, with its target and what verified it."""
+    named, check = one.named, one.verification
+    best = named.first
+    place = {"variable": "everywhere", "low": 0.0, "high": 0.0, "text": ""}
+    if found.work is not None:
+        where = where_of(found.work.training, best.fitted, best.term, one.channels[0])
+        place = {
+            "variable": where.variable,
+            "low": where.low,
+            "high": where.high,
+            "text": where.text,
+        }
+    effect = best.term.effect
+    return {
+        "channel": one.channels[0],
+        "also": list(one.channels[1:]),
+        "target": named.term.target,
+        "where": place,
+        "names": list(named.names),
+        "probability": list(named.probability),
+        "p_value": named.p_value,
+        "equation": effect.equation,
+        "parameters": parameters_of(best.fitted, best.term),
+        "heldout_rmse_before": check.before.get(one.channels[0], 0.0),
+        "heldout_rmse_after": check.after.get(one.channels[0], 0.0),
+        "heldout_p_value": check.p_value,
+        "placebo_share": check.placebo,
+        "separating_experiment": effect.separating_experiment,
+        "modelled_as": named.term.effect.name,
+    }
+
+
+def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
+    """Parameters of an effect with their deviations, robust against dependence in blocks."""
+    std = np.sqrt(np.maximum(np.diag(fitted.bench.covariance()), 0.0))
+    result = []
+    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        size = _deviation(fitted, std, name)
+        result.append(
+            {
+                "name": f"{term.effect.name}.{spec.name}",
+                "value": float(value),
+                "std": size,
+                "unit": spec.unit,
+            }
+        )
+    return result
+
+
+def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:
+    if name not in fitted.names:
+        return None
+    size = float(std[fitted.names.index(name)])
+    return size if math.isfinite(size) else None
+
+
+def _unexplained_dict(one: Unexplained) -> dict[str, Any]:
+    d = one.dependence
+    return {
+        "channel": one.channel,
+        "depends_on": list(one.depends_on),
+        "share_of_residual": one.share,
+        "where": {
+            "variable": d.variable,
+            "low": float(d.knots[0]),
+            "high": float(d.knots[-1]),
+            "text": one.text,
+        },
+        "text": one.text,
+        "p_value": one.p_value,
+        "curve": _curve(d),
+    }
+
+
+def _curve(d: Dependence) -> dict[str, Any]:
+    return {
+        "variable": d.variable,
+        "times": d.times,
+        "at": [float(v) for v in d.knots],
+        "value": [float(v) for v in d.curve],
+    }
+
+
+def _located_dict(found: Diagnosis, d: Dependence) -> dict[str, Any]:
+    channels = found.work.training.predictor.material.channels if found.work else ()
+    return {
+        "channel": channels[d.channel] if channels else "",
+        "variable": d.variable,
+        "times": d.times,
+        "p_value": d.p_value,
+        "share_of_residual": d.share,
+    }

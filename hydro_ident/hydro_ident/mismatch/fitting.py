@@ -1,0 +1,347 @@
+"""Joint refits: base and chosen effects together, by Gauss and Newton on the whitened rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.prediction import DELAY, Model, Predictor, shapes
+from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.whitening import LEAST_NOISE, Layout, Noise, noise_of
+from hydro_model.closed_chain import with_parameters
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot, Valve
+
+#: Step of a derivative as a share of a parameter's size.
+_STEP = 1.0e-3
+#: A shape parameter moves by no more than this factor per pass.
+_FACTOR = 2.0
+#: Parameters that only round a law's corners: fitted, they would turn it into another one.
+ROUNDING = {("valve_rate_limit", "time_constant"), ("valve_hysteresis", "time_constant")}
+#: Halvings of a step that makes things worse, and the share of improvement below which a fit has
+#: settled.
+_HALVINGS, _SETTLED = 4, 1.0e-7
+#: Cycles of command delay that are the base's own: one, and what fits err by.
+_CYCLES = 1.1
+#: Steps of the delay below this change nothing that could be measured.
+_LEAST_DELAY_S = 1.0e-7
+_BULK_BOUNDS = (1.0e-10, 1.0e-7)
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of the base before: values and an inverse square root of the covariance.
+
+    Attributes
+    ----------
+    root : (m, p) array
+        ``root (theta - values)`` has unit variance.
+    values : (p,) array
+    """
+
+    root: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A model fitted to the training rows.
+
+    Attributes
+    ----------
+    model : Model
+    residual : (N,) array
+        Measured less predicted on all rows of the material.
+    columns : (N, p) array
+        Base columns, then the slopes of every effect's parameters.
+    names : tuple of str
+    bench : Bench
+        Of the residual on the training rows: behind it nothing is left in these columns.
+    offset : (m,) array
+        How far the base is from what was known of it, in deviations.
+    """
+
+    model: Model
+    residual: FloatArray
+    columns: FloatArray
+    names: tuple[str, ...]
+    bench: Bench
+    offset: FloatArray
+
+    @property
+    def start_squares(self) -> float:
+        """Sum of squares of the whitened residual before any further linear step."""
+        return self.bench.squares
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares of the whitened residual."""
+        return float(self.bench.residual @ self.bench.residual)
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """Which rows are fitted, and how they are weighed.
+
+    Attributes
+    ----------
+    predictor : Predictor
+    mask : (N,) bool array
+    layout : Layout
+        Of the rows in the mask.
+    floor : (k,) array
+        Least noise of every channel.
+    prior : Prior or None
+    cycle_s : float
+        Sampling interval: the longest command delay that is the base's.
+    """
+
+    predictor: Predictor
+    mask: BoolArray
+    layout: Layout
+    floor: FloatArray
+    prior: Prior | None
+    cycle_s: float
+
+    @staticmethod
+    def of(predictor: Predictor, mask: BoolArray, prior: Prior | None = None) -> Training:
+        """Training on some rows of the predictor's material."""
+        material = predictor.material
+        layout = layout_of(predictor).take(mask)
+        floor = np.ones(len(material.channels))
+        y, _ = predictor.base(start_model(material.robot, predictor))
+        for k in range(floor.size):
+            own = y[(material.channel == k) & mask]
+            floor[k] = LEAST_NOISE * float(np.std(own)) if own.size else 1.0
+        floor[floor <= 0.0] = 1e-300
+        steps = [s.trace.step_s for s in material.stretches]
+        return Training(predictor, mask, layout, floor, prior, max(steps, default=0.002))
+
+    def noise(self, residual: FloatArray) -> Noise:
+        """Noise of a residual on the training rows."""
+        return noise_of(self.layout, residual[self.mask], self.floor)
+
+    def offset(self, model: Model) -> FloatArray:
+        """How far a model's base is from what was known of it, in deviations."""
+        if self.prior is None:
+            return np.zeros(0)
+        now = self.predictor.parameters(model)
+        return np.asarray(self.prior.root @ (self.prior.values - now))
+
+    def bench(
+        self,
+        noise: Noise,
+        residual: FloatArray,
+        columns: FloatArray,
+        offset: FloatArray | None = None,
+    ) -> Bench:
+        """Whitened training rows of a residual."""
+        prior = None
+        if self.prior is not None:
+            extra = columns.shape[1] - self.prior.values.size
+            root = np.pad(self.prior.root, ((0, 0), (0, extra)))
+            prior = root, np.zeros(root.shape[0]) if offset is None else offset
+        return Bench(self.layout, noise, residual[self.mask], columns[self.mask], BLOCK_S, prior)
+
+
+def layout_of(predictor: Predictor) -> Layout:
+    """Layout of all rows of a predictor's material."""
+    m = predictor.material
+    return Layout(m.channel, m.recording, m.time_s, m.linked)
+
+
+def start_model(robot: Robot, predictor: Predictor, terms: Sequence[ActiveEffect] = ()) -> Model:
+    """The robot's own numbers, without effects but those given."""
+    forces = predictor.material.forces
+    base = forces.base.combination @ robot.parameter_vector
+    friction = [c.viscous_friction for c in robot.cylinders]
+    friction += [robot.joints[j].viscous_friction for j in robot.dry_joints]
+    theta = np.array([*base, *friction])
+    return Model(replace(robot, effects=()), theta, robot.command_delay_s, tuple(terms))
+
+
+def fit(training: Training, model: Model, noise: Noise | None = None, passes: int = 3) -> Fitted:
+    """Refit the base and every effect of a model together.
+
+    Parameters
+    ----------
+    training : Training
+    model : Model
+        Start.
+    noise : Noise, optional
+        How rows are weighed; by default that of the residual, pass by pass.
+    passes : int
+
+    Returns
+    -------
+    Fitted
+    """
+    current = _at(training, model, noise)
+    for _ in range(passes):
+        step, factor = current.bench.solve(), 1.0
+        for _ in range(_HALVINGS):
+            fresh = _at(training, _moved(training, current.model, factor * step), noise)
+            better = noise is None or fresh.start_squares <= current.start_squares
+            if better:
+                break
+            factor *= 0.5
+        if not better:
+            break
+        gained = current.start_squares - fresh.start_squares
+        current = fresh
+        if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
+            break
+    return current
+
+
+def fitted(training: Training, model: Model, noise: Noise | None) -> Fitted:
+    """A model as it is, with what a last linear step would still change taken out."""
+    return _at(training, model, noise)
+
+
+def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
+    residual, columns, names = linearised(training.predictor, model)
+    offset = training.offset(model)
+    noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
+    bench = training.bench(noise, residual, columns, offset)
+    return Fitted(model, residual, columns, names, bench, offset)
+
+
+def _refitted(
+    training: Training,
+    noise: Noise | None,
+    residual: FloatArray,
+    columns: FloatArray,
+    offset: FloatArray,
+) -> FloatArray:
+    """The residual after a linear refit, for estimating its noise."""
+    if noise is None:
+        spread = [float(np.std(residual[training.mask & m])) for m in _by_channel(training)]
+        white = tuple(np.zeros(0) for _ in spread)
+        noise = Noise(white, np.maximum(np.array(spread), training.floor))
+    bench = training.bench(noise, residual, columns, offset)
+    return np.asarray(residual - columns @ bench.solve())
+
+
+def _by_channel(training: Training) -> list[BoolArray]:
+    material = training.predictor.material
+    return [material.channel == k for k in range(len(material.channels))]
+
+
+def linearised(
+    predictor: Predictor, model: Model
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Residual of a model and the slopes of everything in it.
+
+    Returns
+    -------
+    residual : (N,) array
+    columns : (N, p) array
+        Slopes of the prediction: base parameters, then every effect's.
+    names : tuple of str
+    """
+    y, x = predictor.base(model)
+    residual = y - x @ predictor.parameters(model)
+    columns, names = [x], list(predictor.names)
+    for term in model.terms:
+        own = predictor.contribution(model, term)
+        if term.effect.reading is None and not shapes(term):
+            residual = residual - own
+        for i, spec in enumerate(term.effect.parameters):
+            if not _free(term, i):
+                continue
+            step = _step(term, i)
+            moved = term.parameters.copy()
+            moved[i] += step
+            slope = (predictor.contribution(model, term, moved) - own) / step
+            columns.append(slope[:, None])
+            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+    return residual, np.concatenate(columns, axis=1), tuple(names)
+
+
+def _free(term: ActiveEffect, index: int) -> bool:
+    """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
+    name = term.effect.parameters[index].name
+    return name != term.effect.start and (term.effect.name, name) not in ROUNDING
+
+
+def _step(term: ActiveEffect, index: int) -> float:
+    """Step of a derivative, inwards from a bound."""
+    spec = term.effect.parameters[index]
+    size = abs(term.parameters[index]) or abs(spec.typical) or 1.0
+    step = size * (1.0 if spec.linear else _STEP)
+    if term.parameters[index] + step > spec.upper:
+        return -step
+    return step
+
+
+def _moved(training: Training, model: Model, step: FloatArray) -> Model:
+    """The model after a Gauss-Newton step, within physical bounds."""
+    predictor = training.predictor
+    values = dict(zip(predictor.names, predictor.parameters(model), strict=True))
+    count = len(values)
+    for name, change in zip(predictor.names, step[:count], strict=True):
+        values[name] += float(change)
+    robot = with_values(model.robot, values)
+    forces = predictor.material.forces.names
+    theta = np.array([values.get(n, t) for n, t in zip(forces, model.theta, strict=True)])
+    robot = _with_inertia(predictor, robot, theta)
+    delay = float(np.clip(model.delay_s + values.get(DELAY, 0.0), 0.0, _CYCLES * training.cycle_s))
+    if abs(delay - model.delay_s) < _LEAST_DELAY_S:
+        delay = model.delay_s
+    terms, at = [], count
+    for term in model.terms:
+        parameters = term.parameters.copy()
+        for i, spec in enumerate(term.effect.parameters):
+            if not _free(term, i):
+                continue
+            change = float(step[at])
+            at += 1
+            if not spec.linear and parameters[i] != 0.0:
+                limit = abs(parameters[i]) * (_FACTOR - 1.0)
+                change = math.copysign(min(abs(change), limit / _FACTOR), change)
+            parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)
+        terms.append(replace(term, parameters=parameters))
+    return Model(robot, theta, delay, tuple(terms))
+
+
+def _with_inertia(predictor: Predictor, robot: Robot, theta: FloatArray) -> Robot:
+    """A robot whose links carry the base parameters: changes of it start from there."""
+    base = predictor.material.forces.base
+    vector = np.zeros(len(robot.parameter_names))
+    vector[base.leading] = theta[: len(base.names)]
+    return with_parameters(robot, vector)
+
+
+def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """A robot with fitted bulk moduli and edges; impossible ones stay as they were."""
+    cylinders = []
+    for cylinder in robot.cylinders:
+        inverse = values.get(f"{cylinder.name}.{INVERSE_BULK}", 0.0)
+        if _BULK_BOUNDS[0] < inverse < _BULK_BOUNDS[1]:
+            cylinder = replace(cylinder, bulk_modulus_pa=1.0 / inverse)
+        cylinders.append(cylinder)
+    valves = []
+    for valve in robot.valves:
+        valves.append(with_edges(valve, values))
+    return replace(robot, cylinders=tuple(cylinders), valves=tuple(valves))
+
+
+def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
+    """A valve with fitted edges; impossible ones stay as they were."""
+    c_pa, c_at, c_pb, c_bt = (
+        value if (value := values.get(f"{valve.name}.{edge}", 0.0)) > 0.0 else own
+        for edge, own in (
+            ("c_pa", valve.c_pa),
+            ("c_at", valve.c_at),
+            ("c_pb", valve.c_pb),
+            ("c_bt", valve.c_bt),
+        )
+    )
+    return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)

@@ -1,0 +1,327 @@
+"""What a diagnosis works on: recordings in memory, and the rows of their residual channels.
+
+The rows are those of `identify` (force rows behind the parallel filter, chamber balances over
+windows), laid out one channel after the other. Everything that is compared with a residual, the
+base model's columns and every candidate's, is evaluated on the samples and then passes the same
+filters onto the same rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hydro_ident.bag.grid import runs
+from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of, window_rows
+from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motion, parallel_filter
+from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
+from hydro_ident.estimate.rows import BoolArray, Rows
+from hydro_ident.estimate.scores import HoldOut
+from hydro_ident.estimate.traces import Trace
+from hydro_model.robot import FloatArray, Robot
+
+IndexArray = NDArray[np.intp]
+
+#: A joint rests where it is slower than this share of its usual fast speed for so long; the
+#: filters smear what it does there into some rows before and after.
+REST_SPEED, REST_S, REST_REACH_S = 0.01, 0.1, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A trace with its motion and the places of its rows.
+
+    Attributes
+    ----------
+    trace : Trace
+    moved : Motion or None
+        None where a joint angle is missing.
+    kept : (T,) int array
+        Samples of the force rows.
+    starts : tuple of (W,) int array
+        First samples of each chamber's windows.
+    span : int
+        Samples of a window.
+    number : int
+        Among the material's; those with corrected sensors keep it.
+    """
+
+    trace: Trace
+    moved: Motion | None
+    kept: IndexArray
+    starts: tuple[IndexArray, ...]
+    span: int
+    number: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the rows of a channel of a stretch stand.
+
+    Attributes
+    ----------
+    stretch : int
+    channel : int
+    rows : slice
+        Of the stacked rows.
+    """
+
+    stretch: int
+    channel: int
+    rows: slice
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Recordings as stacked rows of all residual channels.
+
+    Attributes
+    ----------
+    robot : Robot
+        As given.
+    forces : ForceModel
+    filters : FilterSettings
+    windows : WindowSettings
+    stretches : tuple of Stretch
+    channels : tuple of str
+        Force channels that were measured, then flows.
+    units : tuple of str
+    places : tuple of Place
+        By channel, then by time.
+    channel, recording : (N,) int array
+    time_s : (N,) array
+    linked : (N,) bool array
+        Whether a row follows the one before it without a gap.
+    """
+
+    robot: Robot
+    forces: ForceModel
+    filters: FilterSettings
+    windows: WindowSettings
+    stretches: tuple[Stretch, ...]
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    places: tuple[Place, ...]
+    channel: IndexArray
+    recording: IndexArray
+    recordings: tuple[str, ...]
+    time_s: FloatArray
+    linked: BoolArray
+
+    @property
+    def size(self) -> int:
+        """Number of rows N."""
+        return int(self.time_s.size)
+
+    @property
+    def chambers(self) -> tuple[Chamber, ...]:
+        """Chambers of the robot, in the order of `Stretch.starts`."""
+        return chambers_of(self.robot)
+
+    def joint_of(self, channel: int) -> int:
+        """Index of a channel's joint."""
+        return self.robot.joint_index(self.channels[channel].split("/")[0])
+
+    def is_flow(self, channel: int) -> bool:
+        """Whether a channel is a chamber's balance."""
+        return "/flow_" in self.channels[channel]
+
+    def chamber_index(self, channel: int) -> int:
+        """Index in `chambers` of a flow channel."""
+        names = [chamber.channel for chamber in self.chambers]
+        return names.index(self.channels[channel])
+
+    def of_channels(self, chosen: Sequence[int]) -> list[Place]:
+        """Places of some channels."""
+        wanted = set(chosen)
+        return [place for place in self.places if place.channel in wanted]
+
+    def filtered(self, stretch: Stretch, values: FloatArray) -> FloatArray:
+        """Sampled forces (N, ...) on the force rows."""
+        finite = np.where(np.isfinite(values), values, 0.0)
+        return parallel_filter(finite, stretch.trace.step_s, self.filters, stretch.kept)
+
+    @staticmethod
+    def windowed(stretch: Stretch, chamber: int, steps: FloatArray) -> FloatArray:
+        """Volumes per sampling interval, (N - 1, ...), as mean flows of a chamber's windows."""
+        start = stretch.starts[chamber]
+        finite = np.where(np.isfinite(steps), steps, 0.0)
+        total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(finite, axis=0)])
+        step_s = stretch.trace.step_s
+        return np.asarray((total[start + stretch.span] - total[start]) / (stretch.span * step_s))
+
+    def moving(self) -> BoolArray:
+        """Rows whose joint moves; those of flows all do.
+
+        At rest dry friction is whatever holds the load: no law of velocity says anything about
+        it, and every one that is asked is wrong in its own way.
+        """
+        result = np.ones(self.size, dtype=np.bool_)
+        speeds = [None if s.moved is None else np.abs(s.moved.qd) for s in self.stretches]
+        for k, _ in enumerate(self.channels):
+            if self.is_flow(k):
+                continue
+            joint, places = self.joint_of(k), self.of_channels([k])
+            own = [v for p in places if (v := speeds[p.stretch]) is not None]
+            usual = np.quantile(np.concatenate([v[:, joint] for v in own]), 0.95)
+            for place in places:
+                speed, stretch = speeds[place.stretch], self.stretches[place.stretch]
+                if speed is not None:
+                    slow = speed[:, joint] < REST_SPEED * usual
+                    result[place.rows] = ~_lasting(slow, stretch)[stretch.kept]
+        return result
+
+    def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
+        """Rows to fit and rows to score of a split."""
+        fit, score = np.zeros(self.size, dtype=np.bool_), np.zeros(self.size, dtype=np.bool_)
+        for place in self.places:
+            index = np.arange(place.rows.start, place.rows.stop)
+            rows = Rows(
+                index[:, None].astype(float),
+                np.zeros((index.size, 1, 0)),
+                self.time_s[place.rows],
+                self.stretches[place.stretch].trace.label,
+            )
+            fit[split.training(rows).y[:, 0].astype(int)] = True
+            if split.every:
+                score[split.held_out(rows).y[:, 0].astype(int)] = True
+        return fit, score
+
+
+def material_of(
+    robot: Robot,
+    forces: ForceModel,
+    traces: Sequence[Trace],
+    filters: FilterSettings,
+    windows: WindowSettings,
+    still: Mapping[str, Mapping[int, float]],
+) -> Material:
+    """Lay out the rows of some traces.
+
+    Parameters
+    ----------
+    robot : Robot
+    forces : ForceModel
+    traces : sequence of Trace
+        Whole recordings, in order.
+    filters : FilterSettings
+    windows : WindowSettings
+        With the longest delay that a candidate may have.
+    still : mapping of str to mapping of int to float
+        By recording, where the joints are that stand still.
+
+    Returns
+    -------
+    Material
+    """
+    stretches = tuple(
+        replace(_stretch(robot, t, filters, windows, still), number=k)
+        for k, t in enumerate(traces)
+    )
+    kinds = [*_force_kinds(forces, stretches), *_flow_kinds(robot, stretches)]
+    places: list[Place] = []
+    times: list[FloatArray] = []
+    numbers: list[IndexArray] = []
+    names = tuple(dict.fromkeys(t.recording for t in traces))
+    recordings: list[IndexArray] = []
+    linked: list[BoolArray] = []
+    count = 0
+    for k, (_, _, index) in enumerate(kinds):
+        for s, stretch in enumerate(stretches):
+            kept = stretch.kept if index < 0 else stretch.starts[index]
+            if index < 0 and not _force_known(forces, stretch)[-index - 1]:
+                continue
+            if not kept.size:
+                continue
+            places.append(Place(s, k, slice(count, count + kept.size)))
+            count += kept.size
+            times.append(stretch.trace.time_s[kept])
+            numbers.append(np.full(kept.size, k))
+            recordings.append(np.full(kept.size, names.index(stretch.trace.recording)))
+            step = np.diff(kept, prepend=kept[0] - 1)
+            follows = step == (np.min(step[1:]) if kept.size > 1 else 1)
+            follows[0] = False
+            linked.append(follows)
+    empty = np.zeros(0)
+    return Material(
+        robot,
+        forces,
+        filters,
+        windows,
+        stretches,
+        tuple(name for name, _, _ in kinds),
+        tuple(unit for _, unit, _ in kinds),
+        tuple(places),
+        np.concatenate([empty, *numbers]).astype(np.intp),
+        np.concatenate([empty, *recordings]).astype(np.intp),
+        names,
+        np.concatenate([empty, *times]),
+        np.concatenate([empty.astype(bool), *linked]),
+    )
+
+
+def _lasting(slow: BoolArray, stretch: Stretch) -> BoolArray:
+    """Samples in rests of some length, and around them as far as the filters reach."""
+    step_s = stretch.trace.step_s
+    result = np.zeros(slow.size, dtype=np.bool_)
+    reach = round(REST_REACH_S / step_s)
+    for begin, end in runs(slow):
+        if (end - begin) * step_s >= REST_S:
+            result[max(begin - reach, 0) : end + reach] = True
+    return result
+
+
+def _stretch(
+    robot: Robot,
+    trace: Trace,
+    filters: FilterSettings,
+    windows: WindowSettings,
+    still: Mapping[str, Mapping[int, float]],
+) -> Stretch:
+    kept: IndexArray = np.zeros(0, dtype=np.intp)
+    moved = None
+    if np.isfinite(trace.q).all():
+        kept = kept_samples(trace.samples, trace.step_s, filters, trace.cycle, trace.core)
+        q = held_still(trace.q, still.get(trace.recording, {}))
+        if trace.samples > 3 * filters.order:
+            moved = Motion(*motion(q, trace.step_s, filters))
+    starts = tuple(_starts(trace, chamber, windows) for chamber in chambers_of(robot))
+    span = max(1, round(windows.length_s / trace.step_s))
+    return Stretch(trace, moved, kept if moved is not None else kept[:0], starts, span)
+
+
+def _starts(trace: Trace, chamber: Chamber, windows: WindowSettings) -> IndexArray:
+    i = chamber.index
+    signals = (trace.stroke[:, i], trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
+    known: BoolArray = np.asarray(np.isfinite(np.stack(signals)).all(axis=0))
+    steps = np.where(known[1:] & known[:-1], 0.0, np.nan)[:, None]
+    rows = window_rows(steps, trace, trace.valve_signal[:, i], windows)
+    return np.searchsorted(trace.time_s, rows.time_s - 0.25 * trace.step_s).astype(np.intp)
+
+
+def _force_known(forces: ForceModel, stretch: Stretch) -> list[bool]:
+    """Which joints' forces were measured throughout."""
+    force = measured_force(forces, stretch.trace)
+    return [bool(np.isfinite(column).all()) for column in force.T]
+
+
+def _force_kinds(forces: ForceModel, stretches: Sequence[Stretch]) -> list[tuple[str, str, int]]:
+    """Name, unit and minus one minus the joint of every force channel that was measured."""
+    usable = [s for s in stretches if s.kept.size]
+    if not usable:
+        return []
+    known = [
+        any(column) for column in zip(*(_force_known(forces, s) for s in usable), strict=True)
+    ]
+    return [(name, forces.units[j], -1 - j) for j, name in enumerate(forces.channels) if known[j]]
+
+
+def _flow_kinds(robot: Robot, stretches: Sequence[Stretch]) -> list[tuple[str, str, int]]:
+    return [
+        (chamber.channel, "m^3/s", k)
+        for k, chamber in enumerate(chambers_of(robot))
+        if any(s.starts[k].size for s in stretches)
+    ]

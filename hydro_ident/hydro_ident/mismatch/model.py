@@ -1,0 +1,165 @@
+"""From what was found to a robot: the model file's numbers with their covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.inertial import parameter_scales
+from hydro_ident.identified_robot import has_definite_mass
+from hydro_ident.mismatch.fitting import Fitted, Prior, with_edges
+from hydro_ident.mismatch.prediction import DELAY, Predictor
+from hydro_model.closed_chain import with_parameters
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
+
+#: Parameters without a known deviation are held to this share of their size.
+_HELD = 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Modelled:
+    """A robot with the findings in it.
+
+    Attributes
+    ----------
+    robot : Robot
+    notes : tuple of str
+        What could not be taken over.
+    """
+
+    robot: Robot
+    notes: tuple[str, ...]
+
+
+def spec_of(term: ActiveEffect) -> EffectSpec:
+    """An effect as a robot file lists it."""
+    pairs = zip(term.effect.parameters, term.parameters, strict=True)
+    return EffectSpec(term.effect.name, term.target, {p.name: float(v) for p, v in pairs})
+
+
+def robot_of(
+    predictor: Predictor, fitted: Fitted, given: Robot, fixed_base: bool = False
+) -> Modelled:
+    """The robot that a fit describes.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    fitted : Fitted
+    given : Robot
+        Keeps what the fit does not determine.
+    fixed_base : bool
+        The base stays as given altogether.
+
+    Returns
+    -------
+    Modelled
+    """
+    effects = tuple(spec_of(term) for term in fitted.model.terms)
+    if fixed_base:
+        return Modelled(replace(given, effects=effects), ())
+    covariance = fitted.bench.covariance()
+    names, current = predictor.names, predictor.parameters(fitted.model)
+    robot, notes = _with_base(predictor, fitted, given, covariance)
+    std = dict(
+        zip(names, np.sqrt(np.maximum(np.diag(covariance)[: len(names)], 0.0)), strict=True)
+    )
+    values = dict(zip(names, current, strict=True))
+    deviations: dict[str, float] = {}
+    cylinders, valves = [], []
+    for cylinder in robot.cylinders:
+        viscous, bulk = f"{cylinder.name}.viscous_friction", f"{cylinder.name}.{INVERSE_BULK}"
+        if viscous in values:
+            cylinder = replace(cylinder, viscous_friction=float(values[viscous]))
+            deviations[viscous] = float(std[viscous])
+        if bulk in values and values[bulk] > 0.0:
+            modulus = 1.0 / float(values[bulk])
+            cylinder = replace(cylinder, bulk_modulus_pa=modulus)
+            deviations[f"{cylinder.name}.bulk_modulus"] = float(std[bulk]) * modulus**2
+        cylinders.append(cylinder)
+    for valve in robot.valves:
+        known = [e for e in ("c_pa", "c_at", "c_pb", "c_bt") if f"{valve.name}.{e}" in values]
+        deviations |= {f"{valve.name}.{e}": float(std[f"{valve.name}.{e}"]) for e in known}
+        valves.append(with_edges(valve, values))
+    joints = tuple(
+        replace(j, viscous_friction=float(values.get(f"{j.name}.viscous_friction",
+                                                     j.viscous_friction)))
+        for j in robot.joints
+    )  # fmt: skip
+    if DELAY in values:
+        deviations[DELAY] = float(std[DELAY])
+    whole = replace(
+        robot,
+        joints=joints,
+        cylinders=tuple(cylinders),
+        valves=tuple(valves),
+        command_delay_s=float(fitted.model.delay_s),
+        standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v)},
+        effects=effects,
+    )
+    return Modelled(whole, notes)
+
+
+def _with_base(
+    predictor: Predictor, fitted: Fitted, given: Robot, covariance: FloatArray
+) -> tuple[Robot, tuple[str, ...]]:
+    """Base parameters where they make a possible machine; else the given ones."""
+    forces = predictor.material.forces
+    if forces.names[0] not in predictor.names:
+        return given, ()
+    base, count = forces.base, len(forces.base.names)
+    std = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
+    known = std < parameter_scales(forces)[:count]
+    values = np.where(known, fitted.model.theta[:count], base.combination @ given.parameter_vector)
+    theta = np.zeros(len(given.parameter_names))
+    theta[base.leading] = values
+    robot = replace(
+        with_parameters(given, theta),
+        base_parameters=tuple(
+            BaseParameter(name, base.coefficients(i), float(values[i]))
+            for i, name in enumerate(base.names)
+        ),
+        base_covariance=np.where(np.outer(known, known), covariance[:count, :count], 0.0),
+    )
+    if has_definite_mass(robot):
+        return robot, ()
+    text = (
+        "the refitted base parameters make no positive definite mass matrix: the given ones stay"
+    )
+    return given, (text,)
+
+
+def prior_of(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
+    """What a frozen base is known to: its covariance where its file has one.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    values : (p,) array
+        Its numbers by `Predictor.names`.
+    """
+    forces, names = predictor.material.forces, predictor.names
+    variance = np.diag((_HELD * np.maximum(np.abs(values), 1e-12)) ** 2)
+    count = len(forces.base.names)
+    there = bool(names) and names[0] in forces.names
+    if there and given.base_covariance is not None and len(given.base_covariance) == count:
+        variance[:count, :count] += given.base_covariance
+    for i, name in enumerate(names):
+        plain = name.replace(INVERSE_BULK, "bulk_modulus")
+        std = float(given.standard_deviations.get(plain, 0.0))
+        variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
+    scale = np.sqrt(np.diag(variance))
+    scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
+    root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
+    return Prior(root, values)
+
+
+def summary_of(terms: Sequence[ActiveEffect]) -> str:
+    """Effects in a line, for notes."""
+    return ", ".join(f"{t.effect.name} of {t.target}" for t in terms) or "none"

@@ -1,0 +1,255 @@
+"""Which effects of the catalogue a recording shows: forward, one at a time, then back again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.estimate.scores import GUARD_S
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.candidates import Trial, trials
+from hydro_ident.mismatch.fitting import Fitted, Training, fit, fitted
+from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.prediction import Model, shapes
+from hydro_ident.mismatch.scoring import (
+    Entry,
+    Score,
+    bank_of,
+    chance_of,
+    p_value,
+    score,
+    signs,
+)
+from hydro_ident.mismatch.settings import (
+    ADDED_SHARE,
+    FAMILY_ERROR,
+    FOLD_BLOCK_S,
+    FOLDS,
+    MOST_EFFECTS,
+    PRECISION,
+)
+from hydro_ident.mismatch.whitening import Noise
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+#: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
+CONTENDERS, CONTENDER_SHARE = 8, 0.4
+_SWAPS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Outcome of the search.
+
+    Attributes
+    ----------
+    base : Fitted
+        Without findings.
+    fitted : Fitted
+        With the best of every finding.
+    named : tuple of Named
+    scanned : tuple of Score
+        The last scan, in which nothing more was found.
+    """
+
+    base: Fitted
+    fitted: Fitted
+    named: tuple[Named, ...]
+    scanned: tuple[Score, ...]
+
+
+class Searcher:
+    """Adds effects to a model until nothing significant is left.
+
+    Parameters
+    ----------
+    training : Training
+    base : Fitted
+    """
+
+    def __init__(self, training: Training, base: Fitted) -> None:
+        self.training, self.base = training, base
+        self._bank: dict[tuple[str, str], list[Entry]] = {}
+
+    def run(self) -> Search:
+        """Forward, then every finding again with the others in place."""
+        current, named = self.base, list[Named]()
+        while len(named) < MOST_EFFECTS:
+            found, scanned = self._next(current, named)
+            if found is None:
+                break
+            named.append(found)
+            current = found.modelled.fitted
+            current = fit(self.training, current.model, passes=2)
+        named, current = self._revised(named, current)
+        return Search(self.base, current, tuple(named), tuple(scanned))
+
+    # One step forward ----------------------------------------------------------------------
+
+    def _next(self, current: Fitted, named: Sequence[Named]) -> tuple[Named | None, list[Score]]:
+        entries = [e for e in self._entries(current.model) if not _sibling(e.trial, named)]
+        mask = self.training.mask
+        scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
+        if not scores:
+            return None, []
+        best = max(scores, key=lambda s: s.value)
+        noise = self._noise_without(current, best)
+        bench = self.training.bench(noise, current.residual, current.columns, current.offset)
+        left = self._left_over(current, noise, best)
+        scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
+        chance = chance_of(scores, signs(bench.blocks))
+        scores.sort(key=lambda s: -s.value)
+        for candidate in _firsts(scores):
+            p = p_value(candidate.value, chance)
+            if p > FAMILY_ERROR:
+                break
+            if self._worth(current, bench, candidate):
+                return self._contest(current, noise, scores, candidate, p), scores
+        return None, scores
+
+    def _entries(self, model: Model) -> list[Entry]:
+        """Columns of everything that is not in the model; those that shaping changed anew."""
+        predictor = self.training.predictor
+        shaped = {t.cylinder for t in model.terms if shapes(t)}
+        result: list[Entry] = []
+        groups: dict[tuple[str, str], list[Trial]] = {}
+        for trial in trials(predictor, model):
+            groups.setdefault((trial.name, trial.target), []).append(trial)
+        for key, own in groups.items():
+            stale = bool(shaped) and own[0].active.effect.channel != "force"
+            if key not in self._bank or stale:
+                self._bank[key] = bank_of(predictor, model, own)
+            result += self._bank[key]
+        return result
+
+    def _joined(self, current: Fitted, best: Score) -> FloatArray:
+        used = best.coefficients != 0.0
+        columns = best.entry.columns(current.residual.size)[:, used]
+        return np.concatenate([current.columns, columns], axis=1)
+
+    def _noise_without(self, current: Fitted, best: Score) -> Noise:
+        """Noise of what is left once the best trial is taken out: what the truth would leave."""
+        joined = self._joined(current, best)
+        noise = current.bench.noise
+        bench = self.training.bench(noise, current.residual, joined, current.offset)
+        return self.training.noise(current.residual - joined @ bench.solve())
+
+    def _left_over(self, current: Fitted, noise: Noise, best: Score) -> FloatArray:
+        joined = self._joined(current, best)
+        return self.training.bench(noise, current.residual, joined, current.offset).residual
+
+    def _worth(self, current: Fitted, bench: Bench, candidate: Score) -> bool:
+        """Whether an effect is more than a flaw of the model's form and precision."""
+        material = self.training.predictor.material
+        mask = self.training.mask
+        whole = candidate.entry.columns(material.size) @ candidate.coefficients
+        # What a refit of everything else leaves of it, in the channel's own unit.
+        own = self.training.bench(current.bench.noise, whole, current.columns)
+        fresh = (whole - current.columns @ own.solve())[mask]
+        channel = material.channel[mask]
+        acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
+        share = max(
+            float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / self._size(k) for k in acting
+        )
+        if share < PRECISION:
+            return False
+        return candidate.value >= ADDED_SHARE**2 * self._explained(current, bench, acting)
+
+    def _explained(self, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:
+        """Sum of squares that the effects found so far explain in some channels."""
+        material, predictor = self.training.predictor.material, self.training.predictor
+        base = current.columns[:, : len(predictor.names)]
+        alone = self.training.bench(bench.noise, current.residual, base, current.offset)
+        total = 0.0
+        for term in current.model.terms:
+            column = predictor.contribution(current.model, term)
+            if any(column[material.channel == k].any() for k in acting):
+                total += float(np.sum(alone.beyond(column[self.training.mask][:, None]) ** 2))
+        return total
+
+    def _size(self, channel: int) -> float:
+        material = self.training.predictor.material
+        y, _ = self.training.predictor.base(self.base.model)
+        values = y[(material.channel == channel) & self.training.mask]
+        return float(np.sqrt(np.mean(values**2))) or 1.0
+
+    # The set -------------------------------------------------------------------------------
+
+    def _contest(
+        self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
+    ) -> Named:
+        """Refine the best trials and weigh them against each other on held-out blocks."""
+        chosen = [
+            s for s in _firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
+        ][:CONTENDERS]
+        without = fitted(self.training, current.model, noise)
+        terms = [s.entry.trial.at(s.coefficients) for s in chosen]
+        contenders = [self._contender(without, term, noise) for term in terms]
+        return named_of(contenders, p, overdispersion(best))
+
+    def _contender(self, without: Fitted, term: ActiveEffect, noise: Noise) -> Contender:
+        whole = fit(self.training, without.model.with_term(term), noise, passes=8)
+        free = sum(not p.optional for p in term.effect.parameters)
+        held = self._held_out(without) - self._held_out(whole)
+        cost = 0.5 * free * np.log(max(without.bench.measured, 3))
+        gain = without.squares - whole.squares
+        return Contender(whole.model.terms[-1], whole, gain, held, float(cost))
+
+    @staticmethod
+    def _held_out(one: Fitted) -> float:
+        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, GUARD_S)))
+
+    # Back again ----------------------------------------------------------------------------
+
+    def _revised(self, named: list[Named], current: Fitted) -> tuple[list[Named], Fitted]:
+        """Drop what the others explain, and name every finding with the others in place."""
+        for _ in range(_SWAPS if len(named) > 1 else 0):
+            changed = False
+            for one in list(named):
+                without, fresh = self._again(one, current)
+                changed |= not _is(fresh.term, one.term)
+                if fresh.pays:
+                    named[named.index(one)] = fresh
+                    current = fit(self.training, fresh.modelled.fitted.model, passes=2)
+                else:
+                    named.remove(one)
+                    current = without
+            if not changed:
+                break
+        return named, current
+
+    def _again(self, one: Named, current: Fitted) -> tuple[Fitted, Named]:
+        """The model without a finding, and its set with the other findings in place."""
+        others = tuple(t for t in current.model.terms if not _is(t, one.term))
+        rest, noise = replace(current.model, terms=others), current.bench.noise
+        without = fit(self.training, rest, noise, passes=2)
+        again = [self._contender(without, c.term, noise) for c in one.tried]
+        return without, named_of(again, one.p_value, one.spread)
+
+
+def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
+    """Whether a trial is an alternative to what was found already at its target."""
+    mine = trial.name, trial.target
+    return any(mine == (c.term.effect.name, c.term.target) for n in named for c in n.contenders)
+
+
+def overdispersion(best: Score) -> float:
+    """How much more sums over blocks vary than independent rows' would; at least 1."""
+    used = int(np.argmax(np.abs(best.coefficients) / best.std))
+    variance = float(np.sum(best.partial.chance[:, used] ** 2))
+    return max(1.0, variance / float(best.partial.gram[used, used]))
+
+
+def _firsts(scores: Sequence[Score]) -> list[Score]:
+    """The best shape of every effect and target, best first."""
+    seen: dict[tuple[str, str], Score] = {}
+    for one in sorted(scores, key=lambda s: -s.value):
+        trial = one.entry.trial
+        seen.setdefault((trial.name, trial.target), one)
+    return list(seen.values())
+
+
+def _is(one: ActiveEffect, other: ActiveEffect) -> bool:
+    return one.effect.name == other.effect.name and one.target == other.target

@@ -1,0 +1,154 @@
+"""Sets of effects that recordings cannot tell apart, with probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
+from hydro_model.effects.targets import ActiveEffect
+
+#: Parameter below which a law is nothing but another one's, rounded: a bristle that bends over
+#: less than a tenth of a millimetre is Coulomb's law.
+LIMITS = {"presliding_friction": ("distance", 1.0e-4, "coulomb_friction")}
+#: Log-likelihood (twice) that a difference of the form's tolerance is worth.
+_FORM_NATS = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """An effect fitted in the place of a finding.
+
+    Attributes
+    ----------
+    term : ActiveEffect
+        As fitted.
+    fitted : Fitted
+    gain : float
+        Reduction of the sum of squares, in units of the noise's variance.
+    held_out : float
+        The same on held-out blocks.
+    cost : float
+        Log-likelihood that its parameters have to pay for.
+    """
+
+    term: ActiveEffect
+    fitted: Fitted
+    gain: float
+    held_out: float
+    cost: float
+
+    @property
+    def name(self) -> str:
+        """The name that it bears: where a law has run to another one's limit, that one's."""
+        effect = self.term.effect
+        if effect.name in LIMITS:
+            parameter, least, other = LIMITS[effect.name]
+            at = [p.name for p in effect.parameters].index(parameter)
+            if self.term.parameters[at] < least:
+                return other
+        return effect.name
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """One cause: effects that the recordings cannot tell apart.
+
+    Attributes
+    ----------
+    contenders : tuple of Contender
+        Best first: the members of the set.
+    probability : tuple of float
+    p_value : float
+        Family-wise, over everything that was tried.
+    gain : float
+        Of the best.
+    tried : tuple of Contender
+        All that were weighed, best first.
+    spread : float
+        Overdispersion of sums over blocks.
+    """
+
+    contenders: tuple[Contender, ...]
+    probability: tuple[float, ...]
+    p_value: float
+    gain: float
+    tried: tuple[Contender, ...]
+    spread: float
+
+    @property
+    def modelled(self) -> Contender:
+        """The member of the set that stands in the model.
+
+        The best name's, unless another predicts better by more than laws' forms are good for.
+        """
+        first, best = self.contenders[0], max(self.contenders, key=lambda c: c.held_out)
+        margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
+        return best if best.held_out - first.held_out > margin else first
+
+    @property
+    def term(self) -> ActiveEffect:
+        """The effect that stands in the model."""
+        return self.modelled.term
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the set, best first, each once."""
+        return tuple(dict.fromkeys(c.name for c in self.contenders))
+
+    @property
+    def pays(self) -> bool:
+        """Whether what it gains on held-out blocks is worth its parameters."""
+        best = self.modelled
+        return 0.5 * best.held_out / self.spread > best.cost
+
+    @property
+    def first(self) -> Contender:
+        """The best one whose law is the first name's own, or else the best of that name."""
+        own = [c for c in self.tried if c.name == self.names[0]]
+        plain = [c for c in own if c.term.effect.name == c.name]
+        return (plain or own)[0]
+
+
+def named_of(contenders: Sequence[Contender], p: float, spread: float) -> Named:
+    """The set of contenders that are not out of reach of the best.
+
+    Log-likelihood counts in units of the sums' overdispersion, and of the catalogue's form: laws
+    that differ by less than `FORM_TOLERANCE` of the effect itself are told apart by their
+    parameters' cost alone, since no machine follows either to the last newton.
+
+    Parameters
+    ----------
+    contenders : sequence of Contender
+    p : float
+    spread : float
+        Overdispersion of sums over blocks.
+    """
+    form = FORM_TOLERANCE**2 * max(c.gain for c in contenders) / _FORM_NATS
+    own, spread = spread, max(spread, form)
+
+    def evidence_of(one: Contender) -> float:
+        return 0.5 * one.held_out / spread - one.cost
+
+    ranked = sorted(contenders, key=evidence_of, reverse=True)
+    evidence = np.array([evidence_of(c) for c in ranked])
+    weights = np.exp(evidence - evidence[0])
+    weights /= weights.sum()
+    count = int(np.searchsorted(np.cumsum(weights), SET_PROBABILITY)) + 1
+    kept = tuple(ranked[:count])
+    kept += tuple(c for c in ranked[count:] if c.name == kept[0].name and _near(c, kept[0]))
+    names = list(dict.fromkeys(c.name for c in kept))
+    total = {
+        n: float(sum(w for c, w in zip(ranked, weights, strict=True) if c.name == n))
+        for n in names
+    }
+    gain = ranked[0].gain
+    return Named(kept, tuple(total[n] for n in names), p, gain, tuple(ranked), own)
+
+
+def _near(one: Contender, other: Contender) -> bool:
+    """Whether two contenders act on the same target."""
+    return one.term.target == other.term.target

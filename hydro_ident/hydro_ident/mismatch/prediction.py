@@ -1,0 +1,199 @@
+"""The model on the rows: what is measured, and the base columns that a refit moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
+from hydro_ident.estimate.force_rows import force_columns
+from hydro_ident.mismatch.contributions import compressed, contribution, measured
+from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.shaping import Model, Signals, reading_key, shapes
+from hydro_model.effects.effect import Stage
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+__all__ = ["DELAY", "Model", "Predictor", "shapes"]
+
+DELAY = "command_delay"
+#: Flow rows kept per stretch: some models' worth of chambers.
+_KEPT_FLOWS = 64
+#: Force rows kept per stretch: one per reading of the sensors.
+_KEPT_FORCES = 4
+
+
+@dataclass(slots=True)
+class Predictor:
+    """Evaluates models on the rows of some material.
+
+    Attributes
+    ----------
+    material : Material
+    signals : Signals
+    """
+
+    material: Material
+    signals: Signals = field(init=False)
+    _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    _flows: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.signals = Signals(self.material)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The base parameters: forces, then by cylinder bulk and edges, then the delay."""
+        material = self.material
+        forces = any(not material.is_flow(k) for k in range(len(material.channels)))
+        names = list(material.forces.names) if forces else []
+        for chamber in self._flow_chambers():
+            own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
+            own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
+            names += [name for name in own if name not in names]
+        return (*names, DELAY) if self._flow_chambers() else tuple(names)
+
+    def base(self, model: Model) -> tuple[FloatArray, FloatArray]:
+        """Measured values (N,) and base columns (N, p) at a model's signals and delay."""
+        material, names = self.material, self.names
+        y, x = np.zeros(material.size), np.zeros((material.size, len(names)))
+        count = len(material.forces.names)
+        forced = self._force_base(model)
+        for place in material.places:
+            if not material.is_flow(place.channel):
+                joint = material.joint_of(place.channel)
+                measured, columns = forced[place.stretch]
+                y[place.rows] = measured[:, joint]
+                x[place.rows, :count] = columns[:, joint]
+        stretches = self.signals.stretches(model)
+        for place in material.places:
+            if material.is_flow(place.channel):
+                self._flow_base(model, stretches[place.stretch], place.channel, place.rows, (y, x))
+        return y, x
+
+    def residual(self, model: Model) -> FloatArray:
+        """Measured less predicted values, (N,)."""
+        y, x = self.base(model)
+        values = y - x @ self.parameters(model)
+        for term in model.terms:
+            if term.effect.reading is None and not shapes(term):
+                values -= self.contribution(model, term)
+        return np.asarray(values)
+
+    def contribution(
+        self, model: Model, one: ActiveEffect, parameters: FloatArray | None = None
+    ) -> FloatArray:
+        """What the prediction gains by an effect on top of a model's other effects, (N,).
+
+        Parameters
+        ----------
+        model : Model
+            With or without the effect.
+        one : ActiveEffect
+        parameters : array, optional
+            Instead of the effect's own.
+        """
+        if parameters is not None:
+            one = replace(one, parameters=parameters)
+        return contribution(self.signals, model, one)
+
+    def parameters(self, model: Model) -> FloatArray:
+        """A model's numbers in the order of `names`; the delay's column is a slope: 0."""
+        values = dict(zip(self.material.forces.names, model.theta, strict=True))
+        for cylinder in model.robot.cylinders:
+            values[f"{cylinder.name}.{INVERSE_BULK}"] = 1.0 / cylinder.bulk_modulus_pa
+        for valve in model.robot.valves:
+            for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
+                values[f"{valve.name}.{edge}"] = float(getattr(valve, edge))
+        return np.array([values.get(name, 0.0) for name in self.names])
+
+    def _flow_chambers(self) -> list[Chamber]:
+        material = self.material
+        return [
+            material.chambers[material.chamber_index(k)]
+            for k in range(len(material.channels))
+            if material.is_flow(k)
+        ]
+
+    def _force_base(self, model: Model) -> list[tuple[FloatArray, FloatArray]]:
+        """Measured forces and filtered regressor of every stretch."""
+        key = reading_key(model)
+        stretches = self.signals.stretches(model)
+        result = []
+        for s, stretch in enumerate(stretches):
+            if len(self._forces) >= _KEPT_FORCES * max(len(stretches), 1):
+                self._forces.clear()
+            if (*key, s) not in self._forces:
+                self._forces[(*key, s)] = self._force_rows(stretch)
+            result.append(self._forces[(*key, s)])
+        return result
+
+    def _force_rows(self, stretch: Stretch) -> tuple[FloatArray, FloatArray]:
+        forces, n = self.material.forces, self.material.robot.dof
+        if stretch.moved is None or not stretch.kept.size:
+            return np.zeros((0, n)), np.zeros((0, n, len(forces.names)))
+        columns = force_columns(forces, stretch.trace, stretch.moved)
+        return measured(self.material, stretch), self.material.filtered(stretch, columns)
+
+    def _flow_base(
+        self,
+        model: Model,
+        stretch: Stretch,
+        channel: int,
+        rows: slice,
+        into: tuple[FloatArray, FloatArray],
+    ) -> None:
+        material, names = self.material, self.names
+        chamber = material.chambers[material.chamber_index(channel)]
+        means = self._flow_rows(model, stretch, channel)
+        first, second = chamber.edges
+        valve = model.robot.valve_of(chamber.cylinder.name)
+        slope = means[:, 4] * float(getattr(valve, first))
+        slope = slope + means[:, 5] * float(getattr(valve, second))
+        own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
+        own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
+        into[0][rows] = means[:, 0]
+        for k, name in enumerate(own):
+            into[1][rows, names.index(name)] = means[:, 1 + k]
+        into[1][rows, names.index(DELAY)] = slope
+
+    def _flow_rows(self, model: Model, stretch: Stretch, channel: int) -> FloatArray:
+        """Rate of volume, compression, both edges and their slopes in the delay, (W, 6).
+
+        At unit coefficients: they change with delay and shaping alone, and are kept for those.
+        """
+        material = self.material
+        key = (model.delay_s, _shape_key(model), channel, stretch.number)
+        if key in self._flows:
+            return self._flows[key]
+        index = material.chamber_index(channel)
+        chamber = material.chambers[index]
+        trace = self.signals.shaped(model, stretch)
+        volume, squeezed = compressed(chamber, trace)
+        step = 0.1 * trace.step_s
+        early = max(model.delay_s - step, 0.0)
+        now, late, soon = (
+            edge_integrals(chamber, trace, d) for d in (model.delay_s, model.delay_s + step, early)
+        )
+        width = model.delay_s + step - early
+        slopes = [(a - b) / width for a, b in zip(late, soon, strict=True)]
+        steps = np.stack([np.diff(volume), -squeezed, *now, *slopes], axis=1)
+        if len(self._flows) >= _KEPT_FLOWS * max(len(material.stretches), 1):
+            self._flows.clear()
+        self._flows[key] = material.windowed(stretch, index, steps)
+        return self._flows[key]
+
+
+def _shape_key(model: Model) -> tuple[object, ...]:
+    """What the rows of a balance depend on beside the delay."""
+    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
+    edges = [
+        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    ]
+    terms = [
+        (t.effect.name, t.target, tuple(t.parameters))
+        for t in model.terms
+        if shapes(t) or t.effect.reading is not None
+    ]
+    return (tuple(terms), tuple(edges) if rails else ())

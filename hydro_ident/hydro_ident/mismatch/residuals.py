@@ -1,0 +1,235 @@
+"""From recordings to training rows, rows to check on, and the base model refitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.force_rows import ForceModel, force_model
+from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.scores import HoldOut
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.mismatch.fitting import Fitted, Training, fit, start_model
+from hydro_ident.mismatch.material import Material, material_of
+from hydro_ident.mismatch.model import prior_of
+from hydro_ident.mismatch.prediction import Predictor
+from hydro_ident.mismatch.settings import (
+    LONGEST_DELAY_S,
+    LONGEST_SCAN_S,
+    SCAN_PARTS,
+    DiagnosisSettings,
+)
+from hydro_ident.mismatch.verify import Check
+from hydro_ident.sources import Source
+from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import Robot
+
+#: Longer than any recording: a piece is the whole.
+_WHOLE_S = 1.0e6
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Everything that the steps after this one look at.
+
+    Attributes
+    ----------
+    robot : Robot
+        As given.
+    training : Training
+    base : Fitted
+        The robot's own structure, refitted (or as given, with a fixed base).
+    scan : Training
+        What effects are searched on: the training rows, of long recordings evenly spread parts.
+    check : Check
+    check_traces : tuple of Trace
+        For roll-outs.
+    split : HoldOut
+        Which blocks of them took no part.
+    signals : SignalSurvey
+    """
+
+    robot: Robot
+    training: Training
+    base: Fitted
+    scan: Training
+    check: Check
+    check_traces: tuple[Trace, ...]
+    split: HoldOut
+    signals: SignalSurvey
+
+    def noise_floors(self) -> dict[str, float]:
+        """What the sensors' noise alone leaves, by channel."""
+        material = self.training.predictor.material
+        floors = dict(
+            zip(
+                material.forces.channels,
+                force_noise(material.forces, self.signals, material.filters).tolist(),
+                strict=True,
+            )
+        )
+        for chamber in chambers_of(self.robot):
+            cylinder = self.base.model.robot.cylinders[chamber.index]
+            floors[chamber.channel] = flow_noise(
+                self.robot, chamber, self.signals, material.windows,
+                1.0 / cylinder.bulk_modulus_pa,
+            )  # fmt: skip
+        return {name: float(floors[name]) for name in material.channels}
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """Filters and windows of the rows.
+
+    Attributes
+    ----------
+    filters : FilterSettings
+    windows_s : tuple of float
+        Length and hop of the balances' windows.
+    """
+
+    filters: FilterSettings = field(default_factory=FilterSettings)
+    windows_s: tuple[float, float] = (0.04, 0.02)
+
+    def windows(self, step_s: float) -> WindowSettings:
+        """Windows whose rows are the same for every delay that is tried."""
+        return WindowSettings(*self.windows_s, max_delay_cycles=LONGEST_DELAY_S / step_s)
+
+
+def whole_traces(sources: Sequence[Source]) -> tuple[Trace, ...]:
+    """The contiguous traces of whole recordings, in memory."""
+    return tuple(
+        trace
+        for source in sources
+        for piece in source.pieces(_WHOLE_S)
+        for trace in traces_of_piece(piece)
+    )
+
+
+def own_forces(robot: Robot, torque: bool) -> ForceModel:
+    """The robot's force model: with bodies of cylinders only where its file has them."""
+    has = any(c.barrel is not None or c.rod is not None for c in robot.cylinders)
+    return force_model(robot, torque, parts=has or robot.part_inertia is not None)
+
+
+def residuals(
+    robot: Robot,
+    sources: Sequence[Source],
+    others: Sequence[Source],
+    surveys: Sequence[Survey],
+    settings: DiagnosisSettings,
+) -> Residuals | None:
+    """Lay out rows and refit the base.
+
+    Parameters
+    ----------
+    robot : Robot
+    sources, others : sequence of Source
+        To fit and select on; to verify on.
+    surveys : sequence of Survey
+        Of the sources, then of the others.
+    settings : DiagnosisSettings
+
+    Returns
+    -------
+    Residuals or None
+        None where no channel has enough rows.
+    """
+    signals = merged_signals(robot, surveys[: len(sources)])
+    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+    forces = own_forces(robot, torque)
+    still = still_positions(surveys, still_joints_of(robot, signals))
+    traces = whole_traces(sources)
+    if not traces:
+        return None
+    choices = Choices()
+    material = _material(robot, forces, traces, choices, still)
+    every = 0 if others else settings.hold_out_every
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
+    split = HoldOut.of(durations, every) if every else HoldOut(every=0)
+    fit_rows, check_rows = material.masks(split)
+    moving = material.moving()
+    predictor = Predictor(material)
+    if not _enough(material, fit_rows & moving, len(predictor.names)):
+        return None
+    start = start_model(robot, predictor, resolve(robot))
+    prior = None
+    if settings.fixed_base:
+        prior = prior_of(predictor, robot, predictor.parameters(start))
+    training = Training.of(predictor, fit_rows & moving, prior)
+    base = fit(training, start)
+    scan = training
+    parts = spread_parts(traces)
+    if parts is not traces:
+        seen = _material(robot, forces, parts, choices, still)
+        rows = seen.masks(split)[0] & seen.moving()
+        scan = Training.of(Predictor(seen), rows, prior)
+    if not others:
+        check = Check(predictor, check_rows, moving)
+        return Residuals(robot, training, base, scan, check, traces, split, signals)
+    there = whole_traces(others)
+    seen = _material(robot, forces, there, choices, still)
+    if not seen.size:
+        return None
+    check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
+    return Residuals(robot, training, base, scan, check, there, HoldOut(every=0), signals)
+
+
+def spread_parts(traces: tuple[Trace, ...]) -> tuple[Trace, ...]:
+    """Evenly spread parts of long recordings; recordings of usual length as they are."""
+    total = sum(t.samples * t.step_s for t in traces)
+    if total <= LONGEST_SCAN_S:
+        return traces
+    parts: list[Trace] = []
+    for trace in traces:
+        length = trace.samples * trace.step_s
+        count = max(1, round(length / total * SCAN_PARTS))
+        size = round(min(LONGEST_SCAN_S / SCAN_PARTS, length / count) / trace.step_s)
+        for k in range(count):
+            begin = round((k + 0.5) * trace.samples / count - 0.5 * size)
+            begin = max(begin, 0)
+            parts.append(_part(trace, begin, min(begin + size, trace.samples), k))
+    return tuple(parts)
+
+
+def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:
+    """Samples of a trace as a trace of its own, on the recording's time axis."""
+    at = slice(begin, end)
+    return replace(
+        trace,
+        label=f"{trace.label}.{number}",
+        time_s=trace.time_s[at],
+        q=trace.q[at],
+        stroke=trace.stroke[at],
+        p_a=trace.p_a[at],
+        p_b=trace.p_b[at],
+        supply=trace.supply[at],
+        tank=trace.tank[at],
+        valve_signal=trace.valve_signal[at],
+        joint_torque=trace.joint_torque[at],
+        cycle=trace.cycle + begin,
+        core=None,
+        q_ref=None,
+    )
+
+
+def _material(
+    robot: Robot,
+    forces: ForceModel,
+    traces: Sequence[Trace],
+    choices: Choices,
+    still: Mapping[str, Mapping[int, float]],
+) -> Material:
+    windows = choices.windows(traces[0].step_s if traces else 0.002)
+    return material_of(robot, forces, traces, choices.filters, windows, still)
+
+
+def _enough(material: Material, rows: np.ndarray, parameters: int) -> bool:
+    counts = np.bincount(material.channel[rows], minlength=len(material.channels))
+    return bool(counts.size and counts.max(initial=0) > max(10 * parameters, 100))

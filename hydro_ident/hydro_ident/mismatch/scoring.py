@@ -1,0 +1,188 @@
+"""How much trials gain beyond a refit, and how much of that could be chance."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.bench import Bench, Partial
+from hydro_ident.mismatch.candidates import Trial
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.settings import FLIPS, SEED
+from hydro_model.robot import FloatArray
+
+#: A column of which a refit swallows all but this share says nothing of its own.
+SWALLOWED = 1.0e-5
+#: Columns of a trial within this share of each other's span count once.
+_COLLINEAR = 1.0e-6
+#: What a further coefficient gains by chance, in a maximum over many.
+_PER_COEFFICIENT = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A trial with its columns on the rows where they are not zero.
+
+    Attributes
+    ----------
+    trial : Trial
+    rows : (M,) int array
+        Of the stacked rows.
+    values : (M, k) float32 array
+    """
+
+    trial: Trial
+    rows: BoolArray
+    values: FloatArray
+
+    def columns(self, size: int) -> FloatArray:
+        """The columns on all rows, (N, k)."""
+        full = np.zeros((size, self.values.shape[1]))
+        full[self.rows] = self.values
+        return full
+
+
+def bank_of(predictor: Predictor, model: Model, chosen: Sequence[Trial]) -> list[Entry]:
+    """Evaluate trials once; shapes that do nothing in these recordings are left out."""
+    channel, entries = predictor.material.channel, []
+    for trial in chosen:
+        columns = trial.columns(predictor, model)
+        if not np.isfinite(columns).all() or not columns.any():
+            continue
+        acting = [k for k in np.unique(channel) if columns[channel == k].any()]
+        rows = np.isin(channel, acting)
+        entries.append(Entry(trial, rows, columns[rows].astype(np.float32)))
+    return entries
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What one trial gains.
+
+    Attributes
+    ----------
+    entry : Entry
+    gain : float
+        Reduction of the sum of squares, in units of the white noise's variance.
+    coefficients : (k,) array
+        Zero for columns that were not used.
+    std : (k,) array
+        Deviation of each coefficient by itself.
+    partial : Partial
+    """
+
+    entry: Entry
+    gain: float
+    coefficients: FloatArray
+    std: FloatArray
+    partial: Partial
+
+    @property
+    def value(self) -> float:
+        """The gain, less what its number of coefficients gains by chance."""
+        return self.gain - _PER_COEFFICIENT * (np.count_nonzero(self.coefficients) - 1)
+
+
+def score(
+    bench: Bench, entry: Entry, mask: BoolArray, left_over: FloatArray | None = None
+) -> Score | None:
+    """Score one trial; None where a refit swallows it.
+
+    Parameters
+    ----------
+    bench : Bench
+    entry : Entry
+    mask : (N,) bool array
+        Training rows of the material, which `bench` is of.
+    left_over : array, optional
+        Whitened residual without the best trial, for `chance_of`.
+    """
+    partial = bench.partial(entry.columns(mask.size)[mask], left_over)
+    kept = np.diag(partial.gram) > SWALLOWED * partial.plain
+    if not kept.any():
+        return None
+    sums = partial.scores.sum(axis=0)[None]
+    gains, coefficients = best_subset(partial.gram, sums, entry.trial.signed, kept)
+    with np.errstate(divide="ignore"):
+        std = np.where(kept, 1.0 / np.sqrt(np.diag(partial.gram)), np.inf)
+    return Score(entry, float(gains[0]), coefficients[0], std, partial)
+
+
+def best_subset(
+    gram: FloatArray, sums: FloatArray, signed: Sequence[bool], kept: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Largest gain over subsets of columns whose coefficients have possible signs.
+
+    Parameters
+    ----------
+    gram : (k, k) array
+    sums : (M, k) array
+        Products with M residuals.
+    signed : sequence of bool
+        Which coefficients may be negative.
+    kept : (k,) bool array
+        Columns that may be used.
+
+    Returns
+    -------
+    gains : (M,) array
+    coefficients : (M, k) array
+    """
+    count = gram.shape[0]
+    gains = np.zeros(sums.shape[0])
+    coefficients = np.zeros_like(sums)
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    for number in range(1, count + 1):
+        for subset in itertools.combinations(np.flatnonzero(kept).tolist(), number):
+            at = list(subset)
+            scaled = gram[np.ix_(at, at)] / np.outer(size[at], size[at])
+            if number > 1 and np.linalg.eigvalsh(scaled)[0] < _COLLINEAR:
+                continue
+            found = np.linalg.solve(scaled, (sums[:, at] / size[at]).T).T / size[at]
+            gain = np.sum(found * sums[:, at], axis=1)
+            possible = np.all((found >= 0.0) | np.array([signed[i] for i in at]), axis=1)
+            worth = gain - _PER_COEFFICIENT * (number - 1)
+            have = gains - _PER_COEFFICIENT * np.maximum(
+                np.count_nonzero(coefficients, axis=1) - 1, 0
+            )
+            better = possible & (worth > have)
+            gains = np.where(better, gain, gains)
+            coefficients[better] = 0.0
+            rows = np.flatnonzero(better)
+            for position, column in enumerate(at):
+                coefficients[rows, column] = found[rows, position]
+    return gains, coefficients
+
+
+def signs(blocks: int) -> FloatArray:
+    """Signs of `FLIPS` draws of whole blocks, (F, B): always the same."""
+    rng = np.random.default_rng(SEED)
+    return np.where(rng.random((FLIPS, blocks)) < 0.5, -1.0, 1.0)
+
+
+def chance_of(scores: Sequence[Score], flips: FloatArray) -> FloatArray:
+    """The largest value of any trial under every sign flip, (F,).
+
+    Parameters
+    ----------
+    scores : sequence of Score
+        Of a residual without the best trial in it: what is left is what chance has to work with.
+    flips : (F, B) array
+    """
+    largest = np.zeros(flips.shape[0])
+    for one in scores:
+        drawn = flips @ one.partial.chance
+        kept = np.diag(one.partial.gram) > SWALLOWED * one.partial.plain
+        gains, coefficients = best_subset(one.partial.gram, drawn, one.entry.trial.signed, kept)
+        extra = np.maximum(np.count_nonzero(coefficients, axis=1) - 1, 0)
+        largest = np.maximum(largest, gains - _PER_COEFFICIENT * extra)
+    return largest
+
+
+def p_value(value: float, chance: FloatArray) -> float:
+    """Share of draws that reach a value, the observed one counted in."""
+    return float((1 + np.sum(chance >= value)) / (1 + chance.size))

@@ -1,0 +1,56 @@
+"""The constants of the diagnosis, in one place. None is tuned on a single case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: Chance that anything at all is found on a recording whose model lacks nothing, per question
+#: (known effects; unknown dependence). All candidates, channels, joints and shapes share it.
+FAMILY_ERROR = 0.005
+#: Sign flips of whole blocks behind every p-value.
+FLIPS = 1999
+#: Length of the blocks whose signs are flipped: far beyond what the noise model leaves.
+BLOCK_S = 1.0
+#: Folds of the cross-validation, and the length of their blocks.
+FOLDS, FOLD_BLOCK_S = 5, 3.0
+#: A catalogue law is an idealisation. Two laws whose predictions differ by less than this share
+#: (rms) of the effect itself are not told apart by their forms.
+FORM_TOLERANCE = 0.05
+#: What is left in a channel counts as a further effect only beyond this share (rms) of what the
+#: effects found there explain already.
+ADDED_SHARE = 0.03
+#: What a description of a machine is good for: in none of its channels does a model claim to be
+#: better than this share (rms) of what is measured.
+PRECISION = 5.0e-4
+#: A finding, or an unknown dependence, explains at least this share of its channels' residual.
+LEAST_SHARE = 0.005
+#: A name is kept only where it explains at least this share of what any smooth function of the
+#: variable it acts through explains.
+NAMED_SHARE = 0.7
+#: Effects within this much log-likelihood (per unit of overdispersion) of the best are one set.
+SET_PROBABILITY = 0.97
+#: Most effects that are ever added.
+MOST_EFFECTS = 8
+#: Effects are searched on no more than this much recording, in so many evenly spread parts; what
+#: was found is fitted and verified on all of it.
+LONGEST_SCAN_S, SCAN_PARTS = 150.0, 10
+#: Longest command delay that is looked for, in s.
+LONGEST_DELAY_S = 0.012
+#: Seed of the sign flips: the same input gives the same result.
+SEED = 20240229
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """What may be chosen per run.
+
+    Attributes
+    ----------
+    fixed_base : bool
+        The given base parameters are kept as they are.
+    hold_out_every : int
+        Without bags to validate on, every so many blocks one is kept for verification.
+    """
+
+    fixed_base: bool = False
+    hold_out_every: int = 5

@@ -1,0 +1,247 @@
+"""Signals as a model has them: sensors corrected, valve signals and rails shaped by its laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_ident.estimate.derivatives import motion
+from hydro_ident.estimate.force_rows import Motion
+from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.law_signals import dry_rows, reshape, wet_rows
+from hydro_ident.mismatch.material import Material, Stretch
+from hydro_model.cylinder import stroke
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.effects.effect import Stage
+from hydro_model.effects.readings import Readings
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.signals import RETURN_FLOW, SUPPLY_FLOW, VALVE_SIGNAL
+from hydro_model.valve import edge_flows
+
+#: Corrected recordings that are kept at a time.
+_KEPT_STRETCHES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A robot with its numbers as they are at present in the fit.
+
+    Attributes
+    ----------
+    robot : Robot
+        Edges and bulk moduli are current; its own list of effects is not looked at.
+    theta : (p,) array
+        Force parameters by `ForceModel.names`.
+    delay_s : float
+    terms : tuple of ActiveEffect
+        Effects at work, at their current parameters.
+    """
+
+    robot: Robot
+    theta: FloatArray
+    delay_s: float
+    terms: tuple[ActiveEffect, ...] = ()
+
+    def with_term(self, term: ActiveEffect) -> Model:
+        """The model with one more effect."""
+        return replace(self, terms=(*self.terms, term))
+
+
+@dataclass(slots=True)
+class Signals:
+    """Signals of the models that are asked about, kept as long as the same one is.
+
+    Attributes
+    ----------
+    material : Material
+    """
+
+    material: Material
+    _stretches: dict[tuple[object, ...], tuple[Stretch, ...]] = field(default_factory=dict)
+    _kept: Model | None = None
+    _plain_of: Robot | None = None
+    _plain_rows: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
+    _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
+
+    def stretches(self, model: Model) -> tuple[Stretch, ...]:
+        """The stretches with their sensors' signals corrected by the model's readings."""
+        key = reading_key(model)
+        if not key:
+            return self.material.stretches
+        if key not in self._stretches:
+            if len(self._stretches) >= _KEPT_STRETCHES:
+                self._stretches.pop(next(iter(self._stretches)))
+            terms = [term for term in model.terms if term.effect.reading is not None]
+            self._stretches[key] = self.corrected(terms)
+        return self._stretches[key]
+
+    def corrected(self, terms: Sequence[ActiveEffect]) -> tuple[Stretch, ...]:
+        """The stretches with readings undone; not kept."""
+        if not terms:
+            return self.material.stretches
+        return tuple(self._corrected(stretch, terms) for stretch in self.material.stretches)
+
+    def _corrected(self, stretch: Stretch, terms: Sequence[ActiveEffect]) -> Stretch:
+        trace = stretch.trace
+        seen = Readings(
+            trace.step_s, trace.q, trace.p_a, trace.p_b, trace.supply, trace.tank,
+            trace.valve_signal,
+        )  # fmt: skip
+        for term in terms:
+            if term.effect.reading is not None:
+                index = term.index
+                seen = term.effect.reading(seen, index, -term.parameters)
+        fixed = replace(
+            trace, q=seen.q, p_a=seen.p_a, p_b=seen.p_b, supply=seen.supply, tank=seen.tank,
+            valve_signal=seen.valve_signal,
+        )  # fmt: skip
+        if stretch.moved is None or np.array_equal(fixed.q, trace.q):
+            return replace(stretch, trace=fixed)
+        fixed = replace(fixed, stroke=_strokes(self.material.robot, fixed))
+        moved = Motion(*motion(fixed.q, fixed.step_s, self.material.filters))
+        return replace(stretch, trace=fixed, moved=moved)
+
+    def of(self, model: Model, stretch: Stretch, one: ActiveEffect) -> FloatArray:
+        """What a law may look at over a stretch, (N, SIGNAL_COUNT)."""
+        if one.joint is not None and one.cylinder is None:
+            return self.dry(stretch, one.joint)
+        return self.wet(model, stretch, one.cylinder or 0)
+
+    def dry(self, stretch: Stretch, joint: int) -> FloatArray:
+        """Signals of a joint whose torque is measured; its piston is the joint itself."""
+        return dry_rows(self.material.robot, stretch, joint)
+
+    def wet(
+        self, model: Model, stretch: Stretch, cylinder: int, shaped: bool = False
+    ) -> FloatArray:
+        """Signals of a cylinder as recorded or as the model's laws shape them; not to be changed.
+
+        They are kept as long as the same model is asked for: candidates share them.
+        """
+        self._keep(model)
+        key = stretch.number, cylinder, shaped
+        if key not in self._rows:
+            rows = self._plain(model.robot, stretch, cylinder)
+            if shaped and any(shapes(term) for term in model.terms):
+                rows = rows.copy()
+                reshape(rows, model.robot, cylinder, self.shaped(model, stretch))
+            self._rows[key] = rows
+        return self._rows[key]
+
+    def _plain(self, robot: Robot, stretch: Stretch, cylinder: int) -> FloatArray:
+        """Signals as recorded, kept as long as the robot's numbers stay; not to be changed."""
+        if self._plain_of is not robot:
+            self._plain_of = robot
+            self._plain_rows.clear()
+        key = stretch.number, cylinder
+        trace, rows = self._plain_rows.get(key, (None, None))
+        if rows is None or trace is not stretch.trace:
+            rows = wet_rows(robot, stretch, cylinder)
+            self._plain_rows[key] = stretch.trace, rows
+        return rows
+
+    def _keep(self, model: Model) -> None:
+        """Forget what was kept for another model."""
+        kept = self._kept
+        if kept is None or kept.robot is not model.robot or not _identical(kept, model):
+            self._kept = model
+            self._rows.clear()
+
+    def shaped(self, model: Model, stretch: Stretch) -> Trace:
+        """The trace with valve signals and rails as the model's laws shape them."""
+        if not any(shapes(term) for term in model.terms):
+            return stretch.trace
+        return self._shape(model, stretch)
+
+    def _shape(self, model: Model, stretch: Stretch) -> Trace:
+        trace = stretch.trace
+        laws = [t for t in model.terms if Stage.SIGNAL in t.effect.stages]
+        # They act one after the other in the catalogue's order, as in a roll-out.
+        laws.sort(key=lambda t: list(CATALOGUE).index(t.effect.name))
+        if laws:
+            result = trace.valve_signal.copy()
+            for one in laws:
+                i = one.cylinder or 0
+                signals = self._plain(model.robot, stretch, i).copy()
+                known = np.isfinite(result[:, i])
+                signals[:, VALVE_SIGNAL] = np.where(known, result[:, i], 0.0)
+                law = _mean_signal(one, signals, trace.step_s)
+                result[:, i] = np.where(known, law, np.nan)
+            trace = replace(trace, valve_signal=result)
+        rails = [t for t in model.terms if {Stage.SUPPLY, Stage.TANK} & set(t.effect.stages)]
+        if rails:
+            trace = self._railed(model, stretch, trace, rails)
+        return trace
+
+    def _railed(
+        self, model: Model, stretch: Stretch, trace: Trace, laws: Sequence[ActiveEffect]
+    ) -> Trace:
+        supply, tank = trace.supply.copy(), trace.tank.copy()
+        drawn, returned = rail_flows(model.robot, trace)
+        for one in laws:
+            signals = self._plain(model.robot, stretch, one.cylinder or 0).copy()
+            signals[:, SUPPLY_FLOW], signals[:, RETURN_FLOW] = drawn, returned
+            for stage, rail in ((Stage.SUPPLY, supply), (Stage.TANK, tank)):
+                if stage in one.effect.stages:
+                    rail += one.effect.evaluate(signals, one.parameters, stage, trace.step_s)
+        return replace(trace, supply=supply, tank=tank)
+
+
+def same(one: ActiveEffect, other: ActiveEffect) -> bool:
+    """Whether two effects are the same name on the same target."""
+    return one.effect.name == other.effect.name and one.target == other.target
+
+
+def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
+    """Flow drawn from the supply and returned to tank by all valves, (N,) each."""
+    drawn, returned = np.zeros(trace.samples), np.zeros(trace.samples)
+    for i, cylinder in enumerate(robot.cylinders):
+        valve = robot.valve_of(cylinder.name)
+        u = np.where(np.isfinite(trace.valve_signal[:, i]), trace.valve_signal[:, i], 0.0)
+        q_a, q_b = edge_flows(valve, u, trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
+        drawn += np.where(u > 0.0, q_a, q_b)
+        returned -= np.where(u > 0.0, q_b, q_a)
+    return drawn, returned
+
+
+def shapes(one: ActiveEffect) -> bool:
+    """Whether an effect enters through the edges."""
+    return bool({Stage.SIGNAL, Stage.SUPPLY, Stage.TANK} & set(one.effect.stages))
+
+
+def reading_key(model: Model) -> tuple[object, ...]:
+    return tuple(
+        (t.effect.name, t.target, tuple(t.parameters))
+        for t in model.terms
+        if t.effect.reading is not None
+    )
+
+
+def _identical(one: Model, other: Model) -> bool:
+    if len(one.terms) != len(other.terms):
+        return False
+    return all(a is b for a, b in zip(one.terms, other.terms, strict=True))
+
+
+def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
+    """A law on the valve signal, averaged over each sampling interval.
+
+    The balance holds the signal over an interval. A law with internal states moves within it: its
+    value at the interval's start would be half a cycle late, which a fit would take for delay.
+    """
+    law = one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
+    return middle(np.append(law, law[-1])) if one.effect.states else law
+
+
+def _strokes(robot: Robot, trace: Trace) -> FloatArray:
+    result = trace.stroke.copy()
+    for i, cylinder in enumerate(robot.cylinders):
+        result[:, i] = stroke(cylinder, trace.q[:, robot.joint_index(cylinder.joint)])
+    return result
+
+
+def middle(values: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (values[1:] + values[:-1]))

@@ -1,0 +1,151 @@
+"""What is left: dependence that no effect of the catalogue explains, and what could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.candidates import untestable
+from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.locate import UNITS, Dependence
+from hydro_ident.mismatch.scoring import SWALLOWED, Score
+from hydro_ident.mismatch.settings import (
+    FAMILY_ERROR,
+    FORM_TOLERANCE,
+    LEAST_SHARE,
+    PRECISION,
+)
+from hydro_model.effects.catalogue import CATALOGUE
+
+#: Deviations at which a candidate's size is as good as always found.
+_SURE = 5.0
+_WORDS = {"": "", "direction": " times the direction of motion", "valve_signal": " times the valve"
+          " signal"}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """A dependence that has no name.
+
+    Attributes
+    ----------
+    channel : str
+    depends_on : tuple of str
+    share : float
+        Of the residual's variance.
+    p_value : float
+    text : str
+    dependence : Dependence
+    """
+
+    channel: str
+    depends_on: tuple[str, ...]
+    share: float
+    p_value: float
+    text: str
+    dependence: Dependence
+
+
+@dataclass(frozen=True, slots=True)
+class NotTestable:
+    """An effect that these recordings could not have shown.
+
+    Attributes
+    ----------
+    name, why : str
+    """
+
+    name: str
+    why: str
+
+
+def unexplained(
+    training: Training, fitted: Fitted, found: Sequence[Dependence]
+) -> tuple[Unexplained, ...]:
+    """Significant dependence, one entry per channel.
+
+    Parameters
+    ----------
+    training : Training
+    fitted : Fitted
+        With all findings.
+    found : sequence of Dependence
+        Of its residual, strongest first.
+    """
+    material = training.predictor.material
+    result: dict[int, Unexplained] = {}
+    for one in found:
+        if one.p_value > FAMILY_ERROR or one.channel in result:
+            continue
+        if one.share < LEAST_SHARE or one.size < least_size(training, fitted, one.channel):
+            continue
+        name, unit = material.channels[one.channel], material.units[one.channel]
+        text = (
+            f"{one.share:.0%} of what is left in {name} follows {one.variable}"
+            f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {one.variable} in"
+            f" {UNITS[one.variable]} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}); no effect of"
+            " the catalogue does"
+        )
+        on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
+        result[one.channel] = Unexplained(
+            name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one
+        )
+    return tuple(result[k] for k in sorted(result))
+
+
+def least_size(training: Training, fitted: Fitted, channel: int) -> float:
+    """Rms below which a function is a flaw of the model's form and precision."""
+    predictor = training.predictor
+    own = (predictor.material.channel == channel) & training.mask
+    y, _ = predictor.base(fitted.model)
+    size = PRECISION * float(np.sqrt(np.mean(y[own] ** 2)))
+    parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
+    squares = sum(float(np.var(part)) for part in parts)
+    return max(size, FORM_TOLERANCE * float(np.sqrt(squares)))
+
+
+def not_testable(
+    training: Training, scanned: Sequence[Score], found: Sequence[str]
+) -> tuple[NotTestable, ...]:
+    """Effects that these recordings could not have shown, and why.
+
+    Parameters
+    ----------
+    training : Training
+    scanned : sequence of Score
+        Of every trial, on the final model.
+    found : sequence of str
+        Names that were found: they were testable.
+    """
+    material = training.predictor.material
+    result = []
+    for name, effect in CATALOGUE.items():
+        if name in found:
+            continue
+        why = untestable(material, effect)
+        if not why:
+            why = _too_small(name, [s for s in scanned if s.entry.trial.name == name])
+        if why:
+            result.append(NotTestable(name, why))
+    return tuple(result)
+
+
+def _too_small(name: str, own: Sequence[Score]) -> str:
+    """Why an effect of its typical size would not have stood out; empty where it would."""
+    if not own:
+        return "nothing in these recordings changes with it, or a refit of the base swallows it"
+    smallest = min(_detectable(s) for s in own)
+    if smallest > 1.0:
+        return (
+            f"in this motion it would have to be {smallest:.2g} times its usual size to stand out"
+        )
+    return ""
+
+
+def _detectable(one: Score) -> float:
+    """Size that would be found, in units of the trial's own."""
+    gram, plain = np.diag(one.partial.gram), one.partial.plain
+    told = gram > SWALLOWED * plain
+    return float(_SURE / np.sqrt(np.max(gram[told]))) if told.any() else np.inf

@@ -1,0 +1,118 @@
+"""Where in state space a finding shows: the variable that it acts through, and its range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.locate import SIGNALS, UNITS, row_values
+from hydro_model.effects.targets import ActiveEffect
+
+#: The variable of the contract that each effect is best seen against.
+VARIABLES = {
+    "coulomb_friction": "piston_velocity",
+    "stribeck_friction": "piston_velocity",
+    "asymmetric_friction": "piston_velocity",
+    "pressure_dependent_friction": "piston_velocity",
+    "presliding_friction": "piston_velocity",
+    "quadratic_friction": "piston_velocity",
+    "position_dependent_friction": "piston_position",
+    "temperature_drift": "time",
+    "pin_friction": "piston_velocity",
+    "payload_change": "time",
+    "cylinder_inertia": "joint_angle",
+    "structural_flexibility": "piston_acceleration",
+    "backlash": "piston_force",
+    "encoder_offset": "joint_angle",
+    "base_tilt": "joint_angle",
+    "pressure_sensor_gain": "piston_force",
+    "counterbalance_spring": "piston_position",
+    "joint_coupling": "other_joint",
+    "external_contact": "piston_position",
+    "valve_deadband": "valve_signal",
+    "valve_underlap": "valve_signal",
+    "valve_null_bias": "valve_signal",
+    "valve_gain_nonlinearity": "valve_signal",
+    "valve_spool_lag": "valve_rate",
+    "valve_rate_limit": "valve_rate",
+    "valve_hysteresis": "valve_rate",
+    "internal_leakage": "piston_force",
+    "external_leakage": "pressure_a",
+    "dead_volume": "piston_acceleration",
+    "entrained_air": "pressure_b",
+    "cavitation": "pressure_b",
+    "supply_droop": "total_flow",
+    "tank_back_pressure": "total_flow",
+    "counterbalance_valve": "pressure_b",
+    "pressure_compensation": "supply_pressure",
+    "end_cushion": "piston_position",
+    "line_dynamics": "valve_rate",
+    "pressure_delay": "valve_rate",
+    "command_delay": "valve_rate",
+}
+#: Share of a finding's size that lies below and above the range that is given.
+_TAIL = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A place in state space.
+
+    Attributes
+    ----------
+    variable : str
+        Of the contract.
+    low, high : float
+        Range that holds nine tenths of the finding's squared size.
+    text : str
+    """
+
+    variable: str
+    low: float
+    high: float
+    text: str
+
+
+def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: str) -> Where:
+    """Where a term of a model shows.
+
+    Parameters
+    ----------
+    training : Training
+    fitted : Fitted
+        With the term.
+    term : ActiveEffect
+    channel : str
+        In which it is looked at.
+    """
+    predictor = training.predictor
+    material = predictor.material
+    variable = VARIABLES.get(term.effect.name, "everywhere")
+    number = material.channels.index(channel)
+    rows = (material.channel == number) & training.mask
+    if variable not in SIGNALS:
+        text = f"in {channel}, over the whole recording"
+        return (
+            Where(variable, 0.0, 0.0, text) if variable == "everywhere" else _flow(variable, text)
+        )
+    values = row_values(predictor, fitted, number, SIGNALS[variable])[rows]
+    size = predictor.contribution(fitted.model, term)[rows] ** 2
+    known = np.isfinite(values)
+    values, size = values[known], size[known]
+    if not values.size or size.sum() <= 0.0:
+        return Where("everywhere", 0.0, 0.0, f"in {channel}, over the whole recording")
+    order = np.argsort(values)
+    share = np.cumsum(size[order]) / size.sum()
+    low, high = (
+        float(values[order][min(int(np.searchsorted(share, q)), values.size - 1)])
+        for q in (_TAIL, 1.0 - _TAIL)
+    )
+    words = variable.replace("_", " ")
+    text = f"in {channel}, at a {words} of {low:.3g} to {high:.3g} {UNITS[variable]}"
+    return Where(variable, low, high, text)
+
+
+def _flow(variable: str, text: str) -> Where:
+    return Where(variable, 0.0, 0.0, text + ", with the flow of all valves")

@@ -1,0 +1,158 @@
+"""An effect's size in one number, from the parameters that a diagnosis found.
+
+The truth plant and the catalogue write the same physics in different forms; both are brought to
+the operating point that `hidden.Hidden.at` states. Forms that have no number in common have none
+here, and are scored on their names alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hydro_ident.study.hidden import FLOW_M3_S, LOAD_N, PRESSURE_PA, RATE_RAD_S, SPEED_M_S
+
+Numbers = Mapping[str, float]
+Reading = Callable[[Numbers, Numbers], float]
+_ABSOLUTE_PA = 1.0e6 + 101325.0
+
+
+def _plain(*names: str, factor: float = 1.0) -> Reading:
+    """Sum of some parameters' sizes, times a factor."""
+    return lambda p, at: factor * sum(abs(p.get(name, 0.0)) for name in names)
+
+
+def _stribeck(p: Numbers, at: Numbers) -> float:
+    slow = 0.1 * SPEED_M_S
+    return p["force"] * math.exp(-((slow / p["stribeck_velocity"]) ** 2))
+
+
+def _asymmetric(p: Numbers, at: Numbers) -> float:
+    return abs(p.get("force", 0.0) + SPEED_M_S * p.get("viscous", 0.0))
+
+
+def _local(p: Numbers, at: Numbers) -> float:
+    stations = ("retracted", "quarter", "middle", "three_quarters", "extended")
+    return max(p.get(name, 0.0) for name in stations)
+
+
+def _drift(p: Numbers, at: Numbers) -> float:
+    thinner = math.log(2.0) / p["halving_temperature"]
+    if "rise" in p and p["rise"] != 0.0:
+        rise = p["rise"] * (1.0 - math.exp(-at["duration_s"] / p["time_constant"]))
+        return abs(p["viscous"] * SPEED_M_S * (1.0 - math.exp(-rise * thinner)))
+    ends = [at[name] - p.get("reference", 40.0) for name in ("coldest_c", "warmest_c")]
+    cold, warm = (math.exp(-end * thinner) for end in ends)
+    return abs(p["viscous"] * SPEED_M_S * (cold - warm))
+
+
+def _coupling(p: Numbers, at: Numbers) -> float:
+    return abs(p.get("viscous", 0.0)) * RATE_RAD_S / at["lever"]
+
+
+def _contact(p: Numbers, at: Numbers) -> float:
+    return p["stiffness"] * max(p["height"] - at["lowest_tip_m"], 0.0)
+
+
+def _air(p: Numbers, at: Numbers) -> float:
+    exponent = p.get("polytropic_exponent", 1.4)
+    share = math.pow(101325.0 / _ABSOLUTE_PA, 1.0 / exponent)
+    soft = at["bulk_modulus_pa"] * p["fraction"] / (exponent * _ABSOLUTE_PA) * share
+    return soft / (1.0 + soft)
+
+
+def _line(p: Numbers, at: Numbers) -> float:
+    turn = 2.0 * math.pi * p["frequency"]
+    return at["bulk_modulus_pa"] / (at["line_volume_m3"] * turn**2)
+
+
+#: By the effect's name: parameters found and the case's operating point to the size.
+READINGS: dict[str, Reading] = {
+    "coulomb_friction": _plain("force"),
+    "stribeck_friction": _stribeck,
+    "asymmetric_friction": _asymmetric,
+    "pressure_dependent_friction": _plain("coefficient", factor=2.0 * PRESSURE_PA),
+    "presliding_friction": _plain("force"),
+    "quadratic_friction": _plain("coefficient", factor=0.01),
+    "position_dependent_friction": _local,
+    "pin_friction": lambda p, at: p["radius"] * LOAD_N / at["lever"],
+    "temperature_drift": _drift,
+    "payload_change": _plain("mass"),
+    "cylinder_inertia": _plain("barrel_mass", "rod_mass"),
+    "structural_flexibility": lambda p, at: p["inertia"] / at["inertia_kg_m2"],
+    "backlash": _plain("width"),
+    "base_tilt": _plain("pitch"),
+    "constant_force_offset": _plain("force"),
+    "counterbalance_spring": _plain("force"),
+    "joint_coupling": _coupling,
+    "external_contact": _contact,
+    "encoder_offset": _plain("offset"),
+    "pressure_sensor_bias": _plain("bias"),
+    "pressure_sensor_gain": _plain("error"),
+    "valve_deadband": _plain("width"),
+    "valve_underlap": _plain("width"),
+    "valve_null_bias": _plain("bias"),
+    "valve_gain_nonlinearity": _plain("progression", factor=0.5),
+    "valve_spool_lag": lambda p, at: p.get("damping", 0.8) / (math.pi * p["frequency"]),
+    "valve_rate_limit": lambda p, at: 1.0 / p["rate"],
+    "valve_hysteresis": _plain("half_width"),
+    "internal_leakage": _plain("coefficient", factor=PRESSURE_PA),
+    "external_leakage": _plain("coefficient_a", "coefficient_b", factor=PRESSURE_PA),
+    "dead_volume": _plain("volume_a", "volume_b", factor=0.5),
+    "entrained_air": _air,
+    "supply_droop": _plain("resistance", factor=FLOW_M3_S),
+    "tank_back_pressure": _plain("resistance", factor=FLOW_M3_S**2),
+    "end_cushion": _plain("strength"),
+    "line_dynamics": _line,
+    "pressure_delay": _plain("delay"),
+    "command_delay": lambda p, at: max(p["delay"] - at["cycle_s"], 0.0),
+}
+
+
+def _key(parameter: Mapping[str, Any]) -> str:
+    """The parameter's own name, of `<effect>.<parameter>`."""
+    return str(parameter["name"]).rpartition(".")[2]
+
+
+def _owner(parameter: Mapping[str, Any]) -> str:
+    """The effect that a parameter is of; empty where it does not say."""
+    return str(parameter["name"]).rpartition(".")[0].rpartition(".")[2]
+
+
+def found_size(name: str, parameters: list[dict[str, Any]], at: Numbers) -> float | None:
+    """Size of an effect that a diagnosis names.
+
+    Parameters
+    ----------
+    name : str
+    parameters : list of dict
+        Of the finding: `name` as `<effect>.<parameter>`, `value`.
+    at : mapping of str to float
+        The case's operating point.
+
+    Returns
+    -------
+    float or None
+        None where there is no number in common, or the finding lacks one that it takes.
+    """
+    reading = READINGS.get(name)
+    if reading is None:
+        return None
+    mine = {_key(p): float(p["value"]) for p in parameters if _owner(p) in (name, "")}
+    try:
+        return reading(mine, at)
+    except (KeyError, ZeroDivisionError, OverflowError):
+        return None
+
+
+def found_interval(
+    name: str, parameters: list[dict[str, Any]], at: Numbers
+) -> tuple[float, float] | None:
+    """The size's 95 % interval where it is proportional to one parameter alone, else None."""
+    size = found_size(name, parameters, at)
+    mine = [p for p in parameters if _owner(p) in (name, "") and float(p["value"]) != 0.0]
+    if size is None or len(mine) != 1 or "std" not in mine[0]:
+        return None
+    half = 1.96 * abs(float(mine[0]["std"]) / float(mine[0]["value"])) * size
+    return size - half, size + half

@@ -1,0 +1,169 @@
+"""Rows, base columns and contributions against the simulated machine they are of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.estimate.chambers import WindowSettings
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.force_rows import force_model
+from hydro_ident.estimate.traces import traces_of
+from hydro_ident.mismatch.candidates import trials, untestable
+from hydro_ident.mismatch.fitting import Training, fit, start_model
+from hydro_ident.mismatch.material import Material, material_of
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.residuals import spread_parts
+from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+EFFECTS = (
+    EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
+    EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),
+    EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 4e-13}),
+    EffectSpec("dead_volume", "tilt_cylinder", {"volume_a": 9e-4, "volume_b": 1.1e-3}),
+)
+
+
+def recording(run: object, robot: Robot, name: str = "run") -> Recording:
+    """A simulated run as a recording of the datasheet robot."""
+    count = len(run.q)
+    rail = np.ones(count)
+    return Recording(
+        path=Path(name), robot=robot, stamp_ns=10**18 + np.arange(count) * 2_000_000,
+        period_s=0.002, q=run.q, stroke=None, effort=None, p_a=run.p_a, p_b=run.p_b,
+        supply=run.robot.supply_pressure_pa * rail, tank=run.robot.tank_pressure_pa * rail,
+        valve_v=run.voltage, valve_source="/valve_state", command_v=run.voltage, spool=None,
+        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
+        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
+        duplicates={}, notes=(), metadata={},
+    )  # fmt: skip
+
+
+def _material(robot: Robot, given: Recording) -> Material:
+    windows = WindowSettings(max_delay_cycles=6.0)
+    forces = force_model(robot)
+    return material_of(robot, forces, traces_of([given]), FilterSettings(), windows, {})
+
+
+@pytest.fixture(scope="module")
+def true_model(make_run: tuple) -> tuple[Predictor, Model]:
+    """A run of a machine with effects, and the model that knows all of it."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), effects=EFFECTS)
+    given = recording(simulated_run(truth, 12.0), load_robot("xs031"))
+    predictor = Predictor(_material(truth, given))
+    start = start_model(truth, predictor, resolve(truth))
+    return predictor, replace(start, delay_s=truth.command_delay_s)
+
+
+def test_the_true_model_leaves_noise_alone(true_model: tuple[Predictor, Model]) -> None:
+    predictor, model = true_model
+    residual, material = predictor.residual(model), predictor.material
+    y, _ = predictor.base(model)
+    moving = material.moving()
+    for k, name in enumerate(material.channels):
+        own = (material.channel == k) & moving
+        share = residual[own].std() / y[own].std()
+        assert share < (0.02 if "force" in name else 0.01), name
+
+
+def test_leaving_an_effect_out_leaves_its_contribution(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    predictor, model = true_model
+    whole = predictor.residual(model)
+    for term in model.terms:
+        rest = replace(model, terms=tuple(t for t in model.terms if t is not term))
+        contribution = predictor.contribution(model, term)
+        assert contribution.any(), term.effect.name
+        left = predictor.residual(rest)
+        assert left == pytest.approx(whole + contribution, rel=1e-6, abs=1e-9 * np.ptp(left))
+
+
+def test_contributions_are_linear_in_linear_parameters(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    predictor, model = true_model
+    for term in model.terms:
+        linear = list(term.effect.linear)
+        if not linear:
+            continue
+        double = term.parameters.copy()
+        double[linear] *= 2.0
+        once = predictor.contribution(model, term)
+        assert predictor.contribution(model, term, double) == pytest.approx(2.0 * once, rel=1e-9)
+
+
+def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Model]) -> None:
+    predictor, model = true_model
+    training = Training.of(predictor, predictor.material.moving())
+    off = tuple(
+        replace(t, parameters=np.where([p.optional for p in t.effect.parameters], 1.0, 0.7)
+                * t.parameters)
+        for t in model.terms
+    )  # fmt: skip
+    found = fit(training, replace(model, terms=off), passes=4)
+    values = {t.effect.name: t.parameters for t in found.model.terms}
+    assert values["coulomb_friction"][0] == pytest.approx(2500.0, rel=0.03)
+    assert values["valve_null_bias"][0] == pytest.approx(0.006, rel=0.03)
+    assert values["internal_leakage"][0] == pytest.approx(4e-13, rel=0.1)
+    assert values["dead_volume"] == pytest.approx([9e-4, 1.1e-3], rel=0.1)
+
+
+def test_every_testable_effect_has_finite_columns(true_model: tuple[Predictor, Model]) -> None:
+    predictor, model = true_model
+    bare = replace(model, terms=())
+    seen = set()
+    for trial in trials(predictor, bare):
+        if trial.name not in seen:
+            seen.add(trial.name)
+            columns = trial.columns(predictor, bare)
+            assert columns.shape == (predictor.material.size, len(trial.units))
+            assert np.isfinite(columns).all(), trial.name
+    missing = {n for n, e in CATALOGUE.items() if not untestable(predictor.material, e)} - seen
+    assert not missing
+
+
+def test_effects_of_a_recorded_rail_are_not_candidates(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    predictor, _ = true_model
+    material = predictor.material
+    assert not untestable(material, CATALOGUE["supply_droop"])
+    stretch = material.stretches[0]
+    trace = replace(stretch.trace, supply=stretch.trace.supply + stretch.trace.time_s)
+    seen = replace(material, stretches=(replace(stretch, trace=trace),))
+    assert "recorded" in untestable(seen, CATALOGUE["supply_droop"])
+    assert not untestable(seen, CATALOGUE["tank_back_pressure"])
+
+
+def test_a_sensor_that_is_corrected_reads_the_truth(true_model: tuple[Predictor, Model]) -> None:
+    predictor, model = true_model
+    spec = EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 5.0e4})
+    one = resolve(replace(model.robot, effects=(spec,)))[0]
+    stretch = predictor.signals.stretches(model.with_term(one))[0]
+    true = predictor.material.stretches[0].trace
+    assert stretch.trace.p_a[:, 0] == pytest.approx(true.p_a[:, 0] - 5.0e4)
+    area = model.robot.cylinders[0].area_a_m2
+    force = predictor.contribution(model, one)[predictor.material.channel == 0]
+    assert force == pytest.approx(np.full(force.size, 5.0e4 * area), rel=1e-6)
+
+
+def test_parts_of_a_long_recording_keep_its_time_axis(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    trace = true_model[0].material.stretches[0].trace
+    assert spread_parts((trace,))[0] is trace
+    long = replace(trace, step_s=0.1, time_s=np.arange(trace.samples) * 0.1)
+    parts = spread_parts((long,))
+    assert len(parts) == 10
+    assert sum(p.samples for p in parts) * 0.1 == pytest.approx(150.0, rel=0.01)
+    for part in parts:
+        assert part.time_s[0] == pytest.approx(part.cycle * 0.1)
+        assert part.recording == long.recording

@@ -1,0 +1,138 @@
+"""The statistics of the diagnosis on numbers whose truth is known: no robot in sight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.scoring import best_subset, p_value, signs
+from hydro_ident.mismatch.whitening import Layout, Noise, noise_of
+
+ROWS, STEP_S = 3000, 0.05
+
+
+def _layout(count: int = ROWS, channels: int = 1) -> Layout:
+    each = count // channels
+    linked = np.ones(each, dtype=bool)
+    linked[0] = False
+    return Layout(
+        np.repeat(np.arange(channels), each),
+        np.zeros(each * channels, dtype=np.intp),
+        np.tile(np.arange(each) * STEP_S, channels),
+        np.tile(linked, channels),
+    )
+
+
+def _coloured(rng: np.random.Generator, count: int = ROWS, size: int = 1) -> np.ndarray:
+    white = rng.normal(size=(count + 200, size))
+    return np.asarray(lfilter([1.0], [1.0, -1.5, 0.6], white, axis=0)[200:])
+
+
+def test_the_noise_model_finds_an_autoregression_and_whitens_with_it() -> None:
+    rng, layout = np.random.default_rng(1), _layout(20000)
+    residual = 7.0 * _coloured(rng, 20000)[:, 0]
+    noise = noise_of(layout, residual, np.array([1e-9]))
+    assert noise.phi[0][:2] == pytest.approx([1.5, -0.6], abs=0.05)
+    assert noise.std[0] == pytest.approx(7.0, rel=0.03)
+    white = noise.whitened(layout, residual)[noise.settled(layout)]
+    assert white.std() == pytest.approx(1.0, rel=0.02)
+    lagged = [float(np.mean(white[k:] * white[:-k])) for k in (1, 2, 3, 10)]
+    assert np.abs(lagged).max() < 0.03
+
+
+def test_gaps_are_never_bridged() -> None:
+    layout = _layout()
+    kept = np.ones(ROWS, dtype=bool)
+    kept[1000:1010] = False
+    cut = layout.take(kept)
+    assert cut.age[999] == 999
+    assert cut.age[1000] == 0
+    noise = Noise((np.array([0.5, 0.2]),), np.array([1.0]))
+    assert not noise.settled(cut)[[0, 1, 1000, 1001]].any()
+    assert noise.settled(cut)[[2, 999, 1002]].all()
+
+
+def _bench(rng: np.random.Generator, extra: np.ndarray | None = None) -> tuple[Bench, np.ndarray]:
+    layout = _layout()
+    x = _coloured(rng, size=3)
+    y = x @ np.array([2.0, -1.0, 0.5]) + 0.3 * rng.normal(size=ROWS)
+    if extra is not None:
+        y = y + extra
+    noise = Noise((np.zeros(0),), np.array([0.3]))
+    return Bench(layout, noise, y, x, 1.0), x
+
+
+def test_a_column_that_the_base_says_already_gains_nothing() -> None:
+    bench, x = _bench(np.random.default_rng(2))
+    partial = bench.partial(x @ np.array([[1.0], [2.0], [-3.0]]))
+    assert partial.gram[0, 0] < 1e-12 * partial.plain[0]
+    assert bench.solve() == pytest.approx([2.0, -1.0, 0.5], abs=0.01)
+
+
+def test_gain_and_coefficient_are_those_of_the_joint_fit() -> None:
+    rng = np.random.default_rng(3)
+    z = np.sign(_coloured(rng))
+    bench, x = _bench(rng, 0.2 * z[:, 0])
+    partial = bench.partial(z)
+    gain, coefficient = best_subset(
+        partial.gram, partial.scores.sum(axis=0)[None], (False,), np.array([True])
+    )
+    joint = np.linalg.lstsq(np.hstack([x, z]), bench._y * 0.3, rcond=None)[0]
+    assert coefficient[0, 0] == pytest.approx(joint[3], rel=1e-9)
+    without = bench.residual @ bench.residual
+    whole = bench._y * 0.3 - np.hstack([x, z]) @ joint
+    assert gain[0] == pytest.approx(without - whole @ whole / 0.09, rel=1e-9)
+
+
+def test_a_coefficient_of_an_impossible_sign_is_not_used() -> None:
+    gram = np.array([[1.0, 0.5], [0.5, 1.0]])
+    both = np.array([True, True])
+    sums = gram @ np.array([[3.0], [-5.0]])
+    gain, found = best_subset(gram, sums.T, (True, True), both)
+    assert found[0] == pytest.approx([3.0, -5.0])
+    gain, found = best_subset(gram, sums.T, (False, False), both)
+    assert found[0] == pytest.approx([0.5, 0.0])
+    assert gain[0] == pytest.approx(0.25)
+    assert best_subset(gram, -sums.T * 0.0, (False, False), both)[0][0] == 0.0
+
+
+def test_flipped_blocks_hold_the_level_where_rows_depend_on_each_other() -> None:
+    """The largest of many candidates exceeds its 5 % level in about 5 % of clean recordings."""
+    rng, found, draws = np.random.default_rng(4), 0, 150
+    layout = _layout(2000)
+    flips = signs(100)[:399]
+    for _ in range(draws):
+        residual = _coloured(rng, 2000)[:, 0] * (1.0 + (np.arange(2000) % 700 > 350))
+        noise = noise_of(layout, residual, np.array([1e-9]))
+        bench = Bench(layout, noise, residual, np.ones((2000, 1)), 1.0)
+        partial = bench.partial(_coloured(rng, 2000, 20))
+        scale = np.sqrt(np.diag(partial.gram))
+        chance = np.abs(flips[:, : bench.blocks] @ (partial.scores / scale)).max(axis=1)
+        value = np.abs(partial.scores.sum(axis=0) / scale).max()
+        found += p_value(value, chance) <= 0.05
+    assert found <= 0.05 * draws + 3.0 * np.sqrt(0.05 * 0.95 * draws)
+
+
+def test_held_out_errors_come_from_fits_without_the_rows() -> None:
+    rng = np.random.default_rng(5)
+    bench, x = _bench(rng)
+    errors = bench.held_out(3.0, 5, 0.0)
+    fold = np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
+    y = bench._y * 0.3
+    for k in (0, 3):
+        theta = np.linalg.lstsq(x[fold != k], y[fold != k], rcond=None)[0]
+        expected = ((y - x @ theta)[fold == k] / 0.3) ** 2
+        assert errors[fold == k] == pytest.approx(expected, rel=1e-4, abs=1e-9)
+
+
+def test_what_is_known_beforehand_counts_like_rows() -> None:
+    layout, rng = _layout(), np.random.default_rng(6)
+    x = rng.normal(size=(ROWS, 2))
+    y = x @ np.array([1.0, 1.0])
+    noise = Noise((np.zeros(0),), np.array([1.0]))
+    prior = (np.diag([1e6, 1e-6]), np.zeros(2))
+    theta = Bench(layout, noise, y, x, 1.0, prior).solve()
+    assert theta[0] == pytest.approx(0.0, abs=1e-6)
+    assert theta[1] == pytest.approx(1.0, abs=0.1)

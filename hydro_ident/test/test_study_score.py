@@ -1,0 +1,225 @@
+"""Scores of made-up answers, whose right figures are known by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.study.generate import KNOWN
+from hydro_ident.study.intervals import Rate, rate
+from hydro_ident.study.score import score_case, shuffled, summarise
+from hydro_ident.study.sizes import READINGS, found_size
+from hydro_model.effects.catalogue import CATALOGUE
+
+AT = {
+    "lever": 0.3,
+    "inertia_kg_m2": 2000.0,
+    "lowest_tip_m": -1.0,
+    "duration_s": 60.0,
+    "cycle_s": 0.002,
+    "bulk_modulus_pa": 1e9,
+    "line_volume_m3": 1e-4,
+    "coldest_c": 30.0,
+    "warmest_c": 38.0,
+}
+
+
+def _effect(name: str, *, ratio: float = 5.0, channels: Any = ("lift/force",)) -> dict[str, Any]:
+    return {
+        "name": name,
+        "known": name in KNOWN,
+        "target": "lift",
+        "size": 1000.0,
+        "limit": 1000.0 / ratio,
+        "ratio": ratio,
+        "channels": list(channels),
+        "at": AT,
+    }
+
+
+def _truth(*effects: dict[str, Any], kind: str = "single", case: str = "a") -> dict[str, Any]:
+    return {"case": case, "kind": kind, "motion": "excite", "effects": list(effects)}
+
+
+def _finding(
+    *names: str, channel: str = "lift/force", value: float = 1050.0, also: Any = ()
+) -> dict[str, Any]:
+    chances = [0.9, *[0.1 / max(len(names) - 1, 1)] * (len(names) - 1)]
+    parameter = {"name": f"{names[0]}.force", "value": value, "std": 40.0, "unit": "N"}
+    return {
+        "channel": channel,
+        "also": list(also),
+        "names": list(names),
+        "probability": chances[: len(names)],
+        "parameters": [parameter],
+    }
+
+
+def _answer(*findings: dict[str, Any], unexplained: Any = (), code: int = 0) -> dict[str, Any]:
+    result = {"verdict": "explained", "findings": list(findings), "unexplained": list(unexplained)}
+    return {"exit": code, "seconds": 10.0, "error": "", "result": result if code == 0 else None}
+
+
+def test_right_answer() -> None:
+    score = score_case(
+        _truth(_effect("coulomb_friction")),
+        _answer(_finding("coulomb_friction", "pin_friction")),
+    )
+    (effect,) = score.effects
+    assert effect.detected
+    assert effect.right_channel
+    assert effect.in_set
+    assert effect.first
+    assert effect.set_size == 2
+    assert effect.probability == pytest.approx(0.9)
+    assert effect.size_ratio == pytest.approx(1.05)
+    assert effect.covered
+    assert score.false_names == ()
+
+
+def test_wrong_name_in_the_right_place_is_detected_not_named() -> None:
+    score = score_case(_truth(_effect("pin_friction")), _answer(_finding("coulomb_friction")))
+    (effect,) = score.effects
+    assert effect.detected
+    assert effect.right_channel
+    assert not effect.in_set
+    assert not effect.first
+    assert effect.size_ratio is None
+    assert effect.answer == "coulomb_friction"
+
+
+def test_right_name_in_the_wrong_place_is_not_the_right_channel() -> None:
+    finding = _finding("coulomb_friction", channel="tilt/force")
+    (effect,) = score_case(_truth(_effect("coulomb_friction")), _answer(finding)).effects
+    assert effect.in_set
+    assert not effect.right_channel
+    beside = _finding("coulomb_friction", channel="tilt/force", also=["lift/force"])
+    (effect,) = score_case(_truth(_effect("coulomb_friction")), _answer(beside)).effects
+    assert effect.right_channel
+
+
+def test_timing_counts_for_delays_only() -> None:
+    late = _effect("command_delay", channels=["lift/flow_a"])
+    (effect,) = score_case(
+        _truth(late), _answer(_finding("command_delay", channel="timing"))
+    ).effects
+    assert effect.right_channel
+    rub = _truth(_effect("coulomb_friction"))
+    (effect,) = score_case(rub, _answer(_finding("coulomb_friction", channel="timing"))).effects
+    assert not effect.right_channel
+
+
+def test_each_finding_stands_for_one_effect() -> None:
+    truth = _truth(
+        _effect("coulomb_friction"),
+        _effect("internal_leakage", channels=["lift/flow_a", "lift/flow_b"]),
+        kind="double",
+    )
+    only = score_case(truth, _answer(_finding("coulomb_friction")))
+    assert [e.in_set for e in only.effects] == [True, False]
+    both = score_case(
+        truth,
+        _answer(
+            _finding("internal_leakage", channel="lift/flow_b"),
+            _finding("coulomb_friction"),
+            _finding("backlash", channel="tilt/force"),
+        ),
+    )
+    assert [e.in_set for e in both.effects] == [True, True]
+    assert both.false_names == ("backlash",)
+
+
+def test_outside_effects_are_unknown_or_wrongly_named() -> None:
+    truth = _truth(_effect("bearing_ripple"), kind="outside")
+    good = score_case(truth, _answer(unexplained=[{"channel": "lift/force"}]))
+    assert good.unknown
+    assert good.false_names == ()
+    bad = score_case(truth, _answer(_finding("coulomb_friction")))
+    assert not bad.unknown
+    assert bad.false_names == ("coulomb_friction",)
+
+
+def test_no_answer_at_all() -> None:
+    score = score_case(_truth(_effect("coulomb_friction")), _answer(code=1))
+    assert score.exit == 1
+    assert not score.effects[0].detected
+    assert score.verdict == "none"
+
+
+def test_table_of_hand_made_cases() -> None:
+    scores = [
+        score_case(_truth(kind="clean"), _answer()),
+        score_case(_truth(kind="clean"), _answer(_finding("backlash"))),
+        score_case(_truth(_effect("coulomb_friction")), _answer(_finding("coulomb_friction"))),
+        score_case(_truth(_effect("pin_friction")), _answer(_finding("coulomb_friction"))),
+        score_case(_truth(_effect("pin_friction", ratio=0.5)), _answer()),
+        score_case(_truth(_effect("valve_hum"), kind="outside"), _answer(unexplained=[{}])),
+    ]
+    table = summarise(scores)
+    assert table.cases == {"clean": 2, "single": 3, "outside": 1}
+    assert table.rates["clean_with_finding"] == Rate(1, 2)
+    assert table.rates["detected"] == Rate(2, 2)
+    assert table.rates["in_set"] == Rate(1, 2)
+    assert table.rates["first_where_alone"] == Rate(1, 2)
+    assert table.rates["below_limit_detected"] == Rate(0, 1)
+    assert table.rates["outside_unknown"] == Rate(1, 1)
+    assert table.rates["outside_wrong_name"] == Rate(0, 1)
+    assert table.numbers["mean_set_size"] == 1.0
+    assert table.confusion["pin_friction"] == {"coulomb_friction": 1}
+    assert table.confusion["(outside)"] == {"unknown": 1}
+
+
+def test_shuffled_labels_score_at_chance() -> None:
+    """Perfect answers held against other cases' truths are right as often as names agree."""
+    random = np.random.default_rng(3)
+    names = random.choice(["coulomb_friction", "dead_volume", "valve_deadband", "backlash"], 400)
+    places = {"coulomb_friction": "lift/force", "backlash": "tilt/force"}
+    truths, answers = [], []
+    for k, name in enumerate(names):
+        place = places.get(str(name), "lift/flow_a")
+        truths.append(_truth(_effect(str(name), channels=[place]), case=str(k)))
+        answers.append(_answer(_finding(str(name), channel=place)))
+    right = summarise([score_case(t, a) for t, a in zip(truths, answers, strict=True)])
+    assert right.rates["first"] == Rate(400, 400)
+    dealt = shuffled(truths, 1)
+    assert [t["case"] for t in dealt] == [t["case"] for t in truths]
+    chance = summarise([score_case(t, a) for t, a in zip(dealt, answers, strict=True)])
+    share = chance.rates["first"].share
+    assert share is not None
+    assert 0.18 < share < 0.32
+
+
+@pytest.mark.parametrize(("hits", "of"), [(0, 300), (3, 300), (150, 300), (300, 300)])
+def test_intervals_cover_what_they_should(hits: int, of: int) -> None:
+    from scipy.stats import binom
+
+    low, high = Rate(hits, of).interval
+    assert low <= hits / of <= high
+    if hits > 0:
+        assert binom.sf(hits - 1, of, low) == pytest.approx(0.025, rel=1e-6)
+    if hits < of:
+        assert binom.cdf(hits, of, high) == pytest.approx(0.025, rel=1e-6)
+    assert rate([]).share is None
+    assert rate([]).interval == (0.0, 1.0)
+
+
+def test_sizes_read_the_catalogue_parameters() -> None:
+    """Every reading takes parameters that the catalogue has, and gives a finite size of them."""
+    for name in READINGS:
+        effect = CATALOGUE[name]
+        parameters = [{"name": f"{name}.{p.name}", "value": p.typical} for p in effect.parameters]
+        size = found_size(name, parameters, AT)
+        assert size is not None, name
+        assert np.isfinite(size), name
+    assert set(READINGS) <= set(KNOWN)
+    assert found_size("counterbalance_valve", [], AT) is None
+    assert found_size("coulomb_friction", [], AT) == 0.0
+    assert found_size("pin_friction", [], AT) is None
+
+
+def test_every_name_of_the_catalogue_has_a_truth() -> None:
+    """Cavitation alone has none: no machine of the study comes near it."""
+    assert set(CATALOGUE) - set(KNOWN) == {"cavitation"}
+    assert set(KNOWN) <= set(CATALOGUE)

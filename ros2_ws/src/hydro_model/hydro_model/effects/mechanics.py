@@ -1,0 +1,223 @@
+"""Mechanics beyond rigid links on ideal pins: flexibility, play, springs, contact, coupling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.signals import (
+    AREA_A,
+    AREA_B,
+    JOINT_VELOCITY,
+    LEVER,
+    OTHER_ACCELERATION,
+    OTHER_POSITION,
+    OTHER_VELOCITY,
+    PISTON_FORCE,
+    PISTON_POSITION,
+    STATE_0,
+    STATE_1,
+    TIP_HEIGHT,
+    TIP_SLOPE,
+)
+
+#: Time constant of the differentiator that stands for the other joint's acceleration in a
+#: roll-out, s: a filter's lag far above the hydraulic mode.
+COUPLING_LAG_S = 0.01
+#: Time in which a pin crosses its play once the load has turned, s.
+PLAY_TIME_S = 0.004
+
+
+def _mode_acceleration(s: Row, p: Row) -> float:
+    omega = 2.0 * math.pi * p[1]
+    return -omega * (omega * s[STATE_0] + 2.0 * p[2] * (s[STATE_1] - s[JOINT_VELOCITY]))
+
+
+def _mode_force(s: Row, p: Row) -> float:
+    omega = 2.0 * math.pi * p[1]
+    slip = s[STATE_1] - s[JOINT_VELOCITY]
+    return -p[0] * omega * (omega * s[STATE_0] + 2.0 * p[2] * slip) / s[LEVER]
+
+
+def _mode_slip(s: Row, p: Row) -> float:
+    return s[STATE_1] - s[JOINT_VELOCITY]
+
+
+def _mode_together(s: Row, p: Row) -> float:
+    return s[JOINT_VELOCITY]
+
+
+def _less_inertia(robot: Robot, target: str, parameters: FloatArray) -> Robot:
+    """The link without the inertia about its joint that the flexible mode carries instead."""
+    joint = robot.joint_index(_joint_name(robot, target))
+    axis = np.asarray(robot.joints[joint].axis)
+    inertia = robot.link_inertia.copy()
+    if robot.joints[joint].prismatic:
+        # A mass that the axis carries: it enters the dynamics of this joint as the link's own.
+        inertia[joint, 0] -= parameters[0]
+    else:
+        upper = np.triu_indices(3)
+        inertia[joint, 4:] -= parameters[0] * np.outer(axis, axis)[upper]
+    return replace(robot, link_inertia=inertia)
+
+
+def _joint_name(robot: Robot, target: str) -> str:
+    return next((c.joint for c in robot.cylinders if c.name == target), target)
+
+
+def _play_rate(s: Row, p: Row) -> float:
+    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+
+
+def _play_rest(s: Row, p: Row) -> float:
+    return 0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1])
+
+
+def _play_a(s: Row, p: Row) -> float:
+    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+
+
+def _play_b(s: Row, p: Row) -> float:
+    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+
+
+def _spring(s: Row, p: Row) -> float:
+    return p[0] + p[1] * s[PISTON_POSITION]
+
+
+def _other_rate(s: Row, p: Row) -> float:
+    return (s[OTHER_VELOCITY] - s[STATE_0]) / COUPLING_LAG_S
+
+
+def _other_velocity(s: Row, p: Row) -> float:
+    return s[OTHER_VELOCITY]
+
+
+def _coupling(s: Row, p: Row) -> float:
+    acceleration = (s[OTHER_VELOCITY] - s[STATE_0]) / COUPLING_LAG_S
+    # A recording knows the acceleration; a roll-out (NaN) has the differentiator's.
+    if s[OTHER_ACCELERATION] == s[OTHER_ACCELERATION]:
+        acceleration = s[OTHER_ACCELERATION]
+    torque = p[0] * s[OTHER_VELOCITY] + p[1] * acceleration + p[2] * s[OTHER_POSITION]
+    return torque / s[LEVER]
+
+
+def _contact(s: Row, p: Row) -> float:
+    depth = max(p[1] - s[TIP_HEIGHT], 0.0)
+    return -p[0] * depth * s[TIP_SLOPE] / s[LEVER]
+
+
+STRUCTURAL_FLEXIBILITY = Effect(
+    name="structural_flexibility",
+    channel="force",
+    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  link: I - J",
+    source="one mode of the link as an inertia on a hinge spring (first assumed mode); Book,"
+    " J. Dynamic Systems, Measurement and Control 115 (1993)",
+    parameters=(
+        ParameterSpec("inertia", "kg m^2", "J on the spring", 0.0, 1e6, 300.0, linear=True),
+        ParameterSpec("frequency", "Hz", "W / 2 pi, joint held", 0.5, 50.0, 5.0),
+        ParameterSpec("damping", "1", "zeta", 0.0, 1.0, 0.03, optional=True),
+    ),
+    terms=(Term(Stage.FRICTION, _mode_force),),
+    states=(
+        InternalState(_mode_slip, nothing, 0.01),
+        InternalState(_mode_acceleration, _mode_together, 0.1),
+    ),
+    change=_less_inertia,
+    looks_like=("hydraulic mode", "line_dynamics", "inertia"),
+    separating_experiment="a chirp over the mode at two strokes: the hydraulic mode moves, the"
+    " structure's stays",
+    needs_cylinder=False,
+    limits="one mode, without sag under gravity and without its share in other joints; the"
+    " inertia moves from the link to the spring, so below the mode nothing changes; on a prismatic"
+    " joint that is not level the spring's mass has no weight",
+)
+
+BACKLASH = Effect(
+    name="backlash",
+    channel="force",
+    equation="x = x(q) + e,  tau e' = (b / 2) tanh(F_p / F0) - e",
+    source="play of a pin whose side follows the sign of the load; Nordin and Gutman, Automatica"
+    " 38 (2002)",
+    parameters=(
+        ParameterSpec("width", "m", "b, whole play", 0.0, 5e-3, 3e-4, linear=True),
+        ParameterSpec(
+            "contact_force", "N", "F0, load at which the pin lies on", 10.0, 2e4, 300.0,
+            optional=True,
+        ),
+    ),
+    terms=(Term(Stage.FLOW_A, _play_a), Term(Stage.FLOW_B, _play_b)),
+    states=(InternalState(_play_rate, _play_rest, 1e-4),),
+    channels=("flow_a", "flow_b", "force"),
+    looks_like=("presliding_friction", "internal_leakage"),
+    separating_experiment="reverse the load without reversing the motion, and the reverse",
+    limits="the piston crosses the play without mass: while it does, chambers take up oil and the"
+    " force stays near zero, but no impact follows",
+)  # fmt: skip
+
+COUNTERBALANCE_SPRING = Effect(
+    name="counterbalance_spring",
+    channel="force",
+    equation="F = F0 + k x",
+    source="a gas or coil spring along the cylinder, or one that acts like it",
+    parameters=(
+        ParameterSpec("force", "N", "F0, against extension, at x = 0", -1e5, 1e5, -2000.0, True),
+        ParameterSpec("stiffness", "N/m", "k", 0.0, 1e6, 5000.0, linear=True),
+    ),
+    terms=(Term(Stage.FRICTION, _spring),),
+    looks_like=("first moments", "constant_force_offset", "base_tilt"),
+    separating_experiment="rest at poses over the whole range with two known payloads, and with"
+    " the other joint at both ends",
+    needs_cylinder=False,
+)
+
+JOINT_COUPLING = Effect(
+    name="joint_coupling",
+    channel="force",
+    equation="F = (b qd_o + m qdd_o + k q_o) / (dx/dq),  o: next joint, or the last but one",
+    source="hoses, shared structure or transmission between neighbouring joints, linearised",
+    parameters=(
+        ParameterSpec("viscous", "N m s/rad", "b", -1e6, 1e6, 500.0, True),
+        ParameterSpec("inertia", "kg m^2", "m", -1e6, 1e6, 100.0, True, True, default=0.0),
+        ParameterSpec("stiffness", "N m/rad", "k", -1e6, 1e6, 200.0, True, True, default=0.0),
+    ),
+    terms=(Term(Stage.FRICTION, _coupling),),
+    states=(InternalState(_other_rate, _other_velocity, 0.1),),
+    looks_like=("products of inertia", "supply_droop", "structural_flexibility"),
+    separating_experiment="move one joint at a time, the other at rest",
+    needs_cylinder=False,
+    needs_other_joint=True,
+    limits="in a roll-out the other joint's acceleration is its velocity differentiated with a"
+    f" lag of {COUPLING_LAG_S:g} s",
+)
+
+EXTERNAL_CONTACT = Effect(
+    name="external_contact",
+    channel="force",
+    equation="F = -k max(z0 - z, 0) (dz/dq) / (dx/dq),  z: height of the tip",
+    source="unilateral spring under the tip; Gilardi and Sharf, Mechanism and Machine Theory 37"
+    " (2002)",
+    parameters=(
+        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 0.0, 1e9, 1e5, linear=True),
+        ParameterSpec("height", "m", "z0, over the base's origin", -100.0, 100.0, 0.0),
+    ),
+    terms=(Term(Stage.FRICTION, _contact),),
+    looks_like=("payload_change", "counterbalance_spring", "end_cushion"),
+    separating_experiment="the same motion away from everything the tip could touch",
+    needs_cylinder=False,
+    needs_tip=True,
+    limits="a level ground without friction; list it for the robot: it acts on all joints",
+)
+
+MECHANICS_EFFECTS = (
+    STRUCTURAL_FLEXIBILITY,
+    BACKLASH,
+    COUNTERBALANCE_SPRING,
+    JOINT_COUPLING,
+    EXTERNAL_CONTACT,
+)

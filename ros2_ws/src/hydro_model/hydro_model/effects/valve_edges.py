@@ -1,0 +1,135 @@
+"""Edges of the valve that do not open as four orifices of one opening.
+
+All are what the flow into a chamber differs by from that of the four edges, so that they add and
+need no second model of the valve. They see the flows of the edges (`VALVE_FLOW_A`, `_B`) and the
+edges' coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hydro_model.effects.effect import Effect
+from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
+from hydro_model.signals import (
+    EDGE_AT,
+    EDGE_BT,
+    EDGE_PA,
+    EDGE_PB,
+    PRESSURE_A,
+    PRESSURE_B,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    VALVE_FLOW_A,
+    VALVE_FLOW_B,
+    VALVE_SIGNAL,
+)
+from hydro_model.valve import SMOOTH_PRESSURE_PA
+
+# Laws call no helpers, so the smoothed signed root of hydro_model.valve stands in each:
+# root(d) = d / (d^2 + d0^2)^(1/4).
+_SMOOTH = SMOOTH_PRESSURE_PA**2
+
+
+def _lap_a(s: Row, p: Row) -> float:
+    u = s[VALVE_SIGNAL]
+    supply = s[SUPPLY_PRESSURE] - s[PRESSURE_A]
+    tank = s[PRESSURE_A] - s[TANK_PRESSURE]
+    inwards = s[EDGE_PA] * supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
+    outwards = s[EDGE_AT] * tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
+    wider_in = max(u + p[0], 0.0) - max(u, 0.0)
+    wider_out = max(p[0] - u, 0.0) - max(-u, 0.0)
+    return inwards * wider_in - outwards * wider_out
+
+
+def _lap_b(s: Row, p: Row) -> float:
+    u = s[VALVE_SIGNAL]
+    supply = s[SUPPLY_PRESSURE] - s[PRESSURE_B]
+    tank = s[PRESSURE_B] - s[TANK_PRESSURE]
+    inwards = s[EDGE_PB] * supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
+    outwards = s[EDGE_BT] * tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
+    wider_in = max(p[0] - u, 0.0) - max(-u, 0.0)
+    wider_out = max(u + p[0], 0.0) - max(u, 0.0)
+    return inwards * wider_in - outwards * wider_out
+
+
+def _held_a(s: Row, p: Row) -> float:
+    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_A]
+    kept = min(drop, p[1])
+    root = drop / math.sqrt(math.sqrt(drop * drop + _SMOOTH))
+    held = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
+    return p[0] * s[EDGE_PA] * max(s[VALVE_SIGNAL], 0.0) * (held - root)
+
+
+def _held_b(s: Row, p: Row) -> float:
+    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_B]
+    kept = min(drop, p[1])
+    root = drop / math.sqrt(math.sqrt(drop * drop + _SMOOTH))
+    held = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
+    return p[0] * s[EDGE_PB] * max(-s[VALVE_SIGNAL], 0.0) * (held - root)
+
+
+def _shut_a(s: Row, p: Row) -> float:
+    pilot = s[PRESSURE_A] + p[2] * s[PRESSURE_B] - p[0]
+    opened = min(max(pilot / p[1], 0.0), 1.0)
+    return (1.0 - opened) * max(-s[VALVE_FLOW_A], 0.0)
+
+
+def _shut_b(s: Row, p: Row) -> float:
+    pilot = s[PRESSURE_B] + p[2] * s[PRESSURE_A] - p[0]
+    opened = min(max(pilot / p[1], 0.0), 1.0)
+    return (1.0 - opened) * max(-s[VALVE_FLOW_B], 0.0)
+
+
+UNDERLAP = Effect(
+    name="valve_underlap",
+    channel="flow",
+    equation="edges open by max(w + u, 0) and max(w - u, 0), not by max(u, 0) and max(-u, 0)",
+    source="open-centre valves; Merritt, Hydraulic Control Systems (1967), section 5.3",
+    parameters=(ParameterSpec("width", "1", "w, opening at null", 0.0, 0.3, 0.01),),
+    terms=(Term(Stage.FLOW_A, _lap_a), Term(Stage.FLOW_B, _lap_b)),
+    channels=("flow_a", "flow_b"),
+    needs_valve=True,
+    looks_like=("internal_leakage", "valve_gain_nonlinearity", "valve_null_bias"),
+    separating_experiment="valve at null against a blocked port: pressures go to the middle of"
+    " supply and tank, where a leaking piston makes them equal",
+    limits="the standing flow from supply to tank is not added to supply_droop's flow",
+)
+
+PRESSURE_COMPENSATION = Effect(
+    name="pressure_compensation",
+    channel="flow",
+    equation="inflow c u (a root(min(d, dc)) + (1 - a) root(d)),  d = p_S - p",
+    source="compensator that keeps a constant drop over the metering edge (load sensing)",
+    parameters=(
+        ParameterSpec("share", "1", "a, share compensated", 0.0, 1.0, 1.0, True, True),
+        ParameterSpec("margin", "Pa", "dc, drop kept", 1e5, 1e7, 7e5),
+    ),
+    terms=(Term(Stage.FLOW_A, _held_a), Term(Stage.FLOW_B, _held_b)),
+    channels=("flow_a", "flow_b"),
+    needs_valve=True,
+    looks_like=("edge coefficients", "supply_droop", "valve_gain_nonlinearity"),
+    separating_experiment="the same commands under three loads: the speed does not change",
+    limits="outflow as without; the compensator's own motion is left out",
+)
+
+COUNTERBALANCE_VALVE = Effect(
+    name="counterbalance_valve",
+    channel="flow",
+    equation="outflow y q,  y = clip((p + R p_o - ps) / dp, 0, 1), p_o: the other chamber",
+    source="pilot-opened load-holding valves; Zaehe, Counterbalance Stability (Sun Hydraulics)",
+    parameters=(
+        ParameterSpec("setting", "Pa", "ps, where it begins to open", 0.0, 6e7, 2e7),
+        ParameterSpec("range", "Pa", "dp, from shut to open", 1e5, 2e7, 2e6),
+        ParameterSpec("pilot_ratio", "1", "R", 0.0, 20.0, 4.0),
+    ),
+    terms=(Term(Stage.FLOW_A, _shut_a), Term(Stage.FLOW_B, _shut_b)),
+    channels=("flow_a", "flow_b"),
+    needs_valve=True,
+    looks_like=("edge coefficients c_at and c_bt", "asymmetric_friction"),
+    separating_experiment="lower three different loads with the same commands",
+    limits="quasi-static, without the line between the valves; a chamber as target"
+    " (<cylinder>/a) holds that one alone",
+)
+
+EDGE_EFFECTS = (UNDERLAP, PRESSURE_COMPENSATION, COUNTERBALANCE_VALVE)

@@ -1,0 +1,92 @@
+"""Compiled signals of cylinders, joints and the tip from the state of a roll-out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import njit
+
+from hydro_model.kinematics import tip_kernel
+from hydro_model.signals import (
+    JOINT_POSITION,
+    JOINT_VELOCITY,
+    LEVER,
+    OTHER_POSITION,
+    OTHER_VELOCITY,
+    PISTON_FORCE,
+    PISTON_POSITION,
+    PISTON_VELOCITY,
+    PRESSURE_A,
+    PRESSURE_B,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    TIME,
+    TIP_HEIGHT,
+    TIP_SLOPE,
+    VALVE_SIGNAL,
+)
+from hydro_model.simulate_arrays import AREA_A, AREA_B, L1, L2, Q0, X0
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+
+@njit(cache=True, error_model="numpy")
+def _upwards(model: Any, vector: Array) -> float:
+    """Component of a vector against gravity."""
+    up = model.up
+    return float(up[0] * vector[0] + up[1] * vector[1] + up[2] * vector[2])
+
+
+@njit(cache=True, error_model="numpy")
+def look_at_tip(model: Any, work: Any, y: Array) -> None:
+    """Height of the tip into the robot's signals, and its Jacobian."""
+    n = model.axis.shape[0]
+    tip_kernel(
+        y[:n],
+        y[n : 2 * n],
+        model.rotation,
+        model.translation,
+        model.axis,
+        model.prismatic,
+        model.tip,
+        work.chain,
+        work.tip,
+        work.tip_columns[0],
+        work.tip_columns[1],
+    )
+    work.signals[model.joint.shape[0], TIP_HEIGHT] = _upwards(model, work.tip)
+
+
+@njit(cache=True, error_model="numpy")
+def look_aside(model: Any, work: Any, s: Array, y: Array, joint: int) -> None:
+    """Signals of the other joint and of the tip."""
+    other = model.other[joint]
+    if other >= 0:
+        s[OTHER_POSITION], s[OTHER_VELOCITY] = y[other], y[model.axis.shape[0] + other]
+    if model.tip_used[0]:
+        s[TIP_HEIGHT] = work.signals[model.joint.shape[0], TIP_HEIGHT]
+        s[TIP_SLOPE] = _upwards(model, work.tip_columns[0, :, joint])
+
+
+@njit(cache=True, error_model="numpy")
+def look(model: Any, work: Any, y: Array, i: int, time: float, u: float) -> None:
+    """Signals of cylinder i from the state (eqs. 9, 16, 17 corrected)."""
+    n, m = model.axis.shape[0], model.joint.shape[0]
+    s, g = work.signals[i], model.geometry[i]
+    q, qd = y[model.joint[i]], y[n + model.joint[i]]
+    lever, x = 1.0, q - g[X0]
+    if g[L1] != 0.0:
+        product = g[L1] * g[L2]
+        angle = q + g[Q0]
+        length = math.sqrt(g[L1] * g[L1] + g[L2] * g[L2] - 2.0 * product * math.cos(angle))
+        lever, x = product * math.sin(angle) / length, length - g[X0]
+    p_a, p_b = y[2 * n + i], y[2 * n + m + i]
+    s[TIME], s[VALVE_SIGNAL] = time, u
+    s[JOINT_POSITION], s[JOINT_VELOCITY] = q, qd
+    s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = x, lever * qd, lever
+    s[PRESSURE_A], s[PRESSURE_B] = p_a, p_b
+    s[PISTON_FORCE] = p_a * g[AREA_A] - p_b * g[AREA_B]
+    s[SUPPLY_PRESSURE] = work.signals[m, SUPPLY_PRESSURE]
+    s[TANK_PRESSURE] = work.signals[m, TANK_PRESSURE]
+    look_aside(model, work, s, y, model.joint[i])

@@ -1,0 +1,163 @@
+"""What a robot file's targets mean for effects of each kind, and effects of instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hydro_model.effects import CATALOGUE, Readings, Stage, read_with, resolve, targets
+from hydro_model.effects.readings import delayed
+from hydro_model.errors import RobotError
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+CRANE, AXIS = load_robot("xs031"), load_robot("emps")
+CHAMBERS = ("lift_cylinder/a", "lift_cylinder/b", "tilt_cylinder/a", "tilt_cylinder/b")
+
+
+def listed(*specs: tuple[str, str, dict[str, float]], robot: Robot = CRANE) -> Robot:
+    return replace(robot, effects=tuple(EffectSpec(*spec) for spec in specs))
+
+
+def typical(name: str) -> dict[str, float]:
+    return {p.name: p.typical for p in CATALOGUE[name].parameters}
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_effect_resolves_at_each_of_its_targets_and_at_the_robot(name) -> None:
+    every = targets(CRANE, CATALOGUE[name])
+    assert every
+    for target in every:
+        (one,) = resolve(listed((name, target, typical(name))))
+        assert one.target == target
+    found = resolve(listed((name, "xs031", typical(name))))
+    assert tuple(one.target for one in found) == every
+
+
+def test_targets_by_kind() -> None:
+    kinds = {
+        "coulomb_friction": ("lift_cylinder", "tilt_cylinder"),
+        "encoder_offset": ("lift", "tilt"),
+        "pressure_sensor_bias": CHAMBERS,
+        "base_tilt": ("xs031",),
+    }
+    for name, expected in kinds.items():
+        assert targets(CRANE, CATALOGUE[name]) == expected
+    assert targets(AXIS, CATALOGUE["coulomb_friction"]) == ("carriage",)
+    assert targets(AXIS, CATALOGUE["pin_friction"]) == ()
+    assert targets(AXIS, CATALOGUE["joint_coupling"]) == ()
+
+
+@pytest.mark.parametrize("target", ["tilt_cylinder", "tilt_valve", "tilt"])
+def test_a_cylinder_stands_for_its_joint_and_for_its_chambers(target) -> None:
+    (offset,) = resolve(listed(("encoder_offset", target, {"offset": 0.01})))
+    assert (offset.target, offset.joint, offset.index) == ("tilt", 1, 1)
+    both = resolve(listed(("pressure_sensor_bias", target, {"bias": 1e5})))
+    assert [(one.target, one.index) for one in both] == [(CHAMBERS[2], 2), (CHAMBERS[3], 3)]
+
+
+def test_one_chamber_has_the_laws_of_that_chamber_alone() -> None:
+    (one,) = resolve(listed(("end_cushion", "lift_cylinder/b", {"strength": 0.9, "length": 0.02})))
+    assert [term.stage for term in one.terms] == [Stage.FLOW_B]
+    assert (one.cylinder, one.side, one.target) == (0, "b", "lift_cylinder/b")
+    with pytest.raises(RobotError, match="unknown target 'lift_cylinder/b'"):
+        resolve(listed(("coulomb_friction", "lift_cylinder/b", {"force": 1.0})))
+
+
+def test_rails_have_sensors_too() -> None:
+    found = resolve(listed(("pressure_sensor_gain", "tank", {"error": 0.01})))
+    assert [(one.target, one.index) for one in found] == [("tank", 5)]
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (("joint_coupling", "carriage", {"viscous": 1.0}), "looks at another joint"),
+        (("internal_leakage", "carriage", {"coefficient": 0.0}), "unknown target 'carriage'"),
+        (("base_tilt", "carriage", {"pitch": 0.0}), "expected target 'emps', found 'carriage'"),
+    ],
+)
+def test_what_a_robot_does_not_have_is_said(spec, message) -> None:
+    with pytest.raises(RobotError, match=message):
+        resolve(listed(spec, robot=AXIS))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_values_outside_their_bounds_are_rejected(name) -> None:
+    effect = CATALOGUE[name]
+    target = targets(CRANE, effect)[0]
+    for parameter in effect.parameters:
+        for value in (parameter.lower, parameter.upper):
+            resolve(listed((name, target, {**typical(name), parameter.name: value})))
+        span = parameter.upper - parameter.lower
+        for value in (parameter.lower - 0.01 * span, parameter.upper + 0.01 * span, np.nan):
+            with pytest.raises(RobotError, match=f"{name}.{parameter.name} should be"):
+                resolve(listed((name, target, {**typical(name), parameter.name: value})))
+
+
+def test_payload_may_change_more_than_once_but_not_twice_at_once() -> None:
+    first = ("payload_change", "xs031", {"mass": 50.0, "start_s": 2.0})
+    then = ("payload_change", "xs031", {"mass": -50.0, "start_s": 1.0})
+    assert [one.parameters[0] for one in resolve(listed(first, then))] == [-50.0, 50.0]
+    with pytest.raises(RobotError, match="listed twice for 'xs031'"):
+        resolve(listed(first, first))
+
+
+def readings(count: int = 50) -> Readings:
+    rng = np.random.default_rng(1)
+    return Readings(
+        step_s=0.002,
+        q=rng.normal(size=(count, 2)),
+        p_a=rng.uniform(0.0, 2e7, (count, 2)),
+        p_b=rng.uniform(0.0, 2e7, (count, 2)),
+        supply=np.full(count, 19e6),
+        tank=np.full(count, 1e6),
+        valve_signal=rng.uniform(-1.0, 1.0, (count, 2)),
+    )
+
+
+def changed(name: str, target: str, parameters: dict[str, float]) -> dict[str, np.ndarray]:
+    """Differences of what the sensors show to what is, where there are any."""
+    true = readings()
+    shown = read_with(listed((name, target, parameters)), true)
+    fields = ("q", "p_a", "p_b", "supply", "tank", "valve_signal")
+    gaps = {f: getattr(shown, f) - getattr(true, f) for f in fields}
+    return {f: gap for f, gap in gaps.items() if gap.any()}
+
+
+def test_offset_moves_one_angle() -> None:
+    (gap,) = changed("encoder_offset", "tilt", {"offset": 0.02}).values()
+    np.testing.assert_allclose(gap, np.tile([0.0, 0.02], (50, 1)))
+
+
+def test_bias_and_gain_change_one_pressure() -> None:
+    gaps = changed("pressure_sensor_bias", "tilt_cylinder/a", {"bias": 3e4})
+    np.testing.assert_allclose(gaps.pop("p_a"), np.tile([0.0, 3e4], (50, 1)), atol=1e-6)
+    assert not gaps
+    gaps = changed("pressure_sensor_gain", "lift_cylinder/b", {"error": 0.01})
+    expected = readings().p_b * [0.01, 0.0]
+    np.testing.assert_allclose(gaps.pop("p_b"), expected, atol=1e-6)
+    assert not gaps
+    (gap,) = changed("pressure_sensor_gain", "supply", {"error": 0.01}).values()
+    np.testing.assert_allclose(gap, 19e4)
+
+
+def test_delays_shift_samples() -> None:
+    true = readings()
+    shown = read_with(listed(("pressure_delay", "lift", {"delay": 0.004})), true)
+    np.testing.assert_array_equal(shown.p_a[2:, 0], true.p_a[:-2, 0])
+    np.testing.assert_array_equal(shown.p_a[:, 1], true.p_a[:, 1])
+    shown = read_with(listed(("command_delay", "xs031", {"delay": 0.006})), true)
+    np.testing.assert_array_equal(shown.valve_signal[:-3], true.valve_signal[3:])
+
+
+def test_delay_by_part_of_a_sample_interpolates_and_keeps_gaps_to_themselves() -> None:
+    ramp = np.arange(10.0)
+    np.testing.assert_allclose(delayed(ramp, 0.003, 0.002)[2:], ramp[2:] - 1.5)
+    ramp[4] = np.nan
+    assert np.flatnonzero(np.isnan(delayed(ramp, 0.002, 0.002))).tolist() == [5]
+    assert np.flatnonzero(np.isnan(delayed(ramp, 0.001, 0.002))).tolist() == [4, 5]
+    assert delayed(ramp[:0], 0.002, 0.002).shape == (0,)
+    np.testing.assert_allclose(delayed(ramp[:1], 0.002, 0.002), [0.0])
