@@ -74,8 +74,11 @@ def _relative(one: Identification, two: Identification) -> float:
     worst = 0.0
     for a, b in zip(one.parameters, two.parameters, strict=True):
         assert a.name == b.name
-        worst = max(worst, abs(a.value - b.value) / max(abs(b.value), 1e-30))
-        worst = max(worst, abs(a.std - b.std) / max(b.std, 1e-30))
+        # Frictions and delay are 0 here, what is found of them chance: the delay's scale is the
+        # sampling interval, a friction's its deviation.
+        least = 0.002 if a.name == "command_delay" else b.std
+        worst = max(worst, abs(a.value - b.value) / max(abs(b.value), least, 1e-30))
+        worst = max(worst, abs(a.std - b.std) / max(b.std, least, 1e-30))
     return worst
 
 

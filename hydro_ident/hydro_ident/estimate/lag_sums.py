@@ -19,11 +19,11 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
 
 #: Longest lag, in strides: noise that remembers further is drift.
-LONGEST = 4096
+LONGEST = 2048
 #: Lags kept one by one, and growth from one node to the next behind them.
 _SINGLE, _GROWTH = 16, 1.2
-#: Rows that are worked on at once, at the least, in strides.
-_BATCH = 4096
+#: Rows that are worked on at once, in strides.
+_BATCH = 1024
 
 
 def _nodes() -> FloatArray:
@@ -114,20 +114,25 @@ class LagSums:
             self._held += gap
         self._waiting.append(values)
         self._held += values.shape[0]
-        if self._held >= _BATCH * self.stride:
-            self._flush()
+        batch = _BATCH * self.stride
+        if self._held < batch:
+            return
+        # Whole batches, whatever the calls were: the sums' rounding is then the same, too.
+        waiting = np.concatenate(self._waiting)
+        while waiting.shape[0] >= batch:
+            self._take(waiting[:batch])
+            waiting = waiting[batch:]
+        self._waiting, self._held = [waiting.copy()], waiting.shape[0]
 
     @property
     def total(self) -> FloatArray:
         """Symmetric sums by channel and node, (k, nodes, p, p)."""
-        self._flush()
+        if self._held:
+            self._take(np.concatenate(self._waiting))
+        self._waiting, self._held = [], 0
         return self._sums
 
-    def _flush(self) -> None:
-        if not self._held:
-            return
-        fresh = np.concatenate(self._waiting)
-        self._waiting, self._held = [], 0
+    def _take(self, fresh: FloatArray) -> None:
         past = np.concatenate([self._tail, fresh])
         before = self._tail.shape[0]
         now = past.copy()

@@ -34,7 +34,7 @@ from hydro_ident.estimate.noise_model import RANK, lag_products, noise_model, sp
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
 
-_PASSES, _SETTLED = 60, 1.0e-9
+_PASSES, _SETTLED = 200, 1.0e-12
 #: Passes that find the size of each channel's residual.
 _WEIGHT_PASSES = 6
 #: Step of the differences by phi, as a share of the distance from the unit circle.
@@ -218,7 +218,7 @@ def _with_noise(
             break
     covariance = variance_factor * _covariance(unit, estimator, far, phi, variance)
     dof = _degrees_of_freedom(unit, estimator, far, (phi, variance), products)
-    squares, count = products[:, 0, 0], np.maximum(unit.count, 1.0)
+    squares, count = np.maximum(products, seen)[:, 0, 0], np.maximum(unit.count, 1.0)
     by_channel = [np.bincount(unit.channel, v, unit.channels) for v in (squares, count)]
     residual = np.sqrt(by_channel[0] / np.maximum(by_channel[1], 1.0))
     level = np.sqrt(squares / count)
@@ -316,7 +316,8 @@ def _degrees_of_freedom(
         slope = np.array(slopes).reshape(phi.shape[1], -1)
         uncertain += np.einsum("li,lj,ji->i", slope, precision, slope)
     size = np.sum(own, axis=0) ** 2
-    return np.asarray(np.clip(2.0 * size / np.maximum(uncertain, 1e-300), 1.0, 1.0e6))
+    share = uncertain / np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.clip(2.0 / np.maximum(share, 1e-9), 1.0, 1.0e6))
 
 
 def _scaled(solution: Solution, norms: FloatArray) -> Solution:
