@@ -25,6 +25,9 @@ from hydro_ident.estimate.traces import Trace
 from hydro_ident.parameters import listed_value
 from hydro_model.robot import FloatArray, Robot
 
+#: A residual so many times the sensors' noise is physics that the model leaves out.
+LEFT_OUT = 5.0
+
 
 @dataclass(frozen=True, slots=True)
 class ScorePlan:
@@ -164,6 +167,21 @@ def channel_scores(
         if total.count:
             scores.append(total.score(name, unit, floors[name], tuple(where)))
     return scores
+
+
+def score_notes(scores: Sequence[ChannelScore]) -> list[str]:
+    """What the scores say of the stated intervals."""
+    notes = []
+    for score in scores:
+        summary = score.summary()
+        floor, after = float(summary["noise_floor"]), float(summary["rmse_after"])
+        if floor > 0.0 and after > LEFT_OUT * floor:
+            notes.append(
+                f"{score.name}: the residual is {after / floor:.0f} times what sensor noise"
+                " leaves; physics is left out, and parameters may be off by more than their"
+                " intervals say"
+            )
+    return notes
 
 
 def _given_theta(model: ForceModel, robot: Robot) -> FloatArray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.channel_scores import ScorePlan, channel_scores
+from hydro_ident.channel_scores import ScorePlan, channel_scores, score_notes
 from hydro_ident.compare import Comparison
 from hydro_ident.consistent_robot import (
     PhysicalResult,
@@ -42,7 +42,7 @@ from hydro_ident.free_run import FreeRun, free_run, no_free_run
 from hydro_ident.gathering import GatherPlan, score_source
 from hydro_ident.identified_robot import has_definite_mass, identified_robot
 from hydro_ident.parameters import Parameter, parameter_list
-from hydro_ident.sources import Source, first_traces, sources_of
+from hydro_ident.sources import Source, check_names, first_traces, sources_of
 from hydro_ident.survey import (
     Survey,
     merged_signals,
@@ -174,6 +174,7 @@ def identify(
     settings, workers = settings or Settings(), workers or Here()
     effects = ListedEffects.of(robot)
     sources, others = sources_of(training), sources_of(validation)
+    check_names((*sources, *others))
     seen = workers.map(partial(survey_source, robot=robot), (*sources, *others))
     surveys, checked = seen[: len(sources)], seen[len(sources) :]
     signals = merged_signals(robot, surveys)
@@ -226,6 +227,7 @@ def identify(
         problems=judged.problems,
         notes=(
             *_notes(seen, effects, others, every),
+            *_score_notes(scores, bool(others or every)),
             *estimates.notes,
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
@@ -300,6 +302,12 @@ def _hold_out(surveys: Sequence[Survey], every: int) -> HoldOut:
 def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
     return force_model(robot, torque, effects.force_names, effects.force_columns)
+
+
+def _score_notes(scores: Sequence[ChannelScore], wanted: bool) -> list[str]:
+    if wanted and not scores:
+        return ["no stretch of the bags can be used to check the predictions: nothing was scored"]
+    return score_notes(scores)
 
 
 def _notes(

@@ -456,3 +456,24 @@ def test_too_little_motion_exits_1_with_a_result_and_no_model(
     assert "lift, tilt did not move" in error
     assert sorted(p.name for p in out.iterdir()) == ["report.html", "result.json"]
     assert json.loads((out / "result.json").read_text())["verdict"] == "not_enough_data"
+
+
+def test_bags_of_one_name_are_refused(clean: Run) -> None:
+    with pytest.raises(IdentError, match="different names, found 'run'"):
+        identify(clean.robot, [clean.recording(), clean.recording()])
+
+
+def test_a_validation_bag_without_a_usable_stretch_scores_nothing(clean: Run) -> None:
+    lost = clean.recording("lost", q=np.full_like(clean.q, np.nan))
+    found = identify(clean.robot, [clean.recording()], [lost])
+    assert found.channels == ()
+    assert any("nothing was scored" in note for note in found.notes)
+
+
+def test_residuals_far_above_the_noise_are_said() -> None:
+    hidden = (EffectSpec("coulomb_friction", "xs031", {"force": 4000.0, "velocity_scale": 0.005}),)
+    run = _simulate(_true_robot(hidden), 12.0)
+    noise = np.random.default_rng(3).normal(0.0, 4000.0, (2, *run.p_a.shape))
+    rough = run.recording(p_a=run.p_a + noise[0], p_b=run.p_b + noise[1])
+    notes = identify(load_robot("xs031"), [rough]).notes
+    assert any(note.startswith("lift/force: the residual is") for note in notes)
