@@ -37,8 +37,8 @@ OWN_FILES = (RESULT_FILE, REPORT_FILE, MODEL_FILE, CONTROLLER_FILE, URDF_FILE)
 #: What the estimators of the force channels do, in words.
 METHODS = {
     "ols": "ordinary least squares",
-    "wls": "least squares, each channel weighted by its noise's size and autocorrelation",
-    "robust": "as wls, with Tukey's biweight on whitened residuals and outliers cleaned away",
+    "wls": "least squares, each channel of each bag weighted by its residual",
+    "robust": "as wls, with Tukey's biweight on the residuals and outliers cleaned away",
     "iv": "as wls, with the recorded references as instruments",
 }
 
@@ -134,7 +134,7 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
         "method": {
             "force": METHODS["wls" if found.estimator is None else found.estimator.name],
             "flow": "integrated mass balance per chamber, chambers combined by information",
-            "covariance": "autoregressive noise per channel (REML), Student's t (Satterthwaite)",
+            "covariance": "autoregressive noise per channel, Student's t (Satterthwaite)",
             "differentiation_hz": settings.filters.differentiation_hz,
             "parallel_filter_hz": settings.filters.parallel_hz,
             "filter_order": settings.filters.order,

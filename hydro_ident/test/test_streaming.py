@@ -19,7 +19,8 @@ from hydro_ident.commands.identify import main
 from hydro_ident.errors import BagError, IdentError
 from hydro_ident.identification import Identification, Settings, identify
 from hydro_ident.sources import BagSource
-from hydro_ident.study.synthetic import START_NS, synthetic_recording
+from hydro_ident.study.long_bag import write_repeated
+from hydro_ident.study.synthetic import synthetic_recording
 from hydro_ident.survey import survey_source
 from hydro_ident.workers import DaskWorkers
 from hydro_model.robot import Robot
@@ -37,37 +38,8 @@ def recording() -> Recording:
 @pytest.fixture(scope="module")
 def bag(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("bags") / "run"
-    write_recording(path, recording)
+    write_repeated(path, recording, 1)
     return path
-
-
-def write_recording(path: Path, recording: Recording, repeats: int = 1) -> None:
-    """A recording as a bag, several times one after the other."""
-    robot = recording.robot
-    count = len(recording)
-    assert recording.p_a is not None
-    assert recording.p_b is not None
-    gauge = np.zeros((count, 2 * len(robot.cylinders) + 2))
-    gauge[:, 0:-2:2], gauge[:, 1:-2:2] = recording.p_a, recording.p_b
-    gauge[:, -2], gauge[:, -1] = recording.supply, recording.tank
-    topics = {
-        "/joint_states": (robot.joint_names, {"position": recording.q}),
-        "/chamber_pressures": (
-            robot.pressure_names,
-            {"effort": gauge + robot.atmospheric_pressure_pa},
-        ),
-        "/valve_state": (robot.valve_names, {"effort": recording.valve_v}),
-        "/joint_reference": (robot.joint_names, {"position": recording.q_ref}),
-    }
-    with BagWriter(path, {"robot": robot.name}) as writer:
-        for topic in topics:
-            writer.add_topic(topic, "sensor_msgs/msg/JointState")
-        for k in range(count * repeats):
-            # A second's gap before every repetition, which starts somewhere else.
-            stamp = START_NS + 2_000_000 * k + 1_000_000_000 * (k // count)
-            for topic, (names, fields) in topics.items():
-                values = {f: v[k % count] for f, v in fields.items()}
-                writer.write_stamped(topic, stamp, values, names=names)
 
 
 def _relative(one: Identification, two: Identification) -> float:
