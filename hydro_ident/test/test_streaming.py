@@ -187,7 +187,8 @@ def test_an_empty_bag_is_refused(tmp_path: Path, robot: Robot) -> None:
 
 def test_a_cluster_gives_the_same_numbers(bag: Path, robot: Robot, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    sources = [BagSource(bag, robot), BagSource(bag, robot)]
+    write_repeated(tmp_path / "other", synthetic_recording(robot, 30.0, seed=2), 1)
+    sources = [BagSource(bag, robot), BagSource(tmp_path / "other", robot)]
     here = identify(robot, sources, settings=NOTHING_HELD_OUT)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
