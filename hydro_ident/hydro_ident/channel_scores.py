@@ -169,7 +169,7 @@ def channel_scores(
     return scores
 
 
-def score_notes(scores: Sequence[ChannelScore]) -> list[str]:
+def far_above_noise(scores: Sequence[ChannelScore]) -> list[str]:
     """What the scores say of the stated intervals."""
     notes = []
     for score in scores:
