@@ -169,21 +169,6 @@ def channel_scores(
     return scores
 
 
-def far_above_noise(scores: Sequence[ChannelScore]) -> list[str]:
-    """What the scores say of the stated intervals."""
-    notes = []
-    for score in scores:
-        summary = score.summary()
-        floor, after = float(summary["noise_floor"]), float(summary["rmse_after"])
-        if floor > 0.0 and after > LEFT_OUT * floor:
-            notes.append(
-                f"{score.name}: the residual is {after / floor:.0f} times what sensor noise"
-                " leaves; physics is left out, and parameters may be off by more than their"
-                " intervals say"
-            )
-    return notes
-
-
 def _given_theta(model: ForceModel, robot: Robot) -> FloatArray:
     base = model.base.combination @ robot.parameter_vector
     friction = [cylinder.viscous_friction for cylinder in robot.cylinders]

@@ -29,8 +29,11 @@ from hydro_ident.estimate.summed_flow import SummedComparison
 from hydro_ident.estimation import Estimation
 from hydro_ident.estimator_choice import Chosen
 from hydro_ident.free_run import FreeRun
-from hydro_ident.job import Settings, possible_robot, prepared, rolled_out, score_notes, scored
-from hydro_ident.parameters import Parameter, parameter_list
+from hydro_ident.identified_robot import identified_robot
+from hydro_ident.job import Settings, prepared, rolled_out, score_notes, scored
+from hydro_ident.model_error import flagged, left_out
+from hydro_ident.parameters import COMMAND_DELAY, Parameter, parameter_list
+from hydro_ident.rejection import tested, within_bounds
 from hydro_ident.sources import Source, check_names, sources_of
 from hydro_ident.verdict import (
     NOT_ENOUGH,
@@ -138,24 +141,27 @@ def identify(
     estimates = Estimation(sources, job.plan, job.still, workers).run(
         settings.estimator, job.surveys, job.signals
     )
-    inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
+    estimates = within_bounds(robot, estimates)
     scores, summed = scored(job, estimates)
+    estimates = tested(robot, estimates, scores)
+    inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
     recordings = [survey.recording for survey in job.surveys]
-    judged = judge(robot, recordings, inertial, hydraulic, scores)
+    judged = judge(robot, recordings, inertial, hydraulic)
     found = None
     if judged.verdict != NOT_ENOUGH:
-        found, judged = possible_robot(robot, estimates, judged)
+        found = identified_robot(robot, inertial, hydraulic, biases)
     run = rolled_out(job, found, hydraulic)
     judged = judged.with_problem(run.failed)
     physical = None
     if found is not None and found.base_parameters:
         physical = physical_result(found, robot)
         found = with_standard_parameters(found, physical.parameters)
+    parameters = parameter_list(robot, inertial, hydraulic, biases)
     return Identification(
         verdict=judged.verdict,
         given=robot,
         robot=found,
-        parameters=parameter_list(robot, inertial, hydraulic, biases),
+        parameters=flagged(parameters, robot, inertial, left_out(scores)),
         channels=tuple(scores),
         problems=judged.problems,
         notes=(
@@ -164,7 +170,7 @@ def identify(
             *estimates.notes,
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
-            *(() if inertial is None else part_notes(inertial.model.base, inertial.held)),
+            *_held_notes(inertial, hydraulic, parameters),
         ),
         inertial=inertial,
         hydraulic=hydraulic,
@@ -175,3 +181,15 @@ def identify(
         summed=summed,
         estimator=estimates.chosen,
     )
+
+
+def _held_notes(
+    inertial: InertialFit | None, hydraulic: HydraulicFit | None, parameters: Sequence[Parameter]
+) -> list[str]:
+    """What was held, and where the command delay is at its bound."""
+    notes = [] if inertial is None else list(part_notes(inertial.model.names, inertial.held))
+    for fit in hydraulic.cylinders if hydraulic is not None else ():
+        named = [f"{fit.cylinder}.{name}" for name in fit.names]
+        notes += part_notes(named, fit.held)
+    delay = [p.reason for p in parameters if p.name == COMMAND_DELAY and p.identifiable]
+    return notes + [f"{COMMAND_DELAY}: {reason}" for reason in delay if reason]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from hydro_ident.channel_scores import ScorePlan, channel_scores, far_above_noise
+from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.hydraulics import HydraulicFit
@@ -20,7 +20,7 @@ from hydro_ident.estimation import Estimates
 from hydro_ident.estimator_choice import Choice
 from hydro_ident.free_run import FreeRun, free_run, no_free_run
 from hydro_ident.gathering import GatherPlan, score_source
-from hydro_ident.identified_robot import has_definite_mass, identified_robot
+from hydro_ident.model_error import model_error_note
 from hydro_ident.sources import Source, first_traces
 from hydro_ident.survey import (
     Survey,
@@ -29,7 +29,6 @@ from hydro_ident.survey import (
     still_positions,
     survey_source,
 )
-from hydro_ident.verdict import Judgement
 from hydro_ident.workers import Workers
 from hydro_model.robot import Robot
 
@@ -160,28 +159,12 @@ def prepared(
         robot,
         _force_model(robot, effects, surveys),
         effects,
-        _hold_out(surveys, every) if every else HoldOut(every=0),
+        _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
         settings.filters,
         settings.windows,
         still_positions(surveys, still),
     )
     return Job(robot, sources, others, seen, signals, plan, still, every, workers)
-
-
-def possible_robot(
-    robot: Robot, estimates: Estimates, judged: Judgement
-) -> tuple[Robot, Judgement]:
-    """The identified robot; without its base parameters where they make no possible machine."""
-    inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
-    found = identified_robot(robot, inertial, hydraulic, biases)
-    count = 0 if inertial is None else len(inertial.model.base.names)
-    if inertial is None or all(inertial.identifiable[:count]) or has_definite_mass(found):
-        return found, judged
-    text = (
-        "the base parameters that were determined make no positive definite mass matrix with the"
-        " robot file's for the others: all stay the robot file's in the model"
-    )
-    return identified_robot(robot, None, hydraulic, biases), judged.with_problem(text)
 
 
 def scored(
@@ -228,8 +211,9 @@ def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
     return max(1, math.ceil(rows / PLOT_POINTS))
 
 
-def _hold_out(surveys: Sequence[Survey], every: int) -> HoldOut:
-    return HoldOut.of({s.name: max(s.duration_s, 1e-3) for s in surveys}, every)
+def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) -> HoldOut:
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
+    return HoldOut.of(durations, every, parallel_hz=filters.parallel_hz)
 
 
 def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
@@ -241,4 +225,5 @@ def score_notes(scores: Sequence[ChannelScore], wanted: bool) -> list[str]:
     """What the scores say, or that there are none where some were wanted."""
     if wanted and not scores:
         return ["no stretch of the bags can be used to check the predictions: nothing was scored"]
-    return far_above_noise(scores)
+    note = model_error_note(scores)
+    return [note] if note else []

@@ -112,7 +112,9 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added.
+        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added,
+        and to a parameter `held` (then without `std` and `ci95`), `model_error` (physics is left
+        out of its channels), `dof` and `reason`.
     """
     settings = found.settings
     data = {
@@ -166,11 +168,13 @@ def _parameter_dict(p: Parameter) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": p.name,
         "value": p.value,
-        "std": _finite(p.std),
-        "ci95": [_finite(bound) for bound in p.ci95],
+        "std": None if p.held else _finite(p.std),
+        "ci95": None if p.ci95 is None else [_finite(bound) for bound in p.ci95],
         "unit": p.unit,
         "datasheet": p.datasheet,
         "identifiable": p.identifiable,
+        "held": p.held,
+        "model_error": p.model_error,
         "dof": _finite(p.dof),
     }
     if p.combination:

@@ -34,14 +34,14 @@ _WEIGHT_PASSES = 6
 _WEAK = 1.0e-5
 
 
-def solve_wls(blocks: Blocks, variance_factor: float = 1.0) -> Solution:
+def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
     """Every channel of every recording weighted by its residual.
 
     Parameters
     ----------
     blocks : Blocks
-    variance_factor : float
-        Of robust weights.
+    excess : float
+        Of robust weights (`hydro_ident.estimate.robust`).
 
     Returns
     -------
@@ -52,14 +52,14 @@ def solve_wls(blocks: Blocks, variance_factor: float = 1.0) -> Solution:
     for _ in range(_WEIGHT_PASSES):
         weight = 1.0 / levels(unit, estimator.theta) ** 2
         estimator = _least_squares(unit, weight)
-    return _scaled(with_noise(unit, estimator, unit.far, variance_factor), norms)
+    return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
 
 
 def solve_ols(blocks: Blocks) -> Solution:
     """Every row alike."""
     unit, norms = unit_columns(blocks)
     estimator = _least_squares(unit, np.ones(len(unit.labels)))
-    return _scaled(with_noise(unit, estimator, unit.far, 1.0), norms)
+    return _scaled(with_noise(unit, estimator, unit.far), norms)
 
 
 def solve_iv(blocks: Blocks) -> Solution:
@@ -84,7 +84,7 @@ def solve_iv(blocks: Blocks) -> Solution:
         theta = estimator.theta
     if estimator is None:
         raise IdentError("no pass was made")
-    return _scaled(with_noise(unit, estimator, unit.far_z, 1.0), norms)
+    return _scaled(with_noise(unit, estimator, unit.far_z), norms)
 
 
 def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
@@ -109,8 +109,9 @@ def stacked_columns(blocks: Blocks, residual_std: FloatArray) -> FloatArray:
 
 def _stacked(unit: Blocks, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     root = np.sqrt(weight)
-    x = (unit.x[:, :, 0] * root[:, None, None]).reshape(-1, unit.x.shape[3])
-    return x, (unit.y[:, :, 0] * root[:, None]).ravel()
+    own_x, own_y = unit.rows
+    x = (own_x * root[:, None, None]).reshape(-1, own_x.shape[2])
+    return x, (own_y * root[:, None]).ravel()
 
 
 def _least_squares(unit: Blocks, weight: FloatArray) -> Estimator:
@@ -120,7 +121,7 @@ def _least_squares(unit: Blocks, weight: FloatArray) -> Estimator:
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     root = right.T * inverse
     weak = singular < _WEAK * singular[0]
-    return Estimator(root @ (left.T @ y), root, root, weak, weight)
+    return Estimator(root @ (left.T @ y), root, root, weak, weight, root[:, ~weak])
 
 
 def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> Estimator:
@@ -131,7 +132,11 @@ def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> Estimator:
     weak = singular < _WEAK**2 * singular[0]
     inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, singular))
     theta = outward.T @ (inverse * (inward.T @ level))
-    return Estimator(theta, outward.T * inverse, inward, weak, weight)
+    stacked = (by_lag[0] * np.sqrt(weight)[:, None, None]).reshape(-1, cross.shape[0])
+    _, own, directions = np.linalg.svd(stacked, full_matrices=False)
+    strong = own > _WEAK * own[0]
+    hat = directions[strong].T / own[strong]
+    return Estimator(theta, outward.T * inverse, inward, weak, weight, hat)
 
 
 def _scaled(solution: Solution, norms: FloatArray) -> Solution:

@@ -68,7 +68,9 @@ class Estimator:
     """A linear estimator: ``theta - truth = left right' sum_g weight_g Z_g' e_g``.
 
     Columns of `left` and `right` are directions of the parameters, those of `weak` known so
-    badly that sums of products have lost them.
+    badly that sums of products have lost them. ``hat hat' = (sum_g weight_g Z_g' Z_g)^-1``,
+    without these directions. `excess` is that of robust weights: noise of autocorrelation rho
+    acts as one of rho + excess rho^3 (`hydro_ident.estimate.robust`).
     """
 
     theta: FloatArray
@@ -76,6 +78,8 @@ class Estimator:
     right: FloatArray
     weak: BoolArray
     weight: FloatArray
+    hat: FloatArray
+    excess: float = 0.0
 
 
 def levels(unit: Blocks, theta: FloatArray) -> FloatArray:
@@ -87,9 +91,7 @@ def levels(unit: Blocks, theta: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(squares, floor) / np.maximum(unit.count, 1.0)))
 
 
-def with_noise(
-    unit: Blocks, estimator: Estimator, far: FloatArray, variance_factor: float
-) -> Solution:
+def with_noise(unit: Blocks, estimator: Estimator, far: FloatArray) -> Solution:
     """Noise model and covariance of an estimate, each from the other until they stay.
 
     Parameters
@@ -98,8 +100,6 @@ def with_noise(
     estimator : Estimator
     far : (G, nodes, p, p) array
         Sums by lag of the regressors, or of the instruments.
-    variance_factor : float
-        Of robust weights.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def with_noise(
         phi, variance = noise_model(unit, products, variance)
         if np.max(np.abs(phi - before), initial=0.0) < _SETTLED:
             break
-    covariance = variance_factor * _covariance(unit, estimator, far, phi, variance)
+    covariance = _covariance(unit, estimator, far, phi, variance)
     dof = _degrees_of_freedom(unit, estimator, far, (phi, variance), products)
     squares, count = np.maximum(products, seen)[:, 0, 0], np.maximum(unit.count, 1.0)
     by_channel = [np.bincount(unit.channel, v, unit.channels) for v in (squares, count)]
@@ -128,29 +128,28 @@ def with_noise(
     )
 
 
-def _shares(unit: Blocks, estimator: Estimator, far: FloatArray) -> FloatArray | None:
-    """Sums by lag of ``w x_t A x_s'``, (G, nodes): what a row's noise does to the fit of others.
+def _shares(unit: Blocks, estimator: Estimator, far: FloatArray) -> FloatArray:
+    """Sums by lag of ``w x_t A z_s'``, (G, nodes): what a row's noise does to the fit of others.
 
-    None with instruments, where the regressors' own noise is in the way.
+    With instruments of the regressors' projection on these, ``x_t = z_t (Z'Z)^-1 Z'X``; what is
+    left of them, their own noise, has no part in the mean.
     """
-    if estimator.left is not estimator.right:
-        return None
-    strong = estimator.left[:, ~estimator.weak]
-    inner = np.einsum("pi,gbpq,qi->gb", strong, far, strong, optimize=True)
-    return np.asarray(inner * (estimator.weight * unit.stride)[:, None])
+    hat = estimator.hat
+    inner = np.einsum("pi,gbpq,qi->gb", hat, far, hat, optimize=True)
+    # Robust weights, which `far` has on both sides, are taken off the one that are residuals.
+    full = estimator.weight * unit.count / unit.effective
+    return np.asarray(inner * full[:, None])
 
 
 def _taken(
     unit: Blocks,
     covariance: FloatArray,
-    shares: FloatArray | None,
+    shares: FloatArray,
     phi: FloatArray,
     variance: FloatArray,
 ) -> FloatArray:
     """What the fit took out of the residuals' products, in the mean, (G, L, L)."""
     spread = spread_products(unit, covariance)
-    if shares is None:
-        return spread
     lags = spread.shape[1]
     cross = np.empty((len(unit.labels), lags))
     for lag in range(lags):
@@ -165,7 +164,8 @@ def _covariance_by_group(
 ) -> FloatArray:
     """What the noise of each group adds to cov theta, (G, p, p)."""
     correlation = np.array([autocovariance(row) for row in phi])[unit.channel]
-    scale = estimator.weight**2 * variance * unit.stride
+    correlation += estimator.excess * correlation**3 / correlation[:, :1] ** 2
+    scale = estimator.weight**2 * variance
     middle = np.einsum("gb,gbpq->gpq", scale[:, None] * correlation, far, optimize=True)
     turned = estimator.right.T @ middle @ estimator.right
     if estimator.weak.any():
