@@ -25,6 +25,9 @@ from hydro_ident.estimate.traces import Trace
 from hydro_ident.parameters import listed_value
 from hydro_model.robot import FloatArray, Robot
 
+#: A residual so many times the sensors' noise is physics that the model leaves out.
+LEFT_OUT = 5.0
+
 
 @dataclass(frozen=True, slots=True)
 class ScorePlan:

@@ -7,95 +7,133 @@ and said; only the robust estimator does this.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from hydro_ident.bag.grid import runs
-from hydro_ident.bag.recorded_run import BoolArray
+from hydro_ident.bag.recorded_run import BoolArray, Recording
 from hydro_ident.bag.streaming import Piece
-from hydro_ident.estimate.signal_survey import SignalSurvey, spike_sizes
+from hydro_ident.estimate.signal_survey import SHORTEST, SignalSurvey, spike_sizes
+from hydro_ident.estimate.watched import SPIKE_SIGMAS, watched_sensors
 from hydro_model.robot import FloatArray, Robot
 
-#: What stands out by more than this many deviations of white noise is a spike.
-SPIKE_SIGMAS = 8.0
-#: ... beyond this share of the supply: a step of a valve bends a pressure within a sample.
-PRESSURE_SHARE = 0.02
 #: A dropout holds still for this many samples, and leaps by this many deviations to either side.
 _FROZEN, _LONGEST = 3, 250
 _LEAP_SIGMAS = 40.0
+#: Readings of the whole machine, without which no edge's flow is known.
+_RAILS = ("supply", "tank")
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What is an outlier of one sensor.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    field : str
+        Of the recording.
+    column : int
+    noise : float
+        Standard deviation of the sensor; not below its resolution.
+    floor : float
+        Below which nothing is a spike.
+    lone : bool
+        As of `spike_sizes`.
+    """
+
+    name: str
+    field: str
+    column: int
+    noise: float
+    floor: float
+    lone: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Cleaner:
-    """Noise of every sensor, against which outliers are seen.
+    """Limits of every sensor, against which outliers are seen."""
 
-    Attributes
-    ----------
-    noise : mapping of str to (k,) array
-        Deviation per column of `q`, `p_a` and `p_b`; not below the resolution.
-    names : mapping of str to tuple of str
-        Of the columns.
-    floor : mapping of str to float
-        Below which nothing is a spike.
-    """
-
-    noise: Mapping[str, FloatArray]
-    names: Mapping[str, tuple[str, ...]]
-    floor: Mapping[str, float]
+    limits: tuple[Limit, ...]
 
     @staticmethod
     def of(robot: Robot, signals: SignalSurvey) -> Cleaner:
-        """From what the survey found."""
-        count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-        bar = robot.sensors.pressure_resolution_pa
-        sensors = {"q": (signals.q, count), "p_a": (signals.p_a, bar), "p_b": (signals.p_b, bar)}
-        noise = {
-            name: np.array([max(s.noise(step), step) for s in some])
-            for name, (some, step) in sensors.items()
-        }
-        cylinders = [c.name for c in robot.cylinders]
-        names = {
-            "q": tuple(robot.joint_names),
-            "p_a": tuple(f"{c}/a" for c in cylinders),
-            "p_b": tuple(f"{c}/b" for c in cylinders),
-        }
-        floor = PRESSURE_SHARE * robot.supply_pressure_pa
-        return Cleaner(noise, names, {"q": 0.0, "p_a": floor, "p_b": floor})
+        """From what the survey found; a sensor that it knows no noise of is left alone."""
+        return Cleaner(
+            tuple(
+                Limit(s.name, s.field, s.column, s.noise, s.floor, s.sensor.lone)
+                for s in watched_sensors(robot, signals)
+                if s.noise > 0.0
+            )
+        )
 
     def cleaned(self, piece: Piece, counts: dict[str, int]) -> Piece:
         """The piece without its outliers, which are added to `counts` by sensor."""
-        columns = {}
-        for name, noise in self.noise.items():
-            values = getattr(piece.recording, name)
+        recording = piece.recording
+        columns: dict[str, FloatArray] = {}
+        for limit in self.limits:
+            values = getattr(recording, limit.field)
             if values is None:
                 continue
-            fresh = values.copy()
-            for k in range(noise.size):
-                fresh[:, k], bad = without_outliers(
-                    values[:, k], float(noise[k]), self.floor[name]
-                )
-                found = int(bad[piece.core].sum())
-                if found:
-                    sensor = self.names[name][k]
-                    counts[sensor] = counts.get(sensor, 0) + found
-            columns[name] = fresh
-        return replace(piece, recording=replace(piece.recording, **columns))
+            fresh = columns.setdefault(limit.field, values.copy())
+            # A view: rails have a row per cycle and no columns.
+            column = fresh if fresh.ndim == 1 else fresh[:, limit.column]
+            column[:], bad = without_outliers(
+                column, limit.noise, limit.floor, recording.segments, limit.lone
+            )
+            found = int(bad[piece.core].sum())
+            if found:
+                counts[limit.name] = counts.get(limit.name, 0) + found
+        return replace(piece, recording=_without_rails(recording, columns))
+
+
+def _without_rails(recording: Recording, columns: Mapping[str, FloatArray]) -> Recording:
+    """The recording with cleaned columns; where a rail dropped out, no valve signal is known.
+
+    The equations of the edges' flows need supply and tank, those of forces do not.
+    """
+    fresh: dict[str, Any] = dict(columns)
+    index = np.arange(len(recording))
+    for rail in _RAILS:
+        before, values = getattr(recording, rail), fresh.get(rail)
+        if values is None:
+            continue
+        lost = np.isnan(values) & np.isfinite(before)
+        if not lost.any():
+            continue
+        known = np.isfinite(values)
+        values[lost] = np.interp(index[lost], index[known], values[known])
+        if recording.valve_v is not None:
+            fresh.setdefault("valve_v", recording.valve_v.copy())[lost] = np.nan
+    return replace(recording, **fresh)
 
 
 def without_outliers(
-    values: FloatArray, noise: float, floor: float = 0.0
+    values: FloatArray,
+    noise: float,
+    floor: float = 0.0,
+    segments: Sequence[slice] = (slice(None),),
+    lone: bool = False,
 ) -> tuple[FloatArray, BoolArray]:
     """A sensor's readings with spikes replaced and dropouts made gaps.
 
     Parameters
     ----------
     values : (N,) array
+        NaN where there is no reading: stretches between gaps are looked at one by one, those of
+        fewer than `SHORTEST` samples not at all.
     noise : float
         Standard deviation of the sensor.
     floor : float
         Below which nothing is a spike.
+    segments : sequence of slice
+        Stretches in which no cycle is missing.
+    lone : bool
+        As of `spike_sizes`.
 
     Returns
     -------
@@ -103,13 +141,27 @@ def without_outliers(
         NaN in dropouts.
     outlier : (N,) bool array
     """
-    if values.size < 16 or not np.isfinite(values).all():
-        return values, np.zeros(values.size, dtype=bool)
+    cleaned, outlier = values.copy(), np.zeros(values.size, dtype=bool)
+    for segment in segments:
+        offset = segment.start or 0
+        for begin, end in runs(np.isfinite(values[segment])):
+            if end - begin >= SHORTEST:
+                own = slice(offset + begin, offset + end)
+                cleaned[own], outlier[own] = _clean_run(values[own], noise, floor, lone)
+    return cleaned, outlier
+
+
+def _clean_run(
+    values: FloatArray, noise: float, floor: float, lone: bool
+) -> tuple[FloatArray, BoolArray]:
+    """One stretch without gaps."""
     dropped = _dropouts(values, noise)
     index = np.arange(values.size)
     filled = np.interp(index, index[~dropped], values[~dropped])
-    spikes = (spike_sizes(filled) > SPIKE_SIGMAS * noise + floor) & ~dropped
+    spikes = (spike_sizes(filled, lone) > SPIKE_SIGMAS * noise + floor) & ~dropped
     good = ~(spikes | dropped)
+    if not good.any():
+        return values, np.zeros(values.size, dtype=bool)
     cleaned = np.interp(index, index[good], values[good])
     return np.where(dropped, np.nan, cleaned), dropped | spikes
 

@@ -1,29 +1,54 @@
 """What changed since an earlier identification of the same machine, and how surely.
 
-The change of a parameter is judged against the standard deviations of both identifications:
-``z = (new - old) / sqrt(s_new^2 + s_old^2)``, with a two-sided normal p-value. Many parameters
-are tested at once, so a change is called one by the p-value adjusted by Holm (Scandinavian
-Journal of Statistics 6, 1979), which keeps the chance of any false alarm at the level. The base
-parameters are also tested together (Wald), with both covariances, since their errors go hand in
-hand.
+The change of a parameter is judged against the deviations of both identifications, those of noise
+s and those that physics left out of the model may make m (`hydro_ident.estimate.left_out`):
+
+    t = (new - old) / sqrt(s_new^2 + s_old^2 + m_new^2 + m_old^2)
+
+with a two-sided p-value of Student's distribution, its degrees of freedom by Welch (Biometrika 34,
+1947). The base parameters are also tested together (Wald), with both covariances, since their
+errors go hand in hand. Many things are tested at once, so a change is called one by the p-value
+adjusted by Holm (Scandinavian Journal of Statistics 6, 1979), which keeps the chance of any false
+alarm at the level. What noise alone would not explain and left-out physics would is called not
+conclusive.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.errors import IdentError
+from hydro_ident.earlier_model import check_same_machine, old_deviation, old_value, transfer_from
+from hydro_ident.model_statistics import Statistics, shared_bags
 from hydro_ident.parameters import Parameter
-from hydro_model.robot import FloatArray, Robot
+from hydro_ident.significance import (
+    CHANGED,
+    LEVEL,
+    NOT_CONCLUSIVE,
+    UNCHANGED,
+    Significance,
+    f_tail,
+    holm,
+    two_sided,
+    wald,
+    welch_dof,
+)
+from hydro_model.robot import Robot
 
-#: Chance of calling anything changed where nothing is.
-LEVEL = 0.05
-#: Coefficients of a combination that agree to this are the same.
-_SAME = 1e-6
+__all__ = [
+    "CHANGED",
+    "LEVEL",
+    "NOT_CONCLUSIVE",
+    "UNCHANGED",
+    "Change",
+    "Comparison",
+    "JointTest",
+    "Sides",
+    "compare",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +60,15 @@ class Change:
     name, unit : str
     old, new : float
     std : float or None
-        Of the difference; None where neither side gives one.
+        Of the difference, for noise; None where neither side gives one.
+    model_error : float
+        The same for physics left out of the model.
+    dof : float
+        Degrees of freedom of the two together.
     old_known : bool
         The old model gives a standard deviation.
-    z, p_value, p_adjusted : float or None
-        Adjusted for all parameters tested.
-    changed : bool
-        `p_adjusted` below `LEVEL`.
+    test : Significance or None
+        None where no standard deviation is known.
     """
 
     name: str
@@ -49,11 +76,21 @@ class Change:
     old: float
     new: float
     std: float | None
+    model_error: float
+    dof: float
     old_known: bool
-    z: float | None
-    p_value: float | None
-    p_adjusted: float | None = None
-    changed: bool = False
+    test: Significance | None
+
+    @property
+    def z(self) -> float | None:
+        """Change in standard deviations of both kinds."""
+        spread = math.hypot(self.std or 0.0, self.model_error)
+        return (self.new - self.old) / spread if self.test is not None else None
+
+    @property
+    def changed(self) -> bool:
+        """Whether it surely changed."""
+        return self.test is not None and self.test.outcome == CHANGED
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +100,17 @@ class JointTest:
     Attributes
     ----------
     statistic : float
-        Chi-squared.
+        Chi-squared, were the deviations known exactly.
     freedom : int
-    p_value : float
+    dof : float
+        Degrees of freedom of the deviations: `statistic / freedom` is F's.
+    test : Significance
     """
 
     statistic: float
     freedom: int
-    p_value: float
+    dof: float
+    test: Significance
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +133,26 @@ class Comparison:
     notes: tuple[str, ...]
 
 
-def compare(old: Robot, new: Robot, parameters: Sequence[Parameter], label: str) -> Comparison:
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """Statistics of the two identifications.
+
+    Attributes
+    ----------
+    old, new : Statistics
+    """
+
+    old: Statistics = field(default_factory=Statistics)
+    new: Statistics = field(default_factory=Statistics)
+
+
+def compare(
+    old: Robot,
+    new: Robot,
+    parameters: Sequence[Parameter],
+    label: str,
+    sides: Sides | None = None,
+) -> Comparison:
     """Compare an identification with an earlier model.
 
     Parameters
@@ -106,6 +165,9 @@ def compare(old: Robot, new: Robot, parameters: Sequence[Parameter], label: str)
         Of the identification; those not identifiable are left out.
     label : str
         The earlier model, as given.
+    sides : Sides, optional
+        Degrees of freedom and model errors; without them deviations count as exact and the model
+        as complete.
 
     Returns
     -------
@@ -117,8 +179,11 @@ def compare(old: Robot, new: Robot, parameters: Sequence[Parameter], label: str)
         The earlier model is of another machine.
     """
     check_same_machine(old, new, label, parameters)
-    notes: list[str] = []
+    sides = sides or Sides()
+    notes = _same_bags(sides, label)
     changes = []
+    # What an identified model gives no deviation for, it has from its own robot file.
+    identified = old.base_covariance is not None or bool(old.standard_deviations)
     for p in parameters:
         if not p.identifiable:
             notes.append(f"{p.name}: not identified this time, not compared")
@@ -127,149 +192,103 @@ def compare(old: Robot, new: Robot, parameters: Sequence[Parameter], label: str)
         if before is None:
             notes.append(f"{p.name}: not in {label}, not compared")
             continue
-        changes.append(_change(p, before, old_deviation(old, p)))
+        deviation = old_deviation(old, p)
+        if deviation is None and identified:
+            notes.append(f"{p.name}: not identified in {label}, not compared")
+            continue
+        changes.append(_change(p, before, deviation, sides))
     if any(not change.old_known for change in changes):
         notes.append(
-            f"{label} gives no standard deviation for some parameters: their significance counts"
-            " this identification's alone"
+            f"{label} gives no standard deviations: the significance of changes counts this"
+            " identification's alone"
         )
-    return Comparison(label, _adjusted(changes), _base_test(old, new), tuple(notes))
+    found, base = _adjusted(changes, _base_test(old, new, changes, sides))
+    outcomes = [c.test.outcome for c in found if c.test is not None]
+    outcomes += [] if base is None else [base.test.outcome]
+    if NOT_CONCLUSIVE in outcomes:
+        notes.append(
+            "not conclusive: more than noise explains, no more than the physics may that the model"
+            " leaves out (the residuals are far above the sensors' noise) when the motion differs;"
+            " compare recordings of the same motion, or list the effects that are missing"
+        )
+    return Comparison(label, found, base, tuple(notes))
 
 
-def old_value(robot: Robot, parameter: Parameter) -> float | None:
-    """Value of an identified parameter in another model; None where that has none."""
-    if parameter.combination:
-        values = _inertia(robot)
-        return float(sum(c * values[name] for name, c in parameter.combination.items()))
-    owner, _, rest = parameter.name.partition(".")
-    if not rest:
-        return robot.command_delay_s
-    if "." in rest:
-        effect, name = rest.split(".", 1)
-        return _listed(robot, owner, effect, name)
-    for cylinder in robot.cylinders:
-        if cylinder.name == owner:
-            bulk = rest == "bulk_modulus"
-            return cylinder.bulk_modulus_pa if bulk else cylinder.viscous_friction
-    for valve in robot.valves:
-        if valve.name == owner:
-            return float(getattr(valve, rest))
-    for joint in robot.joints:
-        if joint.name == owner:
-            return joint.viscous_friction
-    return None
+def _same_bags(sides: Sides, label: str) -> list[str]:
+    shared = shared_bags(sides.old, sides.new)
+    if not shared:
+        return []
+    return [
+        f"warning: {label} was identified from {', '.join(shared)}, too: the two sides are not"
+        " independent, so that changes and their significance mean little; compare other bags"
+    ]
 
 
-def old_deviation(robot: Robot, parameter: Parameter) -> float | None:
-    """Standard deviation of an identified parameter in another model; None where unknown."""
-    if parameter.combination:
-        transfer = _transfer(robot, [parameter.combination])
-        if transfer is not None and robot.base_covariance is not None:
-            variance = float((transfer @ robot.base_covariance @ transfer.T)[0, 0])
-            # Zero stands for a parameter that was not identified and kept the robot file's value.
-            return math.sqrt(variance) if variance > 0.0 else None
-    return robot.standard_deviations.get(parameter.name)
-
-
-def _listed(robot: Robot, owner: str, effect: str, name: str) -> float | None:
-    targets = [owner, robot.name, *(v.name for v in robot.valves if v.cylinder == owner)]
-    targets += [c.joint for c in robot.cylinders if c.name == owner]
-    for spec in robot.effects:
-        if spec.name == effect and spec.target in targets and name in spec.parameters:
-            return float(spec.parameters[name])
-    return None
-
-
-def _inertia(robot: Robot) -> dict[str, float]:
-    return dict(zip(robot.parameter_names, map(float, robot.parameter_vector), strict=True))
-
-
-def _transfer(old: Robot, combinations: Sequence[Mapping[str, float]]) -> FloatArray | None:
-    """Combinations in terms of the old model's base parameters, (k, p)."""
-    if not old.base_parameters:
-        return None
-    leading = [p.name for p in old.base_parameters]
-    return np.array([[row.get(name, 0.0) for name in leading] for row in combinations])
-
-
-def check_same_machine(
-    old: Robot, new: Robot, label: str, parameters: Sequence[Parameter] = ()
-) -> None:
-    """Refuse to compare what is not comparable.
-
-    Parameters
-    ----------
-    old, new : Robot
-    label : str
-        The earlier model, as given.
-    parameters : sequence of Parameter
-        Whose combinations have to be those of the earlier model.
-
-    Raises
-    ------
-    IdentError
-        Other joints or cylinders, or another geometry.
-    """
-    for what, ours, theirs in (
-        ("joints", new.joint_names, old.joint_names),
-        ("cylinders", [c.name for c in new.cylinders], [c.name for c in old.cylinders]),
-    ):
-        if list(ours) != list(theirs):
-            raise IdentError(
-                f"{label}: expected a model of the same machine with {what} {', '.join(ours)},"
-                f" found {', '.join(theirs) or 'none'}"
-            )
-    known = {p.name: p.combination for p in old.base_parameters}
-    for p in parameters:
-        before = known.get(p.name, p.combination)
-        names = {*before, *p.combination}
-        gaps = [abs(before.get(n, 0.0) - p.combination.get(n, 0.0)) for n in names]
-        if max(gaps, default=0.0) > _SAME:
-            raise IdentError(
-                f"{label}: base parameter {p.name} is another combination there: the geometry of"
-                " the two robot files differs, so that their numbers cannot be compared"
-            )
-
-
-def _change(p: Parameter, before: float, deviation: float | None) -> Change:
+def _change(p: Parameter, before: float, deviation: float | None, sides: Sides) -> Change:
     new_std = p.std if math.isfinite(p.std) else None
     known = [s for s in (new_std, deviation) if s is not None]
     std = math.hypot(*known) if known else None
-    z = (p.value - before) / std if std else None
-    chance = None if z is None else math.erfc(abs(z) / math.sqrt(2.0))
-    return Change(p.name, p.unit, before, p.value, std, deviation is not None, z, chance)
+    error = math.hypot(*(side.model_error.get(p.name, 0.0) for side in (sides.new, sides.old)))
+    parts = [
+        (new_std or 0.0, sides.new.dof.get(p.name, p.dof)),
+        (deviation or 0.0, sides.old.dof.get(p.name, math.inf)),
+    ]
+    dof, test = welch_dof([*parts, (error, math.inf)]), None
+    if std:
+        step = p.value - before
+        test = Significance(
+            two_sided(step / math.hypot(std, error), dof),
+            two_sided(step / std, welch_dof(parts)),
+        )
+    return Change(p.name, p.unit, before, p.value, std, error, dof, deviation is not None, test)
 
 
-def _adjusted(changes: Sequence[Change]) -> tuple[Change, ...]:
-    """P-values adjusted by Holm's step-down."""
-    tested = sorted((c.p_value, i) for i, c in enumerate(changes) if c.p_value is not None)
-    result, worst = list(changes), 0.0
-    for rank, (chance, i) in enumerate(tested):
-        worst = max(worst, min(1.0, chance * (len(tested) - rank)))
-        result[i] = replace(changes[i], p_adjusted=worst, changed=worst < LEVEL)
-    return tuple(result)
+def _adjusted(
+    changes: Sequence[Change], base: JointTest | None
+) -> tuple[tuple[Change, ...], JointTest | None]:
+    """P-values adjusted by Holm's step-down, over parameters and the base parameters together."""
+    tests = [c.test for c in changes if c.test is not None]
+    tests += [] if base is None else [base.test]
+    adjusted = iter(
+        replace(test, p_adjusted=p, noise_p_adjusted=noise)
+        for test, p, noise in zip(
+            tests,
+            holm([test.p_value for test in tests]),
+            holm([test.noise_p_value for test in tests]),
+            strict=True,
+        )
+    )
+    found = tuple(c if c.test is None else replace(c, test=next(adjusted)) for c in changes)
+    return found, None if base is None else replace(base, test=next(adjusted))
 
 
-def _base_test(old: Robot, new: Robot) -> JointTest | None:
-    from scipy.stats import chi2
-
+def _base_test(
+    old: Robot, new: Robot, changes: Sequence[Change], sides: Sides
+) -> JointTest | None:
+    compared = {c.name: c for c in changes if c.test is not None}
     rows = new.base_parameters
-    transfer = _transfer(old, [p.combination for p in rows])
+    transfer = transfer_from(old, [p.combination for p in rows])
     if transfer is None or old.base_covariance is None or new.base_covariance is None:
         return None
-    values = _inertia(old)
-    before = [sum(c * values[n] for n, c in p.combination.items()) for p in rows]
-    difference = np.array([p.value for p in rows]) - np.array(before)
     earlier = transfer @ old.base_covariance @ transfer.T
     # Zero variance stands for what was not identified and kept the robot file's value.
     known = (np.diag(new.base_covariance) > 0.0) & (np.diag(earlier) > 0.0)
+    known &= np.array([p.name in compared for p in rows], dtype=bool)
     if not known.any():
         return None
-    covariance = (new.base_covariance + earlier)[np.ix_(known, known)]
-    difference = difference[known]
-    scale = np.sqrt(np.diag(covariance))
-    inverse = np.linalg.pinv(covariance / np.outer(scale, scale), rcond=1e-12, hermitian=True)
-    unit = difference / scale
-    statistic = float(unit @ inverse @ unit)
-    freedom = int(np.linalg.matrix_rank(inverse, hermitian=True))
-    return JointTest(statistic, freedom, float(chi2.sf(statistic, freedom)))
+    used = [compared[p.name] for p, there in zip(rows, known, strict=True) if there]
+    difference = np.array([c.new - c.old for c in used])
+    chosen = np.ix_(known, known)
+    noise = (new.base_covariance + earlier)[chosen]
+    error = np.zeros_like(new.base_covariance)
+    if sides.new.base_model_error is not None:
+        error = error + sides.new.base_model_error
+    if sides.old.base_model_error is not None:
+        error = error + transfer @ sides.old.base_model_error @ transfer.T
+    # One noise model makes all deviations, so that they are off together: F's denominator.
+    uncertain = sum(1.0 / c.dof for c in used)
+    dof = len(used) / uncertain if uncertain > 0.0 else math.inf
+    statistic, freedom = wald(difference, noise + error[chosen])
+    alone = f_tail(*wald(difference, noise), dof)
+    test = Significance(f_tail(statistic, freedom, dof), alone)
+    return JointTest(statistic, freedom, dof, test)

@@ -19,7 +19,7 @@ from hydro_ident.estimate.least_squares import (
 )
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.regression import Solution, solve_iv, solve_ols, solve_wls
-from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights
+from hydro_ident.estimate.robust import EXCESS, Weights
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimator_choice import (
     REFERENCED_SHARE,
@@ -195,7 +195,7 @@ def _residuals(
 
 def _robust_solve(number: int) -> Solve:
     """The solver of a robust pass: the first has no weights by residuals yet."""
-    return partial(solve_wls, variance_factor=VARIANCE_FACTOR if number else 1.0)
+    return partial(solve_wls, excess=EXCESS if number else 0.0)
 
 
 def cleaned_notes(gathered: Sequence[Gathered]) -> list[str]:

@@ -14,13 +14,13 @@ from typing import Literal
 
 import numpy as np
 
-from hydro_ident.cleaning import PRESSURE_SHARE, SPIKE_SIGMAS
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.inertial import InertialFit, parameter_scales
-from hydro_ident.estimate.least_squares import Estimator
+from hydro_ident.estimate.least_squares import BoolArray, Estimator
 from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.watched import SPIKE_SIGMAS, watched_sensors
 from hydro_ident.survey import Survey
-from hydro_model.robot import Robot
+from hydro_model.robot import FloatArray, Robot
 
 #: What may be asked for.
 Choice = Literal["auto", "ols", "wls", "robust", "iv"]
@@ -88,24 +88,19 @@ def first_choice(
 
 def worst_sensor(robot: Robot, signals: SignalSurvey) -> tuple[str, float]:
     """The sensor with the largest share of spikes, and that share."""
-    floor = PRESSURE_SHARE * robot.supply_pressure_pa
-    count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-    bar = robot.sensors.pressure_resolution_pa
-    shares = {
-        n: s.spikes(count, SPIKE_SIGMAS) for n, s in zip(robot.joint_names, signals.q, strict=True)
-    }
-    for side, sensors in (("a", signals.p_a), ("b", signals.p_b)):
-        for cylinder, sensor in zip(robot.cylinders, sensors, strict=True):
-            shares[f"{cylinder.name}/{side}"] = sensor.spikes(bar, SPIKE_SIGMAS, floor)
-    name = max(shares, key=lambda n: shares[n])
-    return name, shares[name]
+    shares = {sensor.name: sensor.spikes for sensor in watched_sensors(robot, signals)}
+    name = max(shares, key=lambda n: shares[n], default="")
+    return name, shares.get(name, 0.0)
 
 
 def compared(wls: InertialFit, iv: InertialFit | None) -> Chosen:
     """Whether instruments tell anything that least squares does not: Durbin, Wu and Hausman.
 
-    The two estimates differ by sampling alone unless the regressors carry noise; the variance of
-    their difference is then the difference of their variances.
+    The two estimates differ by sampling alone unless the regressors carry noise. The deviation of
+    their difference is taken as ``sqrt(std_iv^2 - std_wls^2)``, not below a tenth of `std_iv`.
+    That is exact only where least squares are efficient, which they are not under autocorrelated
+    noise; the true one is bounded by ``|std_iv - std_wls|`` and ``std_iv + std_wls``, as the value
+    taken is. `HAUSMAN_SIGMAS` is therefore a threshold that leaves room, no level of significance.
     """
     if iv is None:
         return Chosen("wls", "too few rows with references to check against")
@@ -116,17 +111,25 @@ def compared(wls: InertialFit, iv: InertialFit | None) -> Chosen:
     change = np.abs(b.theta - a.theta)
     scales = parameter_scales(wls.model)
     least = LEAST_CHANGE * np.where(np.isfinite(scales), scales, np.abs(b.theta))
-    moved = np.where(change > least, change, 0.0)
-    moved = (moved / np.where(spread > 0.0, spread, np.inf))[known]
-    largest = float(np.max(moved, initial=0.0))
     if not known.any() or weaker > WEAKEST:
         return Chosen("wls", "the recorded references are too weak as instruments")
-    if largest <= HAUSMAN_SIGMAS:
-        text = "the recorded references as instruments give the same within"
-        return Chosen("wls", f"{text} {HAUSMAN_SIGMAS:g} standard deviations ({largest:.1f})")
-    name = np.array(wls.model.names)[known][int(np.argmax(moved))]
-    return Chosen(
-        "iv",
-        f"instruments move {name} by {largest:.1f} standard deviations: noise of the derivatives"
-        " biases least squares",
-    )
+    ratio = np.where(known, change / np.where(spread > 0.0, spread, np.inf), 0.0)
+    return _by_change(wls.model.names, ratio, change > least)
+
+
+def _by_change(names: Sequence[str], ratio: FloatArray, large: BoolArray) -> Chosen:
+    """The rule on the changes, in deviations, of which some are large enough to matter."""
+    most = int(np.argmax(np.where(large, ratio, 0.0)))
+    if large[most] and ratio[most] > HAUSMAN_SIGMAS:
+        return Chosen(
+            "iv",
+            f"instruments move {names[most]} by {ratio[most]:.1f} standard deviations: noise of"
+            " the derivatives biases least squares",
+        )
+    most = int(np.argmax(ratio))
+    text = "the recorded references as instruments give the same"
+    found = f"{names[most]} moves most, by {ratio[most]:.1f} standard deviations"
+    if ratio[most] <= HAUSMAN_SIGMAS:
+        return Chosen("wls", f"{text} within {HAUSMAN_SIGMAS:g} standard deviations ({found})")
+    small = f"less than {LEAST_CHANGE:.1%} of what it could be at most"
+    return Chosen("wls", f"{text} as far as it matters ({found}, but {small})")

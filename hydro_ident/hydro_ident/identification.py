@@ -7,13 +7,10 @@ in the model, and the verdict is `partly_identified`.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.compare import Comparison
 from hydro_ident.consistent_robot import (
     PhysicalResult,
@@ -22,66 +19,32 @@ from hydro_ident.consistent_robot import (
     with_standard_parameters,
 )
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.chambers import (
-    WindowSettings,
-)
 from hydro_ident.estimate.closed_chain import part_notes
-from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import (
-    ForceModel,
     InertialFit,
-    force_model,
 )
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
+from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.estimate.summed_flow import SummedComparison
 from hydro_ident.estimation import Estimation
-from hydro_ident.estimator_choice import Choice, Chosen
-from hydro_ident.free_run import FreeRun, free_run, no_free_run
-from hydro_ident.gathering import GatherPlan, score_source
-from hydro_ident.identified_robot import has_definite_mass, identified_robot
-from hydro_ident.parameters import Parameter, parameter_list
-from hydro_ident.sources import Source, first_traces, sources_of
-from hydro_ident.survey import (
-    Survey,
-    merged_signals,
-    still_joints_of,
-    still_positions,
-    survey_source,
-)
+from hydro_ident.estimator_choice import Chosen
+from hydro_ident.free_run import FreeRun
+from hydro_ident.identified_robot import identified_robot
+from hydro_ident.job import Settings, prepared, rolled_out, score_notes, scored
+from hydro_ident.model_error import flagged, left_out
+from hydro_ident.parameters import COMMAND_DELAY, Parameter, parameter_list
+from hydro_ident.rejection import tested, within_bounds
+from hydro_ident.sources import Source, check_names, sources_of
 from hydro_ident.verdict import (
     NOT_ENOUGH,
     BagLoss,
-    Judgement,
     judge,
     losses_of,
 )
 from hydro_ident.workers import Here, Workers
 from hydro_model.robot import Robot
 
-#: Recordings are rolled out over this much at their start: roll-outs need them in memory.
-ROLLED_OUT_S = 300.0
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Choices of the estimators.
-
-    Attributes
-    ----------
-    filters : FilterSettings
-    windows : WindowSettings
-    hold_out_every : int
-        Without bags to validate on, every so many blocks one is kept from the fit and scored;
-        0: everything is fitted and nothing scored.
-    estimator : {"auto", "ols", "wls", "robust", "iv"}
-    """
-
-    filters: FilterSettings = field(default_factory=FilterSettings)
-    windows: WindowSettings = field(default_factory=WindowSettings)
-    hold_out_every: int = 5
-    estimator: Choice = "auto"
+__all__ = ["Identification", "Settings", "identify"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,156 +135,61 @@ def identify(
     if not training:
         raise IdentError("expected at least one recording to identify from, found none")
     settings, workers = settings or Settings(), workers or Here()
-    effects = ListedEffects.of(robot)
     sources, others = sources_of(training), sources_of(validation)
-    seen = workers.map(partial(survey_source, robot=robot), (*sources, *others))
-    surveys, checked = seen[: len(sources)], seen[len(sources) :]
-    signals = merged_signals(robot, surveys)
-    every = 0 if others else settings.hold_out_every
-    split = _hold_out(surveys, every) if every else HoldOut(every=0)
-    still = still_joints_of(robot, signals)
-    plan = GatherPlan(
-        robot,
-        _force_model(robot, effects, surveys),
-        effects,
-        split,
-        settings.filters,
-        settings.windows,
-        still_positions(surveys, still),
+    check_names((*sources, *others))
+    job = prepared(robot, (sources, others), settings, workers)
+    estimates = Estimation(sources, job.plan, job.still, workers).run(
+        settings.estimator, job.surveys, job.signals
     )
-    estimates = Estimation(sources, plan, still, workers).run(settings.estimator, surveys, signals)
-    inertial, hydraulic, fitted = estimates.inertial, estimates.hydraulic, estimates.effects
-    scores, summed = _scores(
-        ScorePlan(
-            robot,
-            inertial,
-            hydraulic,
-            (effects, fitted),
-            split,
-            settings.filters,
-            plan.still if every else {},
-            _plot_spacing(checked or surveys, every),
-        ),
-        (sources, others if others else sources if every else ()),
-        (checked or surveys, workers),
-    )
-    recordings = [survey.recording for survey in surveys]
-    judged = judge(robot, recordings, inertial, hydraulic, scores)
+    estimates = within_bounds(robot, estimates)
+    scores, summed = scored(job, estimates)
+    estimates = tested(robot, estimates, scores)
+    inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
+    recordings = [survey.recording for survey in job.surveys]
+    judged = judge(robot, recordings, inertial, hydraulic)
     found = None
     if judged.verdict != NOT_ENOUGH:
-        found, judged = _model(robot, inertial, hydraulic, fitted.biases, judged)
-    checks = first_traces(others if others else sources if every else (), ROLLED_OUT_S)
-    run = free_run(robot, found, checks, split, settings.filters, no_free_run(robot, hydraulic))
+        found = identified_robot(robot, inertial, hydraulic, biases)
+    run = rolled_out(job, found, hydraulic)
     judged = judged.with_problem(run.failed)
     physical = None
     if found is not None and found.base_parameters:
         physical = physical_result(found, robot)
         found = with_standard_parameters(found, physical.parameters)
+    parameters = parameter_list(robot, inertial, hydraulic, biases)
     return Identification(
         verdict=judged.verdict,
         given=robot,
         robot=found,
-        parameters=parameter_list(robot, inertial, hydraulic, fitted.biases),
+        parameters=flagged(parameters, robot, inertial, left_out(scores)),
         channels=tuple(scores),
         problems=judged.problems,
         notes=(
-            *_notes(seen, effects, others, every),
+            *job.notes,
+            *score_notes(scores, bool(others or job.every)),
             *estimates.notes,
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
-            *(() if inertial is None else part_notes(inertial.model.base, inertial.held)),
+            *_held_notes(inertial, hydraulic, parameters),
         ),
         inertial=inertial,
         hydraulic=hydraulic,
         settings=settings,
         physical=physical,
-        losses=losses_of([survey.recording for survey in seen]),
+        losses=losses_of([survey.recording for survey in job.seen]),
         free_run=run,
         summed=summed,
         estimator=estimates.chosen,
     )
 
 
-def _model(
-    robot: Robot,
-    inertial: InertialFit | None,
-    hydraulic: HydraulicFit | None,
-    biases: Mapping[str, float],
-    judged: Judgement,
-) -> tuple[Robot, Judgement]:
-    """The identified robot; without its base parameters where they make no possible machine."""
-    found = identified_robot(robot, inertial, hydraulic, biases)
-    count = 0 if inertial is None else len(inertial.model.base.names)
-    if inertial is None or all(inertial.identifiable[:count]) or has_definite_mass(found):
-        return found, judged
-    text = (
-        "the base parameters that were determined make no positive definite mass matrix with the"
-        " robot file's for the others: all stay the robot file's in the model"
-    )
-    return identified_robot(robot, None, hydraulic, biases), judged.with_problem(text)
-
-
-def _scores(
-    plan: ScorePlan,
-    sources: tuple[Sequence[Source], Sequence[Source]],
-    seen: tuple[Sequence[Survey], Workers],
-) -> tuple[list[ChannelScore], tuple[SummedComparison, ...]]:
-    """The last pass: scores on the second sources, eq. 14 beside the chambers on the first."""
-    (training, checks), (surveys, workers) = sources, seen
-    same = training is checks
-    found = workers.map(partial(score_source, plan=plan, scored=same, summed=True), training)
-    scored = (
-        found
-        if same
-        else workers.map(partial(score_source, plan=plan, scored=True, summed=False), checks)
-    )
-    total = None
-    for one in found:
-        if one.summed is not None:
-            if total is None:
-                total = one.summed
-            else:
-                total.merge(one.summed)
-    signals = merged_signals(plan.robot, surveys)
-    scores = channel_scores(plan, [(s.name, s.tallies) for s in scored], signals)
-    return scores, () if total is None else total.result()
-
-
-def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
-    """Rows per row that is plotted."""
-    rows = 50.0 * sum(survey.duration_s for survey in surveys) / max(every, 1)
-    return max(1, math.ceil(rows / PLOT_POINTS))
-
-
-def _hold_out(surveys: Sequence[Survey], every: int) -> HoldOut:
-    return HoldOut.of({s.name: max(s.duration_s, 1e-3) for s in surveys}, every)
-
-
-def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
-    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
-    model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
-    changes = effects.held_torque if effects.changes else None
-    return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
-
-
-def _notes(
-    seen: Sequence[Survey],
-    effects: ListedEffects,
-    validation: Sequence[Source],
-    every: int,
-) -> tuple[str, ...]:
-    notes = []
-    for recording in (survey.recording for survey in seen):
-        notes += [f"{recording.path.name}: {note}" for note in recording.notes]
-        if recording.gaps:
-            notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
-    notes += [f"effect {name} taken as listed, not fitted" for name in effects.held]
-    notes += [
-        f"effect {name} is listed, but the fit of the valve's flows does not know it"
-        for name in effects.ignored
-    ]
-    if every:
-        notes.append(f"scores are of one block in {every} of the bags, which the fit never saw")
-    elif not validation:
-        notes.append("nothing was held out: everything was fitted, nothing is scored")
-    return tuple(notes)
+def _held_notes(
+    inertial: InertialFit | None, hydraulic: HydraulicFit | None, parameters: Sequence[Parameter]
+) -> list[str]:
+    """What was held, and where the command delay is at its bound."""
+    notes = [] if inertial is None else list(part_notes(inertial.model.names, inertial.held))
+    for fit in hydraulic.cylinders if hydraulic is not None else ():
+        named = [f"{fit.cylinder}.{name}" for name in fit.names]
+        notes += part_notes(named, fit.held)
+    delay = [p.reason for p in parameters if p.name == COMMAND_DELAY and p.identifiable]
+    return notes + [f"{COMMAND_DELAY}: {reason}" for reason in delay if reason]

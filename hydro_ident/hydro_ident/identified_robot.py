@@ -34,7 +34,8 @@ def identified_robot(
     ----------
     robot : Robot
     inertial : InertialFit or None
-        Base parameters that are not identifiable stay as given; so do all of them with None.
+        Base parameters that are not identifiable stay as given; so do all of them with None or
+        where they were rejected.
     hydraulic : HydraulicFit or None
     biases : mapping of str to float, optional
         Fitted null biases of the valves.
@@ -46,13 +47,15 @@ def identified_robot(
         `base_covariance` are zero for base parameters that stayed as given.
     """
     accepted = replace_rejected(hydraulic)
+    if inertial is not None and inertial.rejected:
+        inertial = None
     found = parameter_list(robot, inertial, accepted, biases)
-    values = {p.name: p for p in found if p.identifiable}
+    values = {p.name: p for p in found if p.identifiable or p.held}
     base_names = () if inertial is None else inertial.model.base.names
     deviations = {
         name: float(p.std)
         for name, p in values.items()
-        if name not in base_names and math.isfinite(p.std)
+        if p.identifiable and name not in base_names and math.isfinite(p.std)
     }
     joints = tuple(
         replace(

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from hydro_ident.errors import IdentError
+from hydro_ident.model_statistics import Statistics, statistics_dict
 from hydro_model.robot import Cylinder, CylinderPart, Robot, Valve
 from hydro_model.robot_files import MODEL_SCHEMA
 
@@ -19,7 +20,11 @@ _HEADER = (
 )
 
 
-def model_dict(robot: Robot, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def model_dict(
+    robot: Robot,
+    provenance: Mapping[str, Any] | None = None,
+    statistics: Statistics | None = None,
+) -> dict[str, Any]:
     """The content of a model file.
 
     Parameters
@@ -27,6 +32,8 @@ def model_dict(robot: Robot, provenance: Mapping[str, Any] | None = None) -> dic
     robot : Robot
         Without base parameters, the inertia is that of its URDF.
     provenance : mapping, optional
+    statistics : Statistics, optional
+        Of the identification, for later comparisons.
 
     Returns
     -------
@@ -60,6 +67,8 @@ def model_dict(robot: Robot, provenance: Mapping[str, Any] | None = None) -> dic
         data["base_covariance"] = [[float(v) for v in row] for row in robot.base_covariance]
     if robot.standard_deviations:
         data["standard_deviations"] = {k: float(v) for k, v in robot.standard_deviations.items()}
+    if statistics is not None:
+        data |= statistics_dict(statistics)
     if robot.standard_parameters:
         data["standard_parameters"] = {k: float(v) for k, v in robot.standard_parameters.items()}
     if robot.dry_joints:
@@ -142,7 +151,12 @@ def _valve_dict(v: Valve) -> dict[str, Any]:
     }
 
 
-def write_model(robot: Robot, file: Path, provenance: Mapping[str, Any] | None = None) -> None:
+def write_model(
+    robot: Robot,
+    file: Path,
+    provenance: Mapping[str, Any] | None = None,
+    statistics: Statistics | None = None,
+) -> None:
     """Write a model file and copy its URDF beside it.
 
     Parameters
@@ -151,13 +165,15 @@ def write_model(robot: Robot, file: Path, provenance: Mapping[str, Any] | None =
     file : Path
         Such as `DIR/model.yaml`; DIR exists.
     provenance : mapping, optional
+    statistics : Statistics, optional
+        Of the identification, for later comparisons.
 
     Raises
     ------
     IdentError
         The robot has no URDF file, or it or the model cannot be copied or written.
     """
-    data = model_dict(robot, provenance)
+    data = model_dict(robot, provenance, statistics)
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=99)
     beside = file.parent / str(data["urdf"])
     try:

@@ -14,6 +14,7 @@ from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, R
 
 #: Half width of a 95 % interval in standard deviations of a normal distribution.
 NORMAL_95 = 1.959963984540054
+COMMAND_DELAY = "command_delay"
 _EDGE_UNIT = "m^3/(s sqrt(Pa))"
 
 
@@ -32,9 +33,15 @@ class Parameter:
     combination : mapping of str to float
         Of a base parameter: coefficients over standard parameters.
     reason : str
-        Why it was held at the given value, where it was.
+        Why it was held or rejected, where it was; of the delay, that it is at its bound.
     dof : float
         Degrees of freedom of `std`, which a finite recording knows to some percent only.
+    held : bool
+        Not fitted: at the given value or at a bound. `std` says nothing then.
+    model_error : bool
+        Physics is left out in its channels: it may be off by more than `std` says.
+    bounds : pair of float
+        Range that the value cannot leave; the interval ends there.
     """
 
     name: str
@@ -46,12 +53,17 @@ class Parameter:
     combination: Mapping[str, float] = field(default_factory=dict)
     reason: str = ""
     dof: float = math.inf
+    held: bool = False
+    model_error: bool = False
+    bounds: tuple[float, float] = (-math.inf, math.inf)
 
     @property
-    def ci95(self) -> tuple[float, float]:
-        """95 % confidence interval, by Student's quantile."""
+    def ci95(self) -> tuple[float, float] | None:
+        """95 % confidence interval, by Student's quantile; None where the value was held."""
+        if self.held:
+            return None
         half = student_95(self.dof) * self.std
-        return self.value - half, self.value + half
+        return max(self.value - half, self.bounds[0]), min(self.value + half, self.bounds[1])
 
 
 def student_95(dof: float) -> float:
@@ -88,20 +100,36 @@ def parameter_list(
     found = _inertial_parameters(robot, inertial) if inertial is not None else []
     if hydraulic is not None:
         for fit in hydraulic.cylinders:
-            found += _cylinder_parameters(robot, fit, biases or {})
-        known = math.isfinite(hydraulic.delay_std_s)
-        found.append(
-            Parameter(
-                "command_delay",
-                hydraulic.delay_s,
-                hydraulic.delay_std_s if known else 0.0,
-                "s",
-                robot.command_delay_s,
-                known,
-                dof=hydraulic.delay_dof,
-            )
-        )
+            found += cylinder_parameters(robot, fit, biases or {})
+        found.append(_delay(robot, hydraulic))
     return tuple(found)
+
+
+def _delay(robot: Robot, hydraulic: HydraulicFit) -> Parameter:
+    known, value = math.isfinite(hydraulic.delay_std_s), hydraulic.delay_s
+    used = any(not c.rejected for c in hydraulic.cylinders)
+    reason, longest = "", 0.0 < hydraulic.longest_s <= value
+    if not used:
+        reason = "hydraulics rejected: those of every cylinder"
+    elif known and longest:
+        reason = (
+            f"at its longest, one cycle of {value:g} s: something else lags, too (a spool?);"
+            " its interval is one-sided"
+        )
+    elif known and value <= 0.0 < hydraulic.longest_s:
+        reason = "at its bound 0 s: its interval is one-sided"
+    return Parameter(
+        COMMAND_DELAY,
+        value,
+        hydraulic.delay_std_s if known else 0.0,
+        "s",
+        robot.command_delay_s,
+        known and used,
+        reason=reason,
+        dof=hydraulic.delay_dof,
+        model_error=known and longest,
+        bounds=(0.0, hydraulic.longest_s),
+    )
 
 
 def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]:
@@ -112,6 +140,7 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
     dry = [robot.joints[j] for j in robot.dry_joints]
     friction |= {f"{j.name}.viscous_friction": j.viscous_friction for j in dry}
     reasons = {part.index: part.reason for part in inertial.held}
+    rejected = f"forces rejected: {inertial.rejected}" if inertial.rejected else ""
     found = []
     dof = _known_dof(inertial.fit.dof, len(inertial.model.names))
     rows = zip(
@@ -134,19 +163,34 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
         if any(owner == j.name and not j.prismatic for j in dry):
             # On a turning joint, forces are torques and speeds are rad/s.
             unit = unit.replace("N", "N m", 1).replace("/m", "/rad")
-        row = Parameter(name, float(value), float(std), unit, datasheet, known, combination)
-        found.append(replace(row, reason=reasons.get(i, ""), dof=dof[i]))
+        # A rejected stage is shown, and nothing of it is used.
+        used = known and not rejected
+        row = Parameter(name, float(value), float(std), unit, datasheet, used, combination)
+        # What a rejected stage holds at a bound is not used either; barrels and rods stay given.
+        held = i in reasons and not (rejected and i >= len(base.names))
+        reason = reasons[i] if held else rejected
+        found.append(replace(row, reason=reason, dof=dof[i], held=held))
     return found
 
 
-def _cylinder_parameters(
+def cylinder_parameters(
     robot: Robot, fit: CylinderFit, biases: Mapping[str, float]
 ) -> list[Parameter]:
+    """Bulk modulus, edges and listed effects of one cylinder.
+
+    Parameters
+    ----------
+    robot : Robot
+    fit : CylinderFit
+    biases : mapping of str to float
+        Fitted null biases.
+    """
     valve = robot.valve_of(fit.cylinder)
     # A rejected stage is shown, and nothing of it is used.
     usable = [known and not fit.rejected for known in fit.identifiable]
     good = dict(zip(fit.names, usable, strict=True))
     dof = dict(zip(fit.names, _known_dof(fit.dof, len(fit.names)), strict=True))
+    held = {fit.names[part.index]: part for part in fit.held}
     inverse, inverse_std = fit.value(INVERSE_BULK)
     bulk, bulk_std = fit.bulk_modulus() if inverse != 0.0 else (0.0, 0.0)
     found = [
@@ -177,7 +221,12 @@ def _cylinder_parameters(
                     math.hypot(std, value * inverse_std / inverse) / inverse,
                 )
         found.append(Parameter(full, value, abs(std), unit, datasheet, good[name], dof=dof[name]))
-    return found
+        if name in held:
+            found[-1] = replace(
+                found[-1], value=held[name].value, reason=held[name].reason, held=True
+            )
+    rejected = f"hydraulics rejected: {fit.rejected}" if fit.rejected else ""
+    return [p if p.held else replace(p, reason=rejected) for p in found]
 
 
 def _known_dof(dof: FloatArray, count: int) -> list[float]:

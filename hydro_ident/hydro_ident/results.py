@@ -37,8 +37,8 @@ OWN_FILES = (RESULT_FILE, REPORT_FILE, MODEL_FILE, CONTROLLER_FILE, URDF_FILE)
 #: What the estimators of the force channels do, in words.
 METHODS = {
     "ols": "ordinary least squares",
-    "wls": "least squares, each channel weighted by its noise's size and autocorrelation",
-    "robust": "as wls, with Tukey's biweight on whitened residuals and outliers cleaned away",
+    "wls": "least squares, each channel of each bag weighted by its residual",
+    "robust": "as wls, with Tukey's biweight on the residuals and outliers cleaned away",
     "iv": "as wls, with the recorded references as instruments",
 }
 
@@ -112,7 +112,9 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added.
+        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added,
+        and to a parameter `held` (then without `std` and `ci95`), `model_error` (physics is left
+        out of its channels), `dof` and `reason`.
     """
     settings = found.settings
     data = {
@@ -134,7 +136,7 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
         "method": {
             "force": METHODS["wls" if found.estimator is None else found.estimator.name],
             "flow": "integrated mass balance per chamber, chambers combined by information",
-            "covariance": "autoregressive noise per channel (REML), Student's t (Satterthwaite)",
+            "covariance": "autoregressive noise per channel, Student's t (Satterthwaite)",
             "differentiation_hz": settings.filters.differentiation_hz,
             "parallel_filter_hz": settings.filters.parallel_hz,
             "filter_order": settings.filters.order,
@@ -166,11 +168,13 @@ def _parameter_dict(p: Parameter) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": p.name,
         "value": p.value,
-        "std": _finite(p.std),
-        "ci95": [_finite(bound) for bound in p.ci95],
+        "std": None if p.held else _finite(p.std),
+        "ci95": None if p.ci95 is None else [_finite(bound) for bound in p.ci95],
         "unit": p.unit,
         "datasheet": p.datasheet,
         "identifiable": p.identifiable,
+        "held": p.held,
+        "model_error": p.model_error,
         "dof": _finite(p.dof),
     }
     if p.combination:

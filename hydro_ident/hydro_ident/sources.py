@@ -10,6 +10,7 @@ from typing import Protocol
 from hydro_ident.bag.reader import files_of
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece, stream_recordings
+from hydro_ident.errors import IdentError
 from hydro_ident.estimate.traces import Trace, traces_of_piece
 from hydro_model.robot import Robot
 
@@ -80,6 +81,20 @@ def bag_source(path: str | Path, robot: Robot) -> BagSource:
 def sources_of(recordings: Sequence[Recording | Source]) -> tuple[Source, ...]:
     """Recordings in memory as sources; sources stay as they are."""
     return tuple(MemorySource(r) if isinstance(r, Recording) else r for r in recordings)
+
+
+def check_names(sources: Sequence[Source]) -> None:
+    """Hold-out blocks, labels and hashes go by a bag's name.
+
+    Raises
+    ------
+    IdentError
+        Two are of one name.
+    """
+    names = [source.name for source in sources]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise IdentError(f"expected bags of different names, found '{twice[0]}' more than once")
 
 
 def first_traces(sources: Sequence[Source], longest_s: float) -> tuple[Trace, ...]:

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-from hydro_ident.compare import LEVEL, Comparison
+from hydro_ident.compare import Comparison, JointTest
 from hydro_ident.free_run import FreeRun
+from hydro_ident.significance import (
+    CHANGED,
+    LEVEL,
+    NOT_CONCLUSIVE,
+    UNCHANGED,
+    Significance,
+)
 
 
 def channel_rollouts(run: FreeRun | None) -> dict[str, dict[str, float | str | None]]:
@@ -48,43 +56,81 @@ def comparison_dict(found: Comparison) -> dict[str, Any]:
                 "new": c.new,
                 "change": c.new - c.old,
                 "std": c.std,
+                "model_error": c.model_error,
                 "old_std_known": c.old_known,
+                "dof": _finite(c.dof),
                 "z": c.z,
-                "p_value": c.p_value,
-                "p_adjusted": c.p_adjusted,
+                **_significance_dict(c.test),
                 "changed": c.changed,
             }
             for c in found.changes
         ],
         "base_parameters": None
         if base is None
-        else {"chi2": base.statistic, "freedom": base.freedom, "p_value": base.p_value},
+        else {
+            "chi2": base.statistic,
+            "freedom": base.freedom,
+            "dof": _finite(base.dof),
+            **_significance_dict(base.test),
+            "changed": base.test.outcome == CHANGED,
+        },
         "notes": list(found.notes),
     }
 
 
+def _significance_dict(test: Significance | None) -> dict[str, float | str | None]:
+    return {
+        "p_value": None if test is None else test.p_value,
+        "p_adjusted": None if test is None else test.p_adjusted,
+        "noise_p_adjusted": None if test is None else test.noise_p_adjusted,
+        "outcome": "significance unknown" if test is None else test.outcome,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def comparison_lines(found: Comparison) -> list[str]:
     """The comparison for the terminal."""
-    changed = [c.name for c in found.changes if c.changed]
-    lines = [
-        f"compared with {found.old}: "
-        + (f"{len(changed)} parameters changed" if changed else "no parameter changed")
-        + f" (5 % level, {len(found.changes)} tested, adjusted by Holm)"
-    ]
+    lines = [f"compared with {found.old}: {comparison_text(found)}"]
     width = max((len(c.name) for c in found.changes), default=0)
     for c in found.changes:
         share = f"{100.0 * (c.new - c.old) / abs(c.old):+8.2f} %" if c.old else "         -"
-        sure = "significance unknown" if c.z is None else f"z {c.z:+7.2f}, p {c.p_adjusted:.2g}"
-        mark = "  CHANGED" if c.changed else ""
+        sure = "significance unknown"
+        if c.test is not None:
+            sure = f"z {c.z:+7.2f}, p {c.test.p_adjusted:.2g}{_mark(c.test)}"
         lines.append(
-            f"  {c.name:{width}}  {c.old:12.5g} -> {c.new:12.5g} {c.unit}  {share}  {sure}{mark}"
+            f"  {c.name:{width}}  {c.old:12.5g} -> {c.new:12.5g} {c.unit}  {share}  {sure}"
         )
     if found.base is not None:
-        lines.append(
-            f"  base parameters together: chi2 {found.base.statistic:.1f} on"
-            f" {found.base.freedom}, p {found.base.p_value:.2g}"
-        )
+        lines.append(f"  base parameters together: {joint_text(found.base)}")
     return lines + [f"  {note}" for note in found.notes]
+
+
+def comparison_text(found: Comparison) -> str:
+    """What changed, in a sentence."""
+    outcomes = [c.test.outcome for c in found.changes if c.test is not None]
+    changed, unsure = outcomes.count(CHANGED), outcomes.count(NOT_CONCLUSIVE)
+    parts = [f"{changed or 'no'} parameter{'s' if changed > 1 else ''} changed"]
+    if found.base is not None and found.base.test.outcome == CHANGED:
+        parts.append("the base parameters together changed")
+    if unsure:
+        parts.append(f"{unsure} not conclusive (physics left out of the model)")
+    level = f"{LEVEL:.0%} level, {len(outcomes) + (found.base is not None)} tested (Holm)"
+    return f"{', '.join(parts)}; {level}"
+
+
+def joint_text(base: JointTest) -> str:
+    """The test of all base parameters together."""
+    chance = f"p {base.test.p_adjusted:.2g}{_mark(base.test)}"
+    return f"chi2 {base.statistic:.1f} on {base.freedom}, {chance}"
+
+
+def _mark(test: Significance) -> str:
+    if test.outcome == UNCHANGED:
+        return ""
+    return f"  {test.outcome.upper() if test.outcome == CHANGED else test.outcome}"
 
 
 def rollout_lines(run: FreeRun | None) -> list[str]:

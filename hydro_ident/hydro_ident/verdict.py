@@ -14,7 +14,6 @@ import numpy as np
 from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.scores import ChannelScore
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import stroke
 from hydro_model.robot import Robot
@@ -25,8 +24,6 @@ IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_
 _OUTSIDE_SHARE, _STROKE_MARGIN_M = 0.05, 2e-3
 #: A valve at its limit in more than this share of the cycles in which it is open says little.
 _SATURATED_SHARE, _FULL, _OPEN = 0.25, 0.999, 0.02
-#: A fit of at least this much below the mean of the recording is no model of it.
-_WORTHLESS_FIT_PCT = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +77,6 @@ def judge(
     recordings: Sequence[Recording],
     inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
-    scores: Sequence[ChannelScore] = (),
 ) -> Judgement:
     """The verdict of an identification.
 
@@ -92,8 +88,7 @@ def judge(
         Of the training.
     inertial : InertialFit or None
     hydraulic : HydraulicFit or None
-    scores : sequence of ChannelScore
-        On held-out rows.
+        Both with the stages that were rejected.
 
     Returns
     -------
@@ -105,7 +100,6 @@ def judge(
     problems, enough = _force_problems(robot, recordings, inertial, hydraulic)
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
-        problems += _worthless(robot, scores)
         problems += _other_name(robot, recordings)
     problems += _saturated(robot, recordings, hydraulic)
     if not enough:
@@ -154,19 +148,6 @@ def _other_name(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _worthless(robot: Robot, scores: Sequence[ChannelScore]) -> list[str]:
-    problems = []
-    for channel in scores:
-        fit = float(channel.summary()["fit_after_pct"])
-        if fit < _WORTHLESS_FIT_PCT:
-            problems.append(
-                f"{channel.name}: the identified model predicts it worse than its mean"
-                f" (fit {fit:.0f} %), so that its parameters describe nothing: the robot file is"
-                f" of another machine, signals are swapped, or robot {robot.name} lacks an effect"
-            )
-    return problems
-
-
 def _force_problems(
     robot: Robot,
     recordings: Sequence[Recording],
@@ -178,14 +159,23 @@ def _force_problems(
     if inertial is None:
         return [_no_forces(robot, recordings)], usable
     if not inertial.missing:
-        return [], True
-    lost = lost_forces(inertial, recordings)
-    base = [name for name in inertial.missing if name in inertial.model.base.names]
-    problems = [_motion_problem(robot, inertial, lost)]
-    if lost and not inertial.still:
-        known = len(inertial.missing) < len(inertial.model.names)
-        return problems, known or usable
-    return problems, not (base or inertial.still)
+        problems, enough = [], True
+    else:
+        lost = lost_forces(inertial, recordings)
+        problems = [_motion_problem(robot, inertial, lost)]
+        if lost and not inertial.still:
+            enough = len(inertial.missing) < len(inertial.model.names) or usable
+        else:
+            base = [name for name in inertial.missing if name in inertial.model.base.names]
+            enough = not (base or inertial.still)
+    if inertial.rejected and enough:
+        problems.append(
+            "forces rejected, the robot file's base parameters, friction and listed effects of"
+            f" friction kept: {inertial.rejected}"
+        )
+        # With nothing else identified there is no model to speak of.
+        enough = usable
+    return problems, enough
 
 
 def _no_forces(robot: Robot, recordings: Sequence[Recording]) -> str:

@@ -109,28 +109,31 @@ class SimulatedRun:
         }
 
 
-def _motion(t: float, phase: float) -> np.ndarray:
+def _motion(t: float, phase: float, scale: float = 1.0) -> np.ndarray:
     fade = np.clip(t / 2.0, 0.0, 1.0)
     fade = fade * fade * (3.0 - 2.0 * fade)
     slow = np.sin(2 * np.pi * np.array([0.11, 0.17]) * t + phase * np.clip(t / 2.0, 0.0, 1.0))
     quick = np.sin(2 * np.pi * (np.array([0.5, 0.6]) + 0.03 * t) * t)
-    return np.array([0.55, -1.2]) + fade * (
+    return np.array([0.55, -1.2]) + fade * scale * (
         np.array([0.35, 0.5]) * slow + np.array([0.006, 0.008]) * quick
     )
 
 
-def simulated_run(robot: Robot, seconds: float, seed: int = 0) -> SimulatedRun:
-    """Drive the model along a motion by a slow loop, then roll it out in one piece."""
+def simulated_run(robot: Robot, seconds: float, seed: int = 0, scale: float = 1.0) -> SimulatedRun:
+    """Drive the model along a motion by a slow loop, then roll it out in one piece.
+
+    `scale` is that of the motion's amplitude.
+    """
     from hydro_model.cylinder import lever
     from hydro_model.simulate import simulate
 
     step = PERIOD_NS * 1e-9
     time = np.arange(round(seconds / step) + 1) * step
     voltage, instant, phase = np.zeros((time.size, 2)), replace(robot, command_delay_s=0.0), seed
-    q, qd, pressures = _motion(0.0, phase), np.zeros(2), None
+    q, qd, pressures = _motion(0.0, phase, scale), np.zeros(2), None
     for k in range(0, time.size - 1, 10):
         piece = slice(k, min(k + 11, time.size))
-        ahead, later = _motion(time[k] + 0.02, phase), _motion(time[k] + 0.021, phase)
+        ahead, later = (_motion(time[k] + dt, phase, scale) for dt in (0.02, 0.021))
         for i, cylinder in enumerate(robot.cylinders):
             speed = (later[i] - ahead[i]) / 0.001 + 2.0 * (ahead[i] - q[i])
             flow = float(lever(cylinder, q[i])) * speed * cylinder.area_a_m2
@@ -138,7 +141,7 @@ def simulated_run(robot: Robot, seconds: float, seed: int = 0) -> SimulatedRun:
         out = simulate(instant, time[piece], voltage[piece], q, qd, pressures)
         q, qd = out.q[-1], out.qd[-1]
         pressures = np.stack([out.p_a[-1], out.p_b[-1]], axis=1)
-    out = simulate(robot, time, voltage, _motion(0.0, phase))
+    out = simulate(robot, time, voltage, _motion(0.0, phase, scale))
     rng, count = np.random.default_rng(seed), 2 * np.pi / 2**20
     return SimulatedRun(
         robot,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,20 +13,27 @@ from hydro_ident.design.fourier import FourierDesign, Spectrum, start_blocks
 from hydro_ident.design.information import (
     ForceInformation,
     Residual,
+    bare_trace,
     moments,
     required_forces,
     sandwich,
 )
 from hydro_ident.design.limits import force_range, middle
 from hydro_ident.design.poses import static_poses
-from hydro_ident.design.prediction import predict
+from hydro_ident.design.prediction import expected_trace, predict
 from hydro_ident.design.pressures import required_hydraulics
 from hydro_ident.design.program import Program, sampled
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
 from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.hydraulics import fit_hydraulics
+from hydro_ident.estimate.inertial import fit_inertial, force_model, force_rows
+from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.experiment import LIMITS, design_excitation
+from hydro_ident.parameters import parameter_list
 from hydro_model.paths_segments import Fourier
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import EffectSpec, FloatArray, Robot
+from hydro_model.robot_files import load_robot
 from hydro_model.simulate import simulate
 
 
@@ -67,7 +75,9 @@ def test_predicted_errors_are_those_of_repeated_fits(robot: Robot) -> None:
     """300 recordings with AR(1) residuals of the stated size, fitted by least squares."""
     residual = Residual()
     information = ForceInformation(robot, residual)
-    rows, step = information.filtered(*_sway(robot, 20.0), 0.002, FilterSettings())
+    motion = _sway(robot, 20.0)
+    trace = bare_trace(robot, motion[0], 0.002)
+    rows, step = information.filtered(*motion, trace, FilterSettings())
     size = rows.shape[2]
     flat = rows.reshape(-1, size)
     expected = np.sqrt(np.diag(sandwich(*moments(rows, step, residual.correlation_s))))
@@ -136,6 +146,93 @@ def test_what_the_motion_does_not_reach_is_undetermined(robot: Robot) -> None:
     told = {p.name: p for p in predict(robot, (q, qd, qdd), Residual(), 0.002).parameters}
     assert np.isinf(told["tilt_cylinder.viscous_friction"].std)
     assert np.isfinite(told["lift_cylinder.viscous_friction"].std)
+
+
+@pytest.fixture
+def listing(robot: Robot) -> Robot:
+    """The crane with effects of every kind that is fitted."""
+    listed = (
+        EffectSpec("coulomb_friction", "xs031", {"force": 2500.0}),
+        EffectSpec("pressure_dependent_friction", "tilt_cylinder", {"coefficient": 1e-4}),
+        EffectSpec("internal_leakage", "xs031", {"coefficient": 5e-13}),
+        EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.01}),
+        EffectSpec("dead_volume", "lift_cylinder", {"volume_a": 1e-3, "volume_b": 1e-3}),
+    )
+    return replace(robot, effects=listed)
+
+
+def _known(row: Any) -> tuple[str, str, float | None]:
+    return row.name, row.unit, row.datasheet
+
+
+def test_listed_effects_are_predicted_by_the_names_of_identify(listing: Robot) -> None:
+    motion, effects = _sway(listing, 12.0), ListedEffects.of(listing)
+    _, trace = expected_trace(effects, motion, 0.002)
+    model = force_model(listing, False, effects.force_names, effects.force_columns)
+    inertial = fit_inertial(model, [trace])
+    hydraulic = fit_hydraulics(listing, [trace], extra=effects.chamber_columns)
+    rows = parameter_list(listing, inertial, hydraulic, effects.biases)
+    parts = set(model.base.names[model.base.link_count :])
+    found = [_known(row) for row in rows if row.name not in {*parts, "command_delay"}]
+    told = predict(listing, motion, Residual(), 0.002).parameters
+    assert sorted(_known(p) for p in told) == sorted(found)
+    assert len(told) == 18 + 8
+    assert all(np.isfinite(p.std) and p.std > 0.0 for p in told)
+
+
+def test_effects_of_a_joint_without_cylinder_are_predicted_as_its_fit_finds_them() -> None:
+    emps = load_robot("emps")
+    times = np.arange(0.0, 20.0, 0.001)[:, None]
+    rate = 2.0 * np.pi * np.array([0.3, 0.7])
+    phase = times * rate
+    q = 0.12 + 0.03 * np.sin(phase).sum(axis=1, keepdims=True)
+    qd = 0.03 * (rate * np.cos(phase)).sum(axis=1, keepdims=True)
+    qdd = -0.03 * (rate**2 * np.sin(phase)).sum(axis=1, keepdims=True)
+    effects, residual = ListedEffects.of(emps), Residual()
+    _, trace = expected_trace(effects, (q, qd, qdd), 0.001)
+    model = force_model(emps, True, effects.force_names, effects.force_columns)
+    # As recorded: the friction's columns come from positions, the torque is the model's own.
+    rows = force_rows(model, replace(trace, joint_torque=qdd), FilterSettings())
+    assert rows is not None
+    scaled = rows.x / ForceInformation(emps, residual).channel_std[:, None]
+    step = float(rows.time_s[1] - rows.time_s[0])
+    errors = np.sqrt(np.diag(sandwich(*moments(scaled, step, residual.correlation_s))))
+    told = predict(emps, (q, qd, qdd), residual, 0.001).parameters
+    assert tuple(p.name for p in told) == model.names
+    assert [p.std for p in told] == pytest.approx(errors, rel=0.1)
+    assert told[1].datasheet == emps.joints[0].viscous_friction
+    assert told[2].datasheet == 20.0
+
+
+def test_expected_errors_of_leakage_are_those_of_repeated_fits(listing: Robot) -> None:
+    """400 recordings of both chambers, fitted apart and combined by their information."""
+    motion, residual, windows = _sway(listing, 20.0), Residual(), WindowSettings()
+    effects = ListedEffects.of(listing)
+    _, trace = expected_trace(effects, motion, 0.002)
+    rng, thetas, information = np.random.default_rng(5), [], []
+    for chamber in chambers_of(listing)[2:]:
+        extra = effects.chamber_columns(chamber, trace)[1]
+        x = chamber_rows(chamber, trace, listing.command_delay_s, windows, extra).x[:, 0]
+        valve, size = chamber.valve, np.linalg.norm(x, axis=0)
+        level = residual.flow_share * valve.c_pa * np.sqrt(0.5 * listing.supply_pressure_pa)
+        rho = np.exp(-windows.hop_s / residual.correlation_s)
+        solver = level * np.linalg.pinv(x / size)
+        draws = np.array([solver @ _noise(rng, len(x), rho)[:, 0] for _ in range(400)])
+        thetas.append(draws[:, 3] / size[3])
+        information.append(1.0 / np.var(thetas[-1]))
+    both = np.average(thetas, axis=0, weights=information)
+    told = {p.name: p.std for p in predict(listing, motion, residual, 0.002).parameters}
+    # The modulus, which the chambers share too, tells a little about the leakage.
+    expected = told["tilt_cylinder.internal_leakage.coefficient"]
+    assert expected == pytest.approx(both.std(), rel=0.25)
+
+
+def test_friction_of_unknown_pressures_is_undetermined(listing: Robot) -> None:
+    starved = replace(listing, supply_pressure_pa=0.0, valves=())
+    starved = replace(starved, effects=listing.effects[:2])
+    told = {p.name: p for p in predict(starved, _sway(listing, 8.0), Residual(), 0.002).parameters}
+    assert np.isinf(told["tilt_cylinder.pressure_dependent_friction.coefficient"].std)
+    assert np.isfinite(told["tilt_cylinder.coulomb_friction.force"].std)
 
 
 def test_a_spatial_robot_of_three_joints(robot: Robot, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ Identification Benchmarks, 2019. The data stay where they are; nothing of them i
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,10 @@ from scipy.io import loadmat
 from hydro_ident.commands.convert import run as convert
 from hydro_ident.commands.identify import run as identify
 
-DATA = Path(__file__).parents[2] / ".." / "shared" / "real" / "emps" / "DATA_EMPS.mat"
+#: Recordings of real machines: named by this variable, or beside the repository.
+FOLDER = "HYDRO_REAL_DATA"
+REAL = Path(os.environ.get(FOLDER) or Path(__file__).parents[3] / "shared" / "real")
+DATA = REAL / "emps" / "DATA_EMPS.mat"
 
 #: Published values and how close the issue asks to come.
 REFERENCE = {
@@ -37,7 +41,7 @@ SETTINGS = [
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not DATA.is_file():
-        pytest.skip(f"no recording of the EMPS axis at {DATA}")
+        pytest.skip(f"no recording of the EMPS axis at {DATA} ({FOLDER} names the folder)")
     folder = tmp_path_factory.mktemp("emps")
     gain = float(loadmat(DATA)["gtau"].item())
     mapping = {

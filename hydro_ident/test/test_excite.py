@@ -8,18 +8,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from hydro_ident.commands.excite import main, run
-from hydro_ident.design.information import Residual
+from hydro_ident.design.information import ForceInformation, Residual
 from hydro_ident.design.limits import limit_ratios
+from hydro_ident.design.poses import static_poses
 from hydro_ident.design.prediction import predict
 from hydro_ident.errors import IdentError
 from hydro_ident.experiment import LIMITS, design_excitation, start_pose
-from hydro_ident.study.excitation import repeated
+from hydro_ident.study.excitation import least_at_rest, repeated
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, load_path
 from hydro_model.paths_check import check_path, joint_motion
-from hydro_model.robot import Robot
+from hydro_model.robot import EffectSpec, Robot
+
+LISTED = (
+    EffectSpec("coulomb_friction", "xs031", {"force": 2500.0}),
+    EffectSpec("internal_leakage", "xs031", {"coefficient": 5e-13}),
+)
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +83,34 @@ def test_beats_the_parallelogram_of_equal_duration(robot: Robot, folder: Path) -
     assert min(gains) > 1.0
 
 
+def test_no_stay_in_poses_tells_first_moments_three_times_better(
+    robot: Robot, folder: Path
+) -> None:
+    """The best that rest alone could do, with no way between the poses and nothing else asked."""
+    told = json.loads((folder / "predicted.json").read_text())
+    motion = repeated(robot, "xs031/parallelogram", told["duration_s"])
+    plain = {p.name: p.std for p in predict(robot, motion, Residual(), 0.002).parameters}
+    least = least_at_rest(robot, Residual(), told["duration_s"])
+    assert set(least) == {f"{link}_link.{m}" for link in ("lift", "tilt") for m in ("mcx", "mcz")}
+    for name, error in least.items():
+        assert 1.5 < plain[name] / error < 3.0
+
+
+def test_least_errors_at_rest_are_below_those_of_any_choice_of_poses(robot: Robot) -> None:
+    information = ForceInformation(robot, Residual())
+    least = least_at_rest(robot, Residual(), 64.0)
+    names = list(information.model.base.names)
+    columns = [names.index(name) for name in least]
+    rng = np.random.default_rng(1)
+    for count in (6, 12, 40):
+        poses = static_poses(information, LIMITS, count, int(rng.integers(1000)))
+        still = np.zeros_like(poses)
+        x = information.columns(poses, still, still)[..., columns]
+        each = 64.0 / (2.0 * Residual().correlation_s * count)
+        covariance = np.linalg.inv(each * np.einsum("tkp,tkq->pq", x, x))
+        assert np.all(np.sqrt(np.diag(covariance)) > 0.99 * np.array(list(least.values())))
+
+
 def test_validation_is_a_different_motion(folder: Path) -> None:
     times = np.linspace(5.0, 30.0, 400)
     one, two = (
@@ -86,7 +121,7 @@ def test_validation_is_a_different_motion(folder: Path) -> None:
         assert abs(np.corrcoef(one[:, joint], two[:, joint])[0, 1]) < 0.7
 
 
-def test_a_start_of_ones_own_and_the_same_design_every_time(tmp_path: Path) -> None:
+def test_a_start_of_ones_own_and_the_same_design_every_time(robot: Robot, tmp_path: Path) -> None:
     arguments = ["--robot", "xs031", "--duration", "30", "--start-joints", "0.8", "-1.2"]
     for name in ("one", "two"):
         assert run([*arguments, "--out", str(tmp_path / name)]) == 0
@@ -95,6 +130,43 @@ def test_a_start_of_ones_own_and_the_same_design_every_time(tmp_path: Path) -> N
     path = _path(tmp_path / "one" / "excitation.yaml")
     for time in (0.0, path.duration_s):
         assert path.sample(time)[0] == pytest.approx([0.8, -1.2], abs=1e-6)
+    # Listed effects are predicted, and change nothing of the motion.
+    listing = replace(robot, effects=LISTED)
+    design = design_excitation(listing, np.array([0.8, -1.2]), 30.0, tmp_path)
+    assert design.content == yaml.safe_load((tmp_path / "one" / "excitation.yaml").read_text())
+    assert len(design.prediction.parameters) == 18 + 4
+
+
+def test_listed_effects_are_predicted_beside_the_rest(robot: Robot, folder: Path) -> None:
+    path = _path(folder / "excitation.yaml")
+    motion = joint_motion(robot, path, np.arange(0.0, path.duration_s, 0.002))
+    prediction = predict(replace(robot, effects=LISTED), motion, Residual(), 0.002)
+    plain = json.loads((folder / "predicted.json").read_text())["parameters"]
+    told = {p.name: p.std for p in prediction.parameters}
+    assert set(told) - {entry["name"] for entry in plain} == {
+        f"{cylinder}.{name}"
+        for cylinder in ("lift_cylinder", "tilt_cylinder")
+        for name in ("coulomb_friction.force", "internal_leakage.coefficient")
+    }
+    # More unknowns, and nothing is told better for it.
+    assert all(told[entry["name"]] > 0.99 * entry["std"] for entry in plain)
+    for cylinder in ("lift_cylinder", "tilt_cylinder"):
+        name = f"{cylinder}.viscous_friction"
+        before = next(entry["std"] for entry in plain if entry["name"] == name)
+        assert told[name] > 1.2 * before
+
+
+def test_an_axis_without_hydraulics(tmp_path: Path) -> None:
+    arguments = ["--robot", "emps", "--duration", "30", "--out", str(tmp_path / "out")]
+    assert run(arguments) == 0
+    told = json.loads((tmp_path / "out" / "predicted.json").read_text())
+    assert [(entry["name"], entry["unit"]) for entry in told["parameters"]] == [
+        ("carriage_link.mass", "kg"),
+        ("carriage.viscous_friction", "N s/m"),
+        ("carriage.coulomb_friction.force", "N"),
+        ("carriage.constant_force_offset.force", "N"),
+    ]
+    assert all(entry["identifiable"] for entry in told["parameters"])
 
 
 def test_start_poses(robot: Robot) -> None:

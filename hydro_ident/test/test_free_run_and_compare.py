@@ -166,23 +166,28 @@ def test_significance_is_that_of_both_sides_and_of_many_tests(robot: Robot) -> N
         cylinders=tuple(
             replace(c, viscous_friction=b) for c, b in zip(robot.cylinders, friction, strict=True)
         ),
-        standard_deviations={names[0]: 3.0},
+        standard_deviations={names[0]: 3.0, names[1]: 1e-6},
     )
     new = [parameter(names[0], 112.5, 4.0), parameter(names[1], 208.8, 4.0)]
     result = compare(old, robot, new, "old.yaml")
     first, second = result.changes
     assert (first.std, first.z) == (5.0, pytest.approx(2.5))
-    assert first.p_value == pytest.approx(0.012419, rel=1e-4)
+    assert first.test is not None
+    assert second.test is not None
+    assert first.test.p_value == pytest.approx(0.012419, rel=1e-4)
     assert second.z == pytest.approx(2.2)
-    assert second.p_value == pytest.approx(0.027807, rel=1e-4)
+    assert second.test.p_value == pytest.approx(0.027807, rel=1e-4)
     # Holm: the smallest times two, the next as it is but not below the first.
-    assert first.p_adjusted == pytest.approx(2 * 0.012419, rel=1e-4)
-    assert second.p_adjusted == pytest.approx(0.027807, rel=1e-4)
+    assert first.test.p_adjusted == pytest.approx(2 * 0.012419, rel=1e-4)
+    assert second.test.p_adjusted == pytest.approx(0.027807, rel=1e-4)
     assert first.changed
     assert second.changed
     assert LEVEL == 0.05
-    assert not second.old_known
-    assert any("no standard deviation" in note for note in result.notes)
+    assert result.notes == ()
+    alone = replace(old, standard_deviations={names[0]: 3.0})
+    rest = compare(alone, robot, new, "old.yaml")
+    assert [c.name for c in rest.changes] == names[:1]
+    assert rest.notes == (f"{names[1]}: not identified in old.yaml, not compared",)
 
 
 def test_false_alarms_stay_below_the_level(robot: Robot) -> None:
@@ -229,7 +234,7 @@ def test_a_datasheet_can_be_compared_too(
     assert not bulk["old_std_known"]
     assert bulk["old"] == load_robot("xs031").cylinders[0].bulk_modulus_pa
     assert result["compare"]["base_parameters"] is None
-    assert result["compare"]["notes"]
+    assert any("no standard deviations" in note for note in result["compare"]["notes"])
 
 
 def test_a_long_bag_is_run_in_parts(

@@ -94,7 +94,10 @@ def test_a_late_subscriber_gets_the_identified_parameters(
     base = base_map(robot)
     truth = dict(zip(base.names, base.combination @ robot.parameter_vector, strict=True))
     found = dict(zip(names, values, strict=True))
-    for name, value in truth.items():
+    # What cannot be told (barrels and rods here) is held, and not published.
+    links = {name: value for name, value in truth.items() if "_link." in name}
+    assert links.keys() <= found.keys()
+    for name, value in links.items():
         assert found[name] == pytest.approx(value, rel=1e-3, abs=0.05)
     assert found["tilt_cylinder.viscous_friction"] == pytest.approx(4.0e4, rel=1e-3)
     assert len(deviations) == len(names)

@@ -16,6 +16,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import main, run, write_results
 from hydro_ident.errors import IdentError
 from hydro_ident.identification import Identification, identify
+from hydro_ident.report.identification_report import report_html
 from hydro_ident.results import OWN_FILES, Provenance, result_dict, write_together
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever
@@ -272,9 +273,14 @@ def test_validation_bags_give_the_scores(clean: Run) -> None:
 def test_the_result_has_the_keys_of_the_contract(found: Identification) -> None:
     result = json.loads(json.dumps(result_dict(found, ORIGIN)))
     assert result["schema"] == "hydro_ident/identification/1"
+    keys = {"name", "value", "std", "ci95", "unit", "datasheet", "identifiable", "model_error"}
     for p in result["parameters"]:
-        assert {"name", "value", "std", "ci95", "unit", "datasheet", "identifiable"} <= set(p)
-        assert p["ci95"][0] < p["value"] < p["ci95"][1]
+        assert keys <= set(p)
+        if p["held"]:
+            assert (p["identifiable"], p["std"], p["ci95"]) == (False, None, None)
+        else:
+            assert p["ci95"][0] < p["value"] < p["ci95"][1]
+    assert any(p["held"] for p in result["parameters"])
     first = result["parameters"][0]
     assert first["combination"]["lift_link.mcx"] == 1.0
     assert first["combination"]["tilt_link.mass"] == pytest.approx(1.6)
@@ -456,3 +462,34 @@ def test_too_little_motion_exits_1_with_a_result_and_no_model(
     assert "lift, tilt did not move" in error
     assert sorted(p.name for p in out.iterdir()) == ["report.html", "result.json"]
     assert json.loads((out / "result.json").read_text())["verdict"] == "not_enough_data"
+
+
+def test_bags_of_one_name_are_refused(clean: Run) -> None:
+    with pytest.raises(IdentError, match="different names, found 'run'"):
+        identify(clean.robot, [clean.recording(), clean.recording()])
+
+
+def test_a_validation_bag_without_a_usable_stretch_scores_nothing(clean: Run) -> None:
+    lost = clean.recording("lost", q=np.full_like(clean.q, np.nan))
+    found = identify(clean.robot, [clean.recording()], [lost])
+    assert found.channels == ()
+    assert any("nothing was scored" in note for note in found.notes)
+
+
+def test_residuals_far_above_the_noise_are_said() -> None:
+    hidden = (EffectSpec("coulomb_friction", "xs031", {"force": 4000.0, "velocity_scale": 0.005}),)
+    run = _simulate(_true_robot(hidden), 12.0)
+    noise = np.random.default_rng(3).normal(0.0, 4000.0, (2, *run.p_a.shape))
+    rough = run.recording(p_a=run.p_a + noise[0], p_b=run.p_b + noise[1])
+    found = identify(load_robot("xs031"), [rough])
+    [note] = [note for note in found.notes if "physics is left out" in note]
+    assert "lift/force" in note
+    assert "tilt/force" in note
+    marked = {p.name: p.model_error for p in found.parameters}
+    assert marked["lift_link.mcx"]
+    assert marked["tilt_cylinder.viscous_friction"]
+    assert not marked["lift_valve.c_pa"]
+    assert not marked["command_delay"]
+    report = report_html(found, ORIGIN.as_dict())
+    assert report.count("physics is left out") == 1
+    assert report.index("physics is left out") < report.index("lift_link.mcx + 1.6")

@@ -13,6 +13,7 @@ from hydro_ident.controller_file import controller_text
 from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.model_file import write_model
+from hydro_ident.model_statistics import Statistics, read_statistics
 from hydro_model.base_parameters import base_map
 from hydro_model.closed_chain import with_parameters
 from hydro_model.errors import RobotError
@@ -80,6 +81,32 @@ def test_a_model_of_a_model_is_the_same_model(robot: Robot, tmp_path: Path) -> N
     once = (tmp_path / "model.yaml").read_text()
     write_model(load_robot(tmp_path / "model.yaml"), tmp_path / "model.yaml")
     assert (tmp_path / "model.yaml").read_text() == once
+
+
+def test_statistics_for_later_comparisons_read_back(robot: Robot, tmp_path: Path) -> None:
+    wanted = _identified(robot)
+    size = len(wanted.base_parameters)
+    error = np.diag(np.arange(1.0, size + 1.0)) / 3.0
+    given = Statistics({"tilt_link.mcx": 7.0 / 3.0}, {"lift_valve.c_pa": 1e-8 / 3.0}, error)
+    origin = {"bags": [{"name": "run", "sha256": "00ff"}]}
+    write_model(wanted, tmp_path / "model.yaml", origin, given)
+    read = read_statistics(tmp_path / "model.yaml")
+    assert (read.dof, read.model_error) == (given.dof, given.model_error)
+    assert np.array_equal(read.base_model_error, error)
+    assert read.bags == {"00ff": "run"}
+    assert _plain(load_robot(tmp_path / "model.yaml")) == _plain(wanted)
+    datasheet = read_statistics(robot.source)
+    assert (datasheet.dof, datasheet.model_error, datasheet.bags) == ({}, {}, {})
+
+
+def test_coefficients_show_no_rounding_errors(robot: Robot) -> None:
+    base = base_map(robot)
+    written = [v for i in range(len(base.names)) for v in base.coefficients(i).values()]
+    assert 1.6 in written
+    assert all(len(repr(abs(v)).replace(".", "").strip("0")) <= 16 for v in written)
+    for i, row in enumerate(base.combination):
+        exact = {n: row[base.standard_names.index(n)] for n in base.coefficients(i)}
+        assert base.coefficients(i) == pytest.approx(exact, rel=1e-11)
 
 
 def test_a_datasheet_robot_keeps_the_inertia_of_its_urdf(robot: Robot, tmp_path: Path) -> None:

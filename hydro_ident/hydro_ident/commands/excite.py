@@ -83,9 +83,12 @@ def run(arguments: Sequence[str]) -> int:
         start_pose,
     )
     from hydro_ident.results import write_together
+    from hydro_model.effects.catalogue import resolve
     from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
+    # What is wrong with a listed effect is said before the design, not after it.
+    resolve(robot)
     if options.start_joints is not None:
         start = np.array(options.start_joints, dtype=float)
         if start.shape != (robot.dof,):

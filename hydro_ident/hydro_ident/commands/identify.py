@@ -14,6 +14,7 @@ from hydro_model.command import run_command
 
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification, Settings
+    from hydro_ident.model_statistics import Statistics
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -108,8 +109,10 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    from hydro_ident.compare import check_same_machine, compare
+    from hydro_ident.compare import Sides, compare
+    from hydro_ident.earlier_model import check_same_machine
     from hydro_ident.identification import identify
+    from hydro_ident.model_statistics import Statistics, read_statistics
     from hydro_ident.results import provenance
     from hydro_ident.sources import bag_source
     from hydro_ident.verdict import NOT_ENOUGH
@@ -137,7 +140,9 @@ def run(arguments: Sequence[str]) -> int:
     with workers_at(options.scheduler) as workers:
         found = identify(robot, training, validation, settings, workers)
     if old is not None and found.robot is not None:
-        comparison = compare(old, found.robot, found.parameters, options.compare)
+        before = Statistics() if old.source is None else read_statistics(old.source)
+        sides = Sides(before, found_statistics(found, origin))
+        comparison = compare(old, found.robot, found.parameters, options.compare, sides)
         found = replace(found, comparison=comparison)
     write_results(found, origin, options.out)
     print(summary_text(found))
@@ -185,6 +190,15 @@ def _word(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
+def found_statistics(found: Identification, origin: Provenance) -> Statistics:
+    """What later comparisons have to know of an identification."""
+    from hydro_ident.model_statistics import statistics_of
+
+    return statistics_of(
+        found.parameters, found.inertial, found.hydraulic, found.channels, origin.bags
+    )
+
+
 def write_results(found: Identification, origin: Provenance, folder: Path) -> None:
     """Write every result file of an identification, or none.
 
@@ -217,7 +231,8 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
         (fresh / RESULT_FILE).write_text(result_json(found, origin), encoding="utf-8")
         (fresh / REPORT_FILE).write_text(report_html(found, origin.as_dict()), encoding="utf-8")
         if found.robot is not None:
-            write_model(found.robot, fresh / MODEL_FILE, origin.as_dict())
+            statistics = found_statistics(found, origin)
+            write_model(found.robot, fresh / MODEL_FILE, origin.as_dict(), statistics)
             write_urdf(found.robot, fresh / URDF_FILE)
             text = controller_text(folder / MODEL_FILE)
             (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
@@ -239,10 +254,10 @@ def summary_text(found: Identification) -> str:
     width = max((len(readable(p)) for p in found.parameters), default=0)
     for p in found.parameters:
         given = "" if p.datasheet is None else f"  (given {p.datasheet:.5g})"
-        mark = "" if p.identifiable else "  NOT DETERMINED"
-        lines.append(
-            f"  {readable(p):{width}}  {p.value:12.5g} +- {p.std:9.3g} {p.unit}{given}{mark}"
-        )
+        rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
+        mark = "" if p.identifiable else rest
+        error = "" if p.held else f" +- {p.std:9.3g}"
+        lines.append(f"  {readable(p):{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
     for channel in found.channels:
         s = channel.summary()
         lines.append(

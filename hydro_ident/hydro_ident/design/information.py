@@ -15,6 +15,7 @@ import numpy as np
 
 from hydro_ident.estimate.derivatives import FilterSettings, parallel_filter
 from hydro_ident.estimate.inertial import ForceModel, Motion, force_columns, force_model
+from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
@@ -49,18 +50,26 @@ class ForceInformation:
     ----------
     robot : Robot
     residual : Residual
+    effects : ListedEffects or None
+        Whose friction is told beside the base model's; a run is designed without, since their
+        signs of velocity are no ground for an optimiser to climb on.
     """
 
     robot: Robot
     residual: Residual
+    effects: ListedEffects | None = None
 
     @cached_property
     def model(self) -> ForceModel:
-        """The links' base parameters and viscous friction: what a run is designed for.
+        """The links' base parameters, viscous friction, then the effects'.
 
-        Listed effects take no part, nor do barrels and rods, which no run may show.
+        Barrels and rods take no part: no run may show them.
         """
-        return force_model(self.robot, torque=not self.robot.cylinders, parts=False)
+        torque = not self.robot.cylinders
+        if self.effects is None:
+            return force_model(self.robot, torque, parts=False)
+        names, columns = self.effects.force_names, self.effects.force_columns
+        return force_model(self.robot, torque, names, columns, parts=False)
 
     @cached_property
     def channel_std(self) -> FloatArray:
@@ -79,9 +88,22 @@ class ForceInformation:
                 spans[j] /= float(arm)
         return np.asarray(self.residual.force_share * spans)
 
-    def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Unfiltered regressor over the channels' residuals, shape (N, n, p)."""
-        raw = force_columns(self.model, bare_trace(self.robot, q, 1.0), Motion(q, qd, qdd))
+    def columns(
+        self, q: FloatArray, qd: FloatArray, qdd: FloatArray, trace: Trace | None = None
+    ) -> FloatArray:
+        """Unfiltered regressor over the channels' residuals, shape (N, n, p).
+
+        Parameters
+        ----------
+        q, qd, qdd : (N, n) array
+        trace : Trace, optional
+            With the pressures along the motion, which some effects look at.
+        """
+        trace = trace or bare_trace(self.robot, q, 1.0)
+        raw = force_columns(self.model, trace, Motion(q, qd, qdd))
+        if self.effects is not None:
+            # Seal friction of a cylinder whose pressures nobody knows tells nothing.
+            raw = np.where(np.isfinite(raw), raw, 0.0)
         return raw / self.channel_std[:, None]
 
     def filtered(
@@ -89,11 +111,12 @@ class ForceInformation:
         q: FloatArray,
         qd: FloatArray,
         qdd: FloatArray,
-        step_s: float,
+        trace: Trace,
         filters: FilterSettings,
     ) -> tuple[FloatArray, float]:
         """The rows that a recording of this motion gives, and their spacing in s."""
-        rows = parallel_filter(self.columns(q, qd, qdd), step_s, filters)
+        step_s = trace.step_s
+        rows = parallel_filter(self.columns(q, qd, qdd, trace), step_s, filters)
         return rows, step_s * filters.decimation(step_s)
 
 

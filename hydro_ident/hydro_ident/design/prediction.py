@@ -1,20 +1,21 @@
 """Standard errors of every parameter before the run, by the estimators' own equations.
 
 The designed motion is put through the same filters, regressors and windows that the recording will
-pass; the residuals are taken as stated (`Residual`) with the sensors' noise added. What is
-predicted is the scatter of the estimates. A bias from physics that the model leaves out is not in
-it.
+pass, with the columns of the effects that the robot lists; the residuals are taken as stated
+(`Residual`) with the sensors' noise added. What is predicted is the scatter of the estimates. A
+bias from physics that the model leaves out is not in it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from hydro_ident.design.expected import MAX_COLLINEARITY, Expected
+from hydro_ident.design.flow_errors import flow_errors
 from hydro_ident.design.information import (
     ForceInformation,
     Residual,
@@ -23,49 +24,21 @@ from hydro_ident.design.information import (
     required_forces,
     sandwich,
 )
-from hydro_ident.design.pressures import required_hydraulics
-from hydro_ident.estimate.chambers import (
-    INVERSE_BULK,
-    Chamber,
-    WindowSettings,
-    chamber_rows,
-    chambers_of,
-    column_names,
-)
+from hydro_ident.design.pressures import Hydraulics, required_hydraulics
+from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.least_squares import collinearity
-from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.noise import force_noise
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.parameters import effect_unit, listed_value
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
+
+__all__ = ["Expected", "Motions", "Prediction", "expected_trace", "predict", "predicted_json"]
 
 SCHEMA = "hydro_ident/predicted/1"
 Motions = tuple[FloatArray, FloatArray, FloatArray]
-#: A column that resembles the others this much is not told apart from them.
-_MAX_COLLINEARITY = 1.0e3
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """Expected standard error of one parameter.
-
-    Attributes
-    ----------
-    name, unit : str
-    datasheet : float or None
-        The robot file's value; None where it has none.
-    std : float
-        Infinite where the motion does not determine the parameter.
-    """
-
-    name: str
-    unit: str
-    datasheet: float | None
-    std: float
-
-    @property
-    def relative(self) -> float | None:
-        """Standard error over the datasheet's value; None without one."""
-        return self.std / abs(self.datasheet) if self.datasheet else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +48,13 @@ class Prediction:
     Attributes
     ----------
     parameters : tuple of Expected
-        In the order and by the names of `identify`.
+        By the names of `identify`: base parameters of the links, friction, then hydraulics, each
+        with the listed effects'. Without the command delay, and without the parameters of barrels
+        and rods, which no run may show.
     condition : float
         Of the filtered base regressor as it is, in SI units, without friction.
     condition_scaled : float
-        Of the force regressor with friction, columns of unit length.
+        Of the force regressor with friction, listed effects' too, columns of unit length.
     signal : (m,) array
         Greatest valve signal that the motion needs.
     pressure_low_pa, pressure_high_pa : (m,) array
@@ -100,7 +75,7 @@ def predict(robot: Robot, motion: Motions, residual: Residual, step_s: float) ->
     Parameters
     ----------
     robot : Robot
-        Its numbers stand for the machine's.
+        Its numbers stand for the machine's, the listed effects' among them.
     motion : tuple of (N, n) arrays
         q, qd and qdd at the sensors' rate.
     residual : Residual
@@ -110,19 +85,13 @@ def predict(robot: Robot, motion: Motions, residual: Residual, step_s: float) ->
     -------
     Prediction
     """
-    information = ForceInformation(robot, residual)
-    q, qd, qdd = motion
+    effects = ListedEffects.of(robot)
+    information = ForceInformation(robot, residual, effects)
     filters, windows = FilterSettings(), WindowSettings()
-    hydraulics = required_hydraulics(robot, step_s, q, qd, required_forces(robot, q, qd, qdd))
-    trace = replace(
-        bare_trace(robot, q, step_s),
-        p_a=hydraulics.p_a,
-        p_b=hydraulics.p_b,
-        valve_signal=np.clip(hydraulics.signal, -1.0, 1.0),
-    )
-    rows, spacing = information.filtered(q, qd, qdd, step_s, filters)
+    hydraulics, trace = expected_trace(effects, motion, step_s)
+    rows, spacing = information.filtered(*motion, trace, filters)
     forces = _force_errors(information, rows, spacing, trace, filters)
-    flows = _flow_errors(robot, trace, residual, windows)
+    flows = flow_errors(effects, trace, residual, windows)
     base = len(information.model.base.names)
     plain = (rows * information.channel_std[:, None]).reshape(-1, rows.shape[2])
     lengths = np.linalg.norm(plain, axis=0)
@@ -135,6 +104,46 @@ def predict(robot: Robot, motion: Motions, residual: Residual, step_s: float) ->
         pressure_low_pa=-_extreme(-np.minimum(hydraulics.p_a, hydraulics.p_b)),
         pressure_high_pa=_extreme(np.maximum(hydraulics.p_a, hydraulics.p_b)),
     )
+
+
+def expected_trace(
+    effects: ListedEffects, motion: Motions, step_s: float
+) -> tuple[Hydraulics, Trace]:
+    """Pressures and valve signals along a motion, and what would be recorded of it.
+
+    The forces include the listed friction; leakage, dead volumes and air are taken for too small
+    to move the pressures.
+
+    Parameters
+    ----------
+    effects : ListedEffects
+    motion : tuple of (N, n) arrays
+    step_s : float
+
+    Returns
+    -------
+    hydraulics : Hydraulics
+    trace : Trace
+        Its valve signals stay within +-1.
+    """
+    robot, bare = effects.robot, bare_trace(effects.robot, motion[0], step_s)
+    forces = required_forces(robot, *motion)
+    hydraulics, trace = _with_hydraulics(bare, robot, motion, forces)
+    if not effects.force_names:
+        return hydraulics, trace
+    # Seal friction looks at pressures: those without it are near enough.
+    columns = effects.force_columns(trace, Motion(*motion))
+    listed = columns @ np.array([listed_value(robot, name) for name in effects.force_names])
+    driven = [robot.joint_index(cylinder.joint) for cylinder in robot.cylinders]
+    return _with_hydraulics(bare, robot, motion, forces + listed[:, driven])
+
+
+def _with_hydraulics(
+    bare: Trace, robot: Robot, motion: Motions, forces: FloatArray
+) -> tuple[Hydraulics, Trace]:
+    found = required_hydraulics(robot, bare.step_s, motion[0], motion[1], forces)
+    signal = np.clip(found.signal, -1.0, 1.0)
+    return found, replace(bare, p_a=found.p_a, p_b=found.p_b, valve_signal=signal)
 
 
 def _condition(x: FloatArray) -> float:
@@ -158,77 +167,31 @@ def _force_errors(
     noisy = rows * noise[:, None]
     middle = middle + np.einsum("tkp,tkq->pq", noisy, noisy)
     std = np.sqrt(np.diag(sandwich(bread, middle)))
-    std[collinearity(rows.reshape(-1, rows.shape[2])) >= _MAX_COLLINEARITY] = np.inf
+    std[collinearity(rows.reshape(-1, rows.shape[2])) >= MAX_COLLINEARITY] = np.inf
     values = model.base.combination @ robot.parameter_vector
     units = dict(zip(STANDARD_PARAMETERS, STANDARD_UNITS, strict=True))
     expected = [
         Expected(name, units[name.rsplit(".", 1)[-1]], float(value), float(error))
         for name, value, error in zip(model.base.names, values, std, strict=False)
     ]
-    known = {f"{c.name}.viscous_friction": c.viscous_friction for c in robot.cylinders}
-    turning = {f"{j.name}.viscous_friction" for j in robot.joints if not j.prismatic}
     for name, error in zip(model.names[len(values) :], std[len(values) :], strict=True):
-        unit = "N m s/rad" if name in turning else "N s/m"
-        expected.append(Expected(name, unit, known.get(name) or None, float(error)))
+        expected.append(_friction(robot, name, float(error)))
     return expected
 
 
-def _flow_errors(
-    robot: Robot, trace: Trace, residual: Residual, windows: WindowSettings
-) -> list[Expected]:
-    chambers = chambers_of(robot)
-    expected = []
-    for index in sorted({chamber.index for chamber in chambers}):
-        both = [chamber for chamber in chambers if chamber.index == index]
-        if np.isfinite(trace.p_a[:, index]).all():
-            expected += _cylinder_errors(robot, both, trace, residual, windows)
-    return expected
-
-
-def _cylinder_errors(
-    robot: Robot,
-    chambers: Sequence[Chamber],
-    trace: Trace,
-    residual: Residual,
-    windows: WindowSettings,
-) -> list[Expected]:
-    """Bulk modulus, which both chambers tell, and the four edges."""
-    cylinder, valve = chambers[0].cylinder, chambers[0].valve
-    edges = [edge for chamber in chambers for edge in chamber.edges]
-    names = (INVERSE_BULK, *edges)
-    values = np.array([1.0 / cylinder.bulk_modulus_pa, *(getattr(valve, e) for e in edges)])
-    information = np.zeros((len(names), len(names)))
-    for chamber in chambers:
-        at = np.array([names.index(name) for name in column_names(chamber)])
-        covariance = _chamber_covariance(robot, chamber, trace, residual, windows)
-        # In units of the datasheet's values: 1 / beta and the edges are far apart.
-        scaled = covariance / np.outer(values[at], values[at])
-        information[np.ix_(at, at)] += np.linalg.pinv(scaled, rcond=1e-15, hermitian=True)
-    relative = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-15, hermitian=True)))
-    bulk = cylinder.bulk_modulus_pa
-    expected = [Expected(f"{cylinder.name}.bulk_modulus", "Pa", bulk, bulk * float(relative[0]))]
-    for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
-        value, k = float(getattr(valve, edge)), names.index(edge)
-        unit = "m^3/(s sqrt(Pa))"
-        expected.append(Expected(f"{valve.name}.{edge}", unit, value, value * float(relative[k])))
-    return expected
-
-
-def _chamber_covariance(
-    robot: Robot,
-    chamber: Chamber,
-    trace: Trace,
-    residual: Residual,
-    windows: WindowSettings,
-) -> FloatArray:
-    rows = chamber_rows(chamber, trace, robot.command_delay_s, windows)
-    valve = chamber.valve
-    rated = max(valve.c_pa, valve.c_at, valve.c_pb, valve.c_bt)
-    level = residual.flow_share * rated * float(np.sqrt(0.5 * robot.supply_pressure_pa))
-    floor = flow_noise(robot, chamber, [trace], windows, 1.0 / chamber.cylinder.bulk_modulus_pa)
-    spacing = float(rows.time_s[1] - rows.time_s[0])
-    bread, middle = moments(rows.x / level, spacing, residual.correlation_s)
-    return sandwich(bread, middle + (floor / level) ** 2 * bread)
+def _friction(robot: Robot, name: str, std: float) -> Expected:
+    """Viscous friction or a listed effect's parameter, of a cylinder or a joint without one."""
+    dry = [robot.joints[j] for j in robot.dry_joints]
+    viscous = {f"{one.name}.viscous_friction": one.viscous_friction for one in robot.cylinders}
+    viscous |= {f"{joint.name}.viscous_friction": joint.viscous_friction for joint in dry}
+    if name in viscous:
+        unit, datasheet = "N s/m", viscous[name] or None
+    else:
+        unit, datasheet = effect_unit(name), listed_value(robot, name)
+    if name.split(".")[0] in {joint.name for joint in dry if not joint.prismatic}:
+        # On a turning joint, forces are torques and speeds are rad/s.
+        unit = unit.replace("N", "N m", 1).replace("/m", "/rad")
+    return Expected(name, unit, datasheet, std)
 
 
 def predicted_json(
@@ -244,8 +207,8 @@ def predicted_json(
             "flow_share": residual.flow_share,
             "correlation_s": residual.correlation_s,
         },
-        "condition_number": prediction.condition,
-        "condition_number_unit_columns": prediction.condition_scaled,
+        "condition_number": _finite(prediction.condition),
+        "condition_number_unit_columns": _finite(prediction.condition_scaled),
         "parameters": [
             {
                 "name": p.name,

@@ -26,6 +26,8 @@ class Blocks:
     channel : (G,) int array
     count : (G,) array
         Rows behind each group.
+    effective : (G,) array
+        The same, or the sum of their robust weights.
     labels : tuple of str
         Recording of each group.
     far : (G, nodes, p, p) array
@@ -36,6 +38,9 @@ class Blocks:
         Rows that count as one.
     columns : (p,) int array or None
         Which of the gathered columns these are, where some are held.
+    own_x : (G, r, p) array or None
+        Regressors under robust weights, from which the parameters come.
+    own_y : (G, r) array or None
     """
 
     x: FloatArray
@@ -43,16 +48,26 @@ class Blocks:
     z: FloatArray | None
     channel: NDArray[np.intp]
     count: FloatArray
+    effective: FloatArray
     labels: tuple[str, ...]
     far: FloatArray
     far_z: FloatArray | None = None
     stride: int = 1
     columns: NDArray[np.intp] | None = None
+    own_x: FloatArray | None = None
+    own_y: FloatArray | None = None
 
     @property
     def channels(self) -> int:
         """Number of channels."""
         return int(self.channel.max()) + 1
+
+    @property
+    def rows(self) -> tuple[FloatArray, FloatArray]:
+        """Regressors (G, r, p) and y (G, r) that the parameters come from."""
+        if self.own_x is None or self.own_y is None:
+            return self.x[:, :, 0], self.y[:, :, 0]
+        return self.own_x, self.own_y
 
     def held(self, free: NDArray[np.intp], shift: FloatArray) -> Blocks:
         """The free columns alone, what values (p,) of the others give taken off y."""
@@ -61,7 +76,11 @@ class Blocks:
         square = np.ix_(free, free)
         far = self.far[..., square[0], square[1]]
         far_z = None if self.far_z is None else self.far_z[..., square[0], square[1]]
-        return replace(self, x=x, y=y, z=z, far=far, far_z=far_z, columns=free)
+        part = replace(self, x=x, y=y, z=z, far=far, far_z=far_z, columns=free)
+        if self.own_x is None or self.own_y is None:
+            return part
+        own_x, own_y = self.own_x[..., free], self.own_y - self.own_x @ shift
+        return replace(part, own_x=own_x, own_y=own_y)
 
 
 def blocks_of(
@@ -81,7 +100,10 @@ def blocks_of(
         (i, k) for i, m in enumerate(moments) for k in range(m.channels) if m.lagged[k] > 0.0
     ]
     channel = [k for _, k in chosen]
-    count = [moments[i].lagged[k] for i, k in chosen]
+    count, effective = (
+        np.array([getattr(moments[i], name)[k] for i, k in chosen])
+        for name in ("lagged", "effective")
+    )
     labels = [moments[i].label for i, _ in chosen]
     first = moments[0]
     lags, width = first.lags + 1, first.width
@@ -93,21 +115,29 @@ def blocks_of(
     far = np.array([moments[i].far.total[k] for i, k in chosen])
     sums_z = [(moments[i].far_z, k) for i, k in chosen]
     far_z = np.array([one.total[k] for one, k in sums_z if one is not None])
+    own = [(moments[i].own, k) for i, k in chosen]
+    rows = np.array([one[k] for one, k in own if one is not None])
+    own_x, own_y = (rows[..., half:-1], rows[..., -1]) if rows.size else (None, None)
     if combines is not None:
         by_group = [combines[i] for i, _ in chosen]
         x = np.stack([part @ combine for part, combine in zip(x, by_group, strict=True)])
         far = np.stack([c.T @ part @ c for part, c in zip(far, by_group, strict=True)])
         x, y = _shortened(x, y)
+        if own_x is not None:
+            own_x = np.stack([part @ c for part, c in zip(own_x, by_group, strict=True)])
     return Blocks(
         x,
         y,
         z,
         np.array(channel, dtype=np.intp),
-        np.array(count),
+        count,
+        effective,
         tuple(labels),
         far,
         far_z if far_z.size else None,
         first.stride,
+        own_x=own_x,
+        own_y=own_y,
     )
 
 
@@ -129,4 +159,6 @@ def unit_columns(blocks: Blocks) -> tuple[Blocks, FloatArray]:
     z = None if blocks.z is None else blocks.z / norms
     square = np.outer(norms, norms)
     far_z = None if blocks.far_z is None else blocks.far_z / square
-    return replace(blocks, x=blocks.x / norms, z=z, far=blocks.far / square, far_z=far_z), norms
+    own_x = None if blocks.own_x is None else blocks.own_x / norms
+    far = blocks.far / square
+    return replace(blocks, x=blocks.x / norms, z=z, far=far, far_z=far_z, own_x=own_x), norms

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hydro_ident.estimate.least_squares import Fit
 from hydro_model.base_parameters import BaseMap
-from hydro_model.robot import Cylinder, FloatArray, Robot
+from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Cylinder, FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
 #: The estimator: from the columns that are free and the values (p,) of those that are not (zero
@@ -40,14 +40,14 @@ _OUTER = 1.2
 
 @dataclass(frozen=True, slots=True)
 class HeldPart:
-    """A parameter of a barrel or rod that is not fitted.
+    """A parameter that is not fitted: of a barrel or rod, or one at its bound.
 
     Attributes
     ----------
     index : int
-        In the base parameters.
+        In the regression's columns, of which the base parameters come first.
     value : float
-        The robot file's.
+        The robot file's, or the bound.
     reason : str
     """
 
@@ -108,7 +108,7 @@ def fit_with_parts(
     sizes, given = expected_sizes(robot, base), base.combination @ robot.parameter_vector
     reasons = _undetected(base, trial, sizes)
     while True:
-        fit = _held_fit(trial, {i: float(given[i]) for i in sorted(reasons)}, solve)
+        fit = held_fit(trial, {i: float(given[i]) for i in sorted(reasons)}, solve)
         wrong = _implausible(base, fit, sizes, reasons)
         if not wrong:
             break
@@ -116,9 +116,31 @@ def fit_with_parts(
     return fit, tuple(HeldPart(i, float(given[i]), reasons[i]) for i in sorted(reasons))
 
 
-def part_notes(base: BaseMap, held: Sequence[HeldPart]) -> tuple[str, ...]:
-    """What was held, a line each."""
-    return tuple(f"{base.names[part.index]}: {part.reason}" for part in held)
+def part_notes(names: Sequence[str], held: Sequence[HeldPart]) -> tuple[str, ...]:
+    """What was held: a line per cylinder for its barrel and rod, and one per other parameter.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of all parameters.
+    held : sequence of HeldPart
+    """
+    groups: dict[str, dict[str, list[str]]] = {}
+    for part in held:
+        name = names[part.index]
+        owner, _, rest = name.partition(".")
+        cylinder, _, body = owner.rpartition("_")
+        of_part = body in ("barrel", "rod")
+        group = groups.setdefault(cylinder if of_part else name, {})
+        group.setdefault(part.reason, []).append(f"{body} {rest}" if of_part else "")
+    return tuple(
+        f"{owner}: "
+        + "; ".join(
+            f"{', '.join(what)} held at the robot file's value: {reason}" if what[0] else reason
+            for reason, what in reasons.items()
+        )
+        for owner, reasons in groups.items()
+    )
 
 
 def _undetected(base: BaseMap, trial: Fit, sizes: FloatArray) -> dict[int, str]:
@@ -146,9 +168,15 @@ def _undetected(base: BaseMap, trial: Fit, sizes: FloatArray) -> dict[int, str]:
         for i in parts:
             if _cylinder(base.names[i]) == _cylinder(base.names[worst]):
                 reasons[i] = (
-                    f"below detection: {base.names[worst]} may be wrong by {errors[worst]:.2g}"
-                    f" where such a part has {sizes[worst]:.2g}; held at the robot file's value"
+                    f"below detection (the data leave {base.names[worst]} uncertain by"
+                    f" {errors[worst]:.2g} {unit_of(base.names[worst])}, where such a part has"
+                    f" {sizes[worst]:.2g} {unit_of(base.names[worst])})"
                 )
+
+
+def unit_of(name: str) -> str:
+    """Unit of a standard parameter, by its last word."""
+    return STANDARD_UNITS[STANDARD_PARAMETERS.index(name.rsplit(".", 1)[-1])]
 
 
 def _cylinder(name: str) -> str:
@@ -196,16 +224,26 @@ def _implausible(
 ) -> dict[int, str]:
     """Values that no barrel or rod has: forces that the model lacks pass for them."""
     return {
-        i: f"the fit gives {fit.theta[i]:.3g} where such a part has {sizes[i]:.3g}: what the"
-        " model lacks passes for it; held at the robot file's value"
+        i: f"the fit gives {fit.theta[i]:.3g} {unit_of(base.names[i])}, where such a part has"
+        f" {sizes[i]:.3g} {unit_of(base.names[i])}: what the model lacks passes for it"
         for i in range(base.link_count, len(base.names))
         if i not in reasons
         and not -DEVIATIONS * fit.std[i] < fit.theta[i] < LARGEST_SHARE * sizes[i]
     }
 
 
-def _held_fit(trial: Fit, values: dict[int, float], solve: Solve) -> Fit:
-    """A fit of the other columns, put back among the held ones."""
+def held_fit(trial: Fit, values: dict[int, float], solve: Solve) -> Fit:
+    """A fit of the other columns, put back among the held ones.
+
+    Parameters
+    ----------
+    trial : Fit
+        With more columns free; held parameters keep its deviations.
+    values : dict of int to float
+        Held values by column.
+    solve : callable
+        The estimator.
+    """
     if not values:
         return trial
     size = trial.theta.size

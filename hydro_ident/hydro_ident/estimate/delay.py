@@ -58,12 +58,15 @@ class DelayFit:
         The deviation is infinite where the valves did not move.
     chambers : dict of str to FittedChamber
         By channel.
+    longest_s : float
+        Upper end of the range.
     """
 
     delay_s: float
     std_s: float
     dof: float
     chambers: dict[str, FittedChamber]
+    longest_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +134,7 @@ def fit_delay(
             break
         delay = _settled_delay(chambers, (weights, information), delay, (longest, step_s))
         steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
-    return _result(chambers, delay, steps)
+    return _result(chambers, (delay, longest), steps)
 
 
 def _settled_delay(
@@ -197,6 +200,7 @@ class _Step:
     """What one chamber says about the delay, and its parameters at this one."""
 
     plain: Solution
+    carried: FloatArray  # what the parameters take up of an error of the delay, per second
     variance: float
     dof: float
     covariance: FloatArray
@@ -209,8 +213,11 @@ def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
     both = solve(chamber.with_slope(delay_s, plain.theta))
     variance = float(both.covariance[-1, -1]) * unit**2
     scale = np.append(np.ones(plain.theta.size), unit)
+    slope = chamber.with_slope(delay_s, plain.theta)
+    known = slope.held(np.arange(plain.theta.size), np.zeros(plain.theta.size + 1))
     return _Step(
         plain,
+        plain_parameters(replace(known, y=slope.x[..., -1]), plain.weight) / unit,
         variance if variance > 0.0 else math.inf,
         float(both.dof[-1]),
         both.covariance * np.outer(scale, scale),
@@ -218,7 +225,10 @@ def _delay_step(chamber: _Chamber, delay_s: float, solve: Solve) -> _Step:
     )
 
 
-def _result(chambers: dict[str, _Chamber], delay_s: float, steps: dict[str, _Step]) -> DelayFit:
+def _result(
+    chambers: dict[str, _Chamber], delays: tuple[float, float], steps: dict[str, _Step]
+) -> DelayFit:
+    delay_s, longest_s = delays
     information = {name: 1.0 / s.variance for name, s in steps.items()}
     total = sum(information.values())
     fitted = {}
@@ -227,22 +237,25 @@ def _result(chambers: dict[str, _Chamber], delay_s: float, steps: dict[str, _Ste
         count = sum(int(p.moments.rows.sum()) for p in chamber.parts)
         fit = fit_of_solution(step.plain, blocks, count)
         if 0.0 < information[name] < math.inf:
-            covariance = _with_shared_delay(step.covariance, total - information[name])
+            covariance = _with_shared_delay(step, information[name], total)
             fit = replace(fit, covariance=covariance, dof=step.theta_dof)
         combines = tuple(combine for combine, _ in chamber.combines(delay_s))
         fitted[name] = FittedChamber(chamber.names, fit, step.plain, blocks, combines)
     if total <= 0.0:
-        return DelayFit(delay_s, math.inf, 1.0, fitted)
+        return DelayFit(delay_s, math.inf, 1.0, fitted, longest_s)
     shares = np.array([i / total for i in information.values()])
     dof = 1.0 / float(np.sum(shares**2 / np.array([s.dof for s in steps.values()])))
-    return DelayFit(delay_s, 1.0 / math.sqrt(total), dof, fitted)
+    return DelayFit(delay_s, 1.0 / math.sqrt(total), dof, fitted, longest_s)
 
 
-def _with_shared_delay(covariance: FloatArray, others: float) -> FloatArray:
-    """Covariance of the parameters where other chambers add information on the delay.
+def _with_shared_delay(step: _Step, own: float, total: float) -> FloatArray:
+    """Covariance of a chamber's parameters at the delay that all chambers share.
 
-    A measurement of the last parameter with variance 1 / others, by the Kalman update.
+    The delay is the mean of the chambers' own, weighted by their information; what it is off by
+    here, the parameters take up as their regressors do: ``theta = theta_k + b (d_k - d)`` with the
+    chamber's own estimates of both.
     """
-    last = covariance[:, -1]
-    update = np.outer(last, last) * (others / (1.0 + others * last[-1]))
-    return np.asarray((covariance - update)[:-1, :-1])
+    carried = step.carried[:, None]
+    path = np.concatenate([np.eye(carried.size), carried * (1.0 - own / total)], axis=1)
+    elsewhere = carried @ carried.T * (total - own) / total**2
+    return np.asarray(path @ step.covariance @ path.T + elsewhere)

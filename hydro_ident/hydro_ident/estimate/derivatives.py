@@ -47,15 +47,17 @@ class FilterSettings:
     keep_every: int = 0
 
     def __post_init__(self) -> None:
-        if not (self.differentiation_hz > 0.0 and self.parallel_hz > 0.0):
+        for what, value in (
+            ("differentiation", self.differentiation_hz),
+            ("parallel", self.parallel_hz),
+        ):
+            if not value > 0.0:
+                raise IdentError(f"expected a {what} cut-off above 0 Hz, found {value:g}")
+        if self.order < 1:
+            raise IdentError(f"expected a filter order of 1 or more, found {self.order}")
+        if self.keep_every < 0:
             raise IdentError(
-                "expected cut-off frequencies above 0 Hz, found"
-                f" {self.differentiation_hz:g} and {self.parallel_hz:g}"
-            )
-        if self.order < 1 or self.keep_every < 0:
-            raise IdentError(
-                "expected a filter order of 1 or more and a decimation of 1 or more,"
-                f" found {self.order} and {self.keep_every}"
+                f"expected a decimation of 1 or more (0: the default), found {self.keep_every}"
             )
 
     def edge_samples(self, step_s: float) -> int:

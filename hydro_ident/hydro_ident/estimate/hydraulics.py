@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
+from hydro_ident.estimate.closed_chain import HeldPart
 from hydro_ident.estimate.delay import Solve, fit_delay
 from hydro_ident.estimate.flow_moments import ExtraColumns, FlowGatherer, Select
 from hydro_ident.estimate.least_squares import Fit
@@ -61,6 +62,8 @@ class CylinderFit:
     chambers : tuple of ChamberFit
     dof : (p,) array
         Degrees of freedom of the standard deviations.
+    held : tuple of HeldPart
+        Effects' parameters at a bound, by column, with their own values.
     """
 
     cylinder: str
@@ -72,6 +75,7 @@ class CylinderFit:
     rejected: str
     chambers: tuple[ChamberFit, ...]
     dof: FloatArray = field(default_factory=lambda: np.zeros(0))
+    held: tuple[HeldPart, ...] = ()
 
     def value(self, name: str) -> tuple[float, float]:
         """A parameter and its standard deviation."""
@@ -97,6 +101,8 @@ class HydraulicFit:
     windows : WindowSettings
     delay_dof : float
         Degrees of freedom of the delay's deviation.
+    longest_s : float
+        Longest delay that was tried.
     """
 
     delay_s: float
@@ -104,6 +110,7 @@ class HydraulicFit:
     cylinders: tuple[CylinderFit, ...]
     windows: WindowSettings
     delay_dof: float = math.inf
+    longest_s: float = math.inf
 
 
 def fit_hydraulics(
@@ -171,7 +178,7 @@ def hydraulic_fit(
         _combine([f for f in fits if f.chamber.index == index])
         for index in sorted({f.chamber.index for f in fits})
     )
-    return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof)
+    return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s)
 
 
 def _combine(fits: Sequence[ChamberFit]) -> CylinderFit:

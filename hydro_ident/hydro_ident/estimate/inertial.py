@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from hydro_ident.estimate.blocks import Blocks, blocks_of
+from hydro_ident.estimate.bounds import Bounds, fit_within_bounds, force_bounds
 from hydro_ident.estimate.closed_chain import (
     HeldPart,
     IndexArray,
@@ -45,6 +47,7 @@ __all__ = [
     "identifiable_parameters",
     "inertial_fit",
     "measured_force",
+    "parameter_bounds",
     "parameter_scales",
     "still_joints",
 ]
@@ -90,7 +93,9 @@ class InertialFit:
         Joints that did not move.
     settings : FilterSettings
     held : tuple of HeldPart
-        Parameters of barrels and rods that stayed the robot file's.
+        Parameters of barrels and rods that stayed the robot file's, and parameters at a bound.
+    rejected : str
+        Why none of the values is to be used; empty where they are good.
     """
 
     model: ForceModel
@@ -99,10 +104,11 @@ class InertialFit:
     still: tuple[int, ...]
     settings: FilterSettings
     held: tuple[HeldPart, ...] = ()
+    rejected: str = ""
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Names that the data do not determine, other than barrels' and rods' held on purpose."""
+        """Names that the data do not determine, other than those held on purpose."""
         held = {part.index for part in self.held}
         pairs = enumerate(zip(self.model.names, self.identifiable, strict=True))
         return tuple(name for i, (name, known) in pairs if not known and i not in held)
@@ -179,8 +185,28 @@ def inertial_fit(
         return fit_of_solution(solve(part), part, count)
 
     fit, held = fit_with_parts(model.robot, model.base, len(model.names), fit_free)
+    bounds = parameter_bounds(model)
+    determined = partial(identifiable_parameters, model)
+    fit, held = fit_within_bounds(fit, held, bounds, fit_free, determined)
     known = identifiable_parameters(model, fit, held)
-    return InertialFit(model, fit, known, still, settings, held)
+    rejected = _outside(model, fit, known, bounds)
+    return InertialFit(model, fit, known, still, settings, held, rejected)
+
+
+def parameter_bounds(model: ForceModel) -> tuple[Bounds, ...]:
+    """Physical bounds of every parameter."""
+    scales = parameter_scales(model)
+    return force_bounds(model.names, model.base.names, model.effect_names, scales)
+
+
+def _outside(model: ForceModel, fit: Fit, known: Sequence[bool], bounds: Sequence[Bounds]) -> str:
+    """Which parameters are clearly outside their bounds; empty where none is."""
+    rows = zip(model.names, fit.theta, fit.std, known, bounds, strict=True)
+    return ", ".join(
+        limits.text(name, value, std)
+        for name, value, std, determined, limits in rows
+        if determined and limits.clear(value, std)
+    )
 
 
 def identifiable_parameters(

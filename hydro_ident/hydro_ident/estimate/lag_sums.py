@@ -12,18 +12,19 @@ any noise model. Between a few nodes gamma is taken as straight, so that a C per
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
 
-#: Longest lag, in strides: noise that remembers further is drift.
-LONGEST = 4096
+#: Longest lag, in strides (`Rows.stride`): noise that remembers further is drift.
+LONGEST = 2048
 #: Lags kept one by one, and growth from one node to the next behind them.
 _SINGLE, _GROWTH = 16, 1.2
-#: Rows that are worked on at once, at the least, in strides.
-_BATCH = 4096
+#: Rows that are worked on at once, in strides.
+_BATCH = 1024
 
 
 def _nodes() -> FloatArray:
@@ -45,16 +46,23 @@ def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     phi : (lags,) array
         Stationary: ``e_t = phi_1 e_(t-1) + ... + w_t``.
     shift : int
-        At lags this much further on one side and nearer on the other, averaged.
+        At lags this much further on one side and nearer on the other, averaged; at most `lags`.
 
     Returns
     -------
     (nodes,) array
         The Yule-Walker equations give the first, the recursion itself the others.
     """
+    series, at = _series(tuple(phi.tolist())), NODES.astype(int)
+    return np.asarray(0.5 * (series[at + shift] + series[np.abs(at - shift)]))
+
+
+@lru_cache(maxsize=64)
+def _series(phi: tuple[float, ...]) -> FloatArray:
+    """Autocovariance at every lag, and at as many beyond the longest as there are coefficients."""
     from scipy.signal import lfilter, lfiltic
 
-    order = phi.size
+    order = len(phi)
     matrix = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
         matrix[i, i] += 1.0
@@ -63,13 +71,14 @@ def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     right = np.zeros(order + 1)
     right[0] = 1.0
     first = np.linalg.solve(matrix, right)
-    rest = np.zeros(LONGEST + shift - order - 1)
+    rest = np.zeros(LONGEST - 1)
     if order:
-        filter_ = np.concatenate([[1.0], -phi])
+        filter_ = np.array([1.0, *(-one for one in phi)])
         memory = lfiltic([1.0], filter_, first[::-1][:order])
         rest, _ = lfilter([1.0], filter_, rest, zi=memory)
-    series, at = np.concatenate([first, rest]), NODES.astype(int)
-    return np.asarray(0.5 * (series[at + shift] + series[np.abs(at - shift)]))
+    series = np.concatenate([first, rest])
+    series.flags.writeable = False
+    return series
 
 
 @dataclass(slots=True)
@@ -81,7 +90,7 @@ class LagSums:
     channels, width : int
         Shape of a row of regressors.
     stride : int
-        Rows that count as one (`Rows.stride`): lags step over them.
+        Rows from one node of the noise model to the next (`Rows.stride`).
     """
 
     channels: int
@@ -114,20 +123,25 @@ class LagSums:
             self._held += gap
         self._waiting.append(values)
         self._held += values.shape[0]
-        if self._held >= _BATCH * self.stride:
-            self._flush()
+        batch = _BATCH * self.stride
+        if self._held < batch:
+            return
+        # Whole batches, whatever the calls were: the sums' rounding is then the same, too.
+        waiting = np.concatenate(self._waiting)
+        while waiting.shape[0] >= batch:
+            self._take(waiting[:batch])
+            waiting = waiting[batch:]
+        self._waiting, self._held = [waiting.copy()], waiting.shape[0]
 
     @property
     def total(self) -> FloatArray:
         """Symmetric sums by channel and node, (k, nodes, p, p)."""
-        self._flush()
+        if self._held:
+            self._take(np.concatenate(self._waiting))
+        self._waiting, self._held = [], 0
         return self._sums
 
-    def _flush(self) -> None:
-        if not self._held:
-            return
-        fresh = np.concatenate(self._waiting)
-        self._waiting, self._held = [], 0
+    def _take(self, fresh: FloatArray) -> None:
         past = np.concatenate([self._tail, fresh])
         before = self._tail.shape[0]
         now = past.copy()
@@ -140,36 +154,31 @@ class LagSums:
 
 
 def _node_sums(now: FloatArray, past: FloatArray, stride: int) -> FloatArray:
-    """Symmetric sums of ``now_t' past_(t - j stride)`` at the nodes, (nodes, p, p)."""
+    """Symmetric sums of ``now_t' past_(t - j)`` over all lags, shared among the nodes."""
     from scipy.fft import irfft, next_fast_len, rfft
 
     rows, width = now.shape
-    length = -(-rows // stride)
-    padded = np.zeros((2, length * stride, width))
-    padded[0, :rows], padded[1, :rows] = now, past
-    # Every phase of the stride is a series of its own; their products add up.
-    phases = padded.reshape(2, length, stride, width)
-    lags = min(length, LONGEST)
-    size = next_fast_len(length + lags, real=True)
-    spectra = rfft(phases, n=size, axis=1)
-    hats = _hats(lags)
+    lags = min(rows, LONGEST * stride)
+    size = next_fast_len(rows + lags, real=True)
+    spectra = rfft(now, n=size, axis=0), rfft(past, n=size, axis=0)
+    hats = _hats(lags, stride)
     result = np.zeros((NODES.size, width, width))
     for column in range(width):
-        cross = np.sum(spectra[0] * np.conj(spectra[1][..., column : column + 1]), axis=1)
-        result[:, :, column] = hats @ irfft(cross, n=size, axis=0)[:lags]
-    result = result + result.transpose(0, 2, 1)
-    # Lag 0 is its own mirror image.
-    result[0] *= 0.5
-    return result
+        cross = spectra[0] * np.conj(spectra[1][:, column : column + 1])
+        products = irfft(cross, n=size, axis=0)[:lags]
+        # Lag 0 is its own mirror image.
+        products[0] *= 0.5
+        result[:, :, column] = hats @ products
+    return result + result.transpose(0, 2, 1)
 
 
-def _hats(lags: int) -> FloatArray:
-    """Weights (nodes, lags) by which values at the lags are shared among the nodes."""
-    at = np.arange(float(lags))
+def _hats(lags: int, stride: int) -> FloatArray:
+    """Weights (nodes, lags) by which values at lags in rows are shared among the nodes."""
+    at = np.arange(float(lags)) / stride
     upper = np.minimum(np.searchsorted(NODES, at, side="right"), NODES.size - 1)
     share = (at - NODES[upper - 1]) / (NODES[upper] - NODES[upper - 1])
     weights = np.zeros((NODES.size, lags))
     index = np.arange(lags)
-    weights[upper, index] = share
-    weights[upper - 1, index] = 1.0 - share
+    weights[upper, index] = np.minimum(share, 1.0)
+    weights[upper - 1, index] = np.maximum(1.0 - share, 0.0)
     return weights

@@ -23,8 +23,9 @@ from hydro_ident.estimate.regression import (
     solve_wls,
     stacked_columns,
 )
-from hydro_ident.estimate.robust import VARIANCE_FACTOR, Weights, robust_scale
+from hydro_ident.estimate.robust import EXCESS, Weights, robust_scale
 from hydro_ident.estimate.rows import BoolArray, Rows
+from hydro_ident.estimate.solution import levels
 from hydro_model.robot import FloatArray
 
 __all__ = [
@@ -117,7 +118,7 @@ def weighted_least_squares(pieces: Sequence[Rows], estimator: Estimator = "wls")
         for number in range(ROBUST_PASSES):
             weights = weights_of(solution, blocks, weights, number)
             blocks = blocks_of([_moments(p, f"{i}", weights) for i, p in enumerate(pieces)])
-            before, solution = solution, solve_wls(blocks, VARIANCE_FACTOR)
+            before, solution = solution, solve_wls(blocks, EXCESS)
             if robust_settled(before, solution, number):
                 break
     return fit_of_solution(solution, blocks, count)
@@ -161,11 +162,15 @@ def weights_of(
         The regressors as combinations of those gathered.
     """
     theta = solution.theta if combine is None else combine @ solution.theta
-    keys = zip(blocks.channel.tolist(), blocks.labels, strict=True)
+    keys = list(zip(blocks.channel.tolist(), blocks.labels, strict=True))
     scale = dict(zip(keys, solution.level.tolist(), strict=True))
     if before is not None:
+        # The fit follows slow noise: its residuals are smaller than the noise by this much.
+        taken = solution.level / levels(blocks, solution.theta)
+        grown = dict(zip(keys, np.maximum(taken, 1.0).tolist(), strict=True))
         # Where half of the residuals vanish (exact data) the last scale stays.
-        scale |= {k: robust_scale(h) or scale[k] for k, h in before.residuals.items()}
+        met = before.residuals.items()
+        scale |= {k: grown.get(k, 1.0) * robust_scale(h) or scale[k] for k, h in met}
     return Weights(np.append(-theta, 1.0), scale, number >= HUBER_PASSES)
 
 

@@ -46,6 +46,11 @@ class Moments:
     rows : (k,) int array
         Measured rows.
     lagged : (k,) array
+        Rows with all their predecessors; none of them rejected by robust weights.
+    own : (k, width, width) array or None
+        With robust weights: triangular factor of the weighted rows alone, from which the
+        parameters come; the noise is found in `factor`, whose rows are never weighted.
+    effective : (k,) array
         Rows with all their predecessors, or the sum of their robust weights.
     far : LagSums
         Products of the regressors with those further back.
@@ -62,6 +67,8 @@ class Moments:
     factor: FloatArray = field(init=False)
     rows: NDArray[np.intp] = field(init=False)
     lagged: FloatArray = field(init=False)
+    own: FloatArray | None = field(init=False, default=None)
+    effective: FloatArray = field(init=False)
     far: LagSums = field(init=False)
     far_z: LagSums | None = field(init=False, default=None)
     _tail: FloatArray = field(init=False)
@@ -72,7 +79,7 @@ class Moments:
         size = (self.lags + 1) * self.width
         self.factor = np.zeros((self.channels, size, size))
         self.rows = np.zeros(self.channels, dtype=np.intp)
-        self.lagged = np.zeros(self.channels)
+        self.lagged, self.effective = np.zeros(self.channels), np.zeros(self.channels)
         size = (self.width - 1) // (2 if self.instruments else 1)
         self.far = LagSums(self.channels, size, self.stride)
         if self.instruments:
@@ -105,13 +112,13 @@ class Moments:
         run = _run_lengths(known, rows.follows(self._tail_s), self._tail_run)
         self.rows += known.sum(axis=0)
         joined = np.concatenate([self._tail, values])
-        root = np.zeros(run.shape)
+        weight = np.zeros(run.shape)
         for k in range(self.channels):
             chosen = np.flatnonzero(run[:, k] > self.lags * self.stride)
             for begin in range(0, chosen.size, _BATCH):
                 batch = chosen[begin : begin + _BATCH]
-                root[batch, k] = self._take(joined[:, k], batch, k, weights)
-        self._take_far(values, root, rows)
+                weight[batch, k] = self._take(joined[:, k], batch, k, weights)
+        self._take_far(values, weight, rows)
         self._tail = joined[joined.shape[0] - self.lags * self.stride :]
         self._tail_run = run[-1].copy()
         self._tail_s = float(rows.time_s[-1]) if rows.step_s else -np.inf
@@ -119,20 +126,23 @@ class Moments:
     def _take(
         self, joined: FloatArray, chosen: NDArray[np.intp], channel: int, weights: Weights | None
     ) -> FloatArray:
-        """Factorise the chosen rows; the roots of their weights."""
+        """Factorise the chosen rows; their weights."""
         at = chosen + self.lags * self.stride  # `joined` begins with the tail
         lagged = [joined[at - lag * self.stride] for lag in range(self.lags + 1)]
         block = np.stack(lagged, axis=1)
         own = np.ones(chosen.size)
         if weights is not None:
-            own = weights.of(channel, self.label, block)
-            block = block * np.sqrt(own)[:, None, None]
-        stacked = np.concatenate([self.factor[channel], block.reshape(chosen.size, -1)])
-        self.factor[channel] = np.linalg.qr(stacked, mode="r")
-        self.lagged[channel] += float(own.sum())
-        return np.sqrt(own)
+            own, kept = weights.of(channel, self.label, block)
+            if self.own is None:
+                self.own = np.zeros((self.channels, self.width, self.width))
+            self.own[channel] = _stacked(self.own[channel], block[:, 0] * np.sqrt(own)[:, None])
+            block = block[kept]
+        self.factor[channel] = _stacked(self.factor[channel], block.reshape(len(block), -1))
+        self.lagged[channel] += float(len(block))
+        self.effective[channel] += float(own.sum())
+        return own
 
-    def _take_far(self, values: FloatArray, root: FloatArray, rows: Rows) -> None:
+    def _take_far(self, values: FloatArray, weight: FloatArray, rows: Rows) -> None:
         """The same rows, weighted alike, for the sums by lag; gaps keep their length."""
         size = rows.x.shape[2]
         before = np.concatenate([[self._tail_s], rows.time_s[:-1]])
@@ -141,13 +151,18 @@ class Moments:
             missing = np.round((rows.time_s - before) / rows.step_s) - 1.0
             missing = np.where(np.isfinite(missing), np.maximum(missing, 0.0), 0.0)
         starts = [0, *(np.flatnonzero(missing[1:] > 0.0) + 1).tolist()]
-        weighted = values * root[..., None]
+        weighted = values * weight[..., None]
         for begin, end in zip(starts, [*starts[1:], rows.time_s.size], strict=True):
             part, skipped = weighted[begin:end], int(min(missing[begin], 1e9))
-            known = root[begin:end] > 0.0
+            known = weight[begin:end] > 0.0
             self.far.add(part[..., -1 - size : -1], skipped, known)
             if self.far_z is not None:
                 self.far_z.add(part[..., :size], skipped, known)
+
+
+def _stacked(factor: FloatArray, rows: FloatArray) -> FloatArray:
+    """The triangular factor of what was factorised and of more rows."""
+    return np.asarray(np.linalg.qr(np.concatenate([factor, rows]), mode="r"))
 
 
 def _run_lengths(

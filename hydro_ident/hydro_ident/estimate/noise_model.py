@@ -11,10 +11,11 @@ from hydro_ident.estimate.blocks import Blocks
 from hydro_model.robot import FloatArray
 
 #: Roots of the noise model are kept inside this circle: noise is stationary, if barely.
-_LARGEST_ROOT = 0.999
+_LARGEST_ROOT = 0.998
 #: Residuals below this share of the data (some newtons of a crane's forces, less than any
 #: transducer resolves) are the equations' own, in which no noise model is to be found.
 _EXACT = 1.0e-4
+_RIDGE = 1.0e-7
 #: Singular values below this share of the largest are none.
 RANK = 1.0e-11
 
@@ -46,7 +47,9 @@ def noise_model(
         chosen = unit.channel == k
         pooled = np.einsum("gij,g->ij", products[chosen], 1.0 / variance[chosen])
         if lags and pooled[0, 0] > _EXACT**2 * level[chosen] @ (1.0 / variance[chosen]):
-            phi[k] = _stable(np.linalg.lstsq(pooled[1:, 1:], pooled[1:, 0], rcond=1e-13)[0])
+            # Rows are smoother than their products' digits: white noise of no size is added.
+            past = pooled[1:, 1:] + _RIDGE * pooled[0, 0] * np.eye(lags)
+            phi[k] = _stable(np.linalg.solve(past, pooled[1:, 0]))
     return phi, group_variance(unit, products, phi)
 
 

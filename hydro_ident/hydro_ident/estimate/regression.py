@@ -1,104 +1,47 @@
-"""Least squares with plain weights, and intervals that hold under autocorrelated noise.
+"""Least squares with plain weights: ordinary, weighted by residuals, or with instruments.
 
-The parameters are those of ordinary least squares, of least squares with every channel of every
-recording weighted by its residual, or of instruments with the same weights. Their covariance is
-that of the noise carried through the estimator,
-
-    theta = A sum_g w_g Z_g' y_g,    A = (sum_g w_g Z_g' X_g)^-1,
-    cov theta = A (sum_g w_g^2 Z_g' Omega_g Z_g) A'
-
-(Z = X without instruments) where the noise of each channel is an autoregression, found from the
-residuals u = e - X d, d = theta - truth. What the fitted parameters took out of the residuals is
-given back to their products, so that their mean is the noise's own:
-
-    U_ij = u_(t-i) u_(t-j) + 2 E[e_(t-i) x_(t-j) d] - tr(V x_(t-i)' x_(t-j)),  phi = U_11^-1 U_10
-
-with V = cov theta, iterated; without it a short recording with long correlations looks whiter than
-it is. Quantiles are Student's, with Satterthwaite's degrees of freedom for the uncertainty of phi
-and of the noise's size.
-
-The noise model never weighs the rows: as soon as physics is left out of the model, weights by the
-residuals' autocorrelation let the noise model take the slow forces for itself.
+The noise model (`hydro_ident.estimate.solution`) never weighs the rows: as soon as physics is left
+out of the model, weights by the residuals' autocorrelation let the noise model take the slow
+forces for itself. It enters the covariance alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.blocks import Blocks, unit_columns
-from hydro_ident.estimate.lag_sums import autocovariance
-from hydro_ident.estimate.noise_model import RANK, lag_products, noise_model, spread_products
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.noise_model import RANK
+from hydro_ident.estimate.solution import Estimator, Solution, levels, with_noise
 from hydro_model.robot import FloatArray
 
-_PASSES, _SETTLED = 60, 1.0e-9
+__all__ = [
+    "Solution",
+    "misfit",
+    "plain_parameters",
+    "solve_iv",
+    "solve_ols",
+    "solve_wls",
+    "stacked_columns",
+]
+
 #: Passes that find the size of each channel's residual.
 _WEIGHT_PASSES = 6
-#: Step of the differences by phi, as a share of the distance from the unit circle.
-_SLOPE_STEP = 0.02
 #: Directions with singular values below this share are lost in sums of products: their errors
 #: are the textbook's, as much wider as those of the other directions are at most.
 _WEAK = 1.0e-5
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """Parameters and the noise that their covariance is for.
-
-    Attributes
-    ----------
-    theta : (p,) array
-    covariance : (p, p) array
-    dof : (p,) array
-        Degrees of freedom of the standard deviations.
-    phi : (k, lags) array
-        Noise model: noise is phi times its past plus white noise.
-    variance : (G,) array
-        Of that white noise, by group (recording and channel).
-    level : (G,) array
-        Standard deviation of the noise itself.
-    weight : (G,) array
-        Of the rows.
-    residual_std : (k,) array
-        Standard deviation of the noise of each channel over all recordings.
-    """
-
-    theta: FloatArray
-    covariance: FloatArray
-    dof: FloatArray
-    phi: FloatArray
-    variance: FloatArray
-    level: FloatArray
-    weight: FloatArray
-    residual_std: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class _Estimator:
-    """A linear estimator: ``theta - truth = left right' sum_g weight_g Z_g' e_g``.
-
-    Columns of `left` and `right` are directions of the parameters, those of `weak` known so
-    badly that sums of products have lost them.
-    """
-
-    theta: FloatArray
-    left: FloatArray
-    right: FloatArray
-    weak: BoolArray
-    weight: FloatArray
-
-
-def solve_wls(blocks: Blocks, variance_factor: float = 1.0) -> Solution:
+def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
     """Every channel of every recording weighted by its residual.
 
     Parameters
     ----------
     blocks : Blocks
-    variance_factor : float
-        Of robust weights.
+    excess : float
+        Of robust weights (`hydro_ident.estimate.robust`).
 
     Returns
     -------
@@ -107,16 +50,16 @@ def solve_wls(blocks: Blocks, variance_factor: float = 1.0) -> Solution:
     unit, norms = unit_columns(blocks)
     weight, estimator = np.ones(len(unit.labels)), _least_squares(unit, np.ones(len(unit.labels)))
     for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / _levels(unit, estimator.theta) ** 2
+        weight = 1.0 / levels(unit, estimator.theta) ** 2
         estimator = _least_squares(unit, weight)
-    return _scaled(_with_noise(unit, estimator, unit.far, variance_factor), norms)
+    return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
 
 
 def solve_ols(blocks: Blocks) -> Solution:
     """Every row alike."""
     unit, norms = unit_columns(blocks)
     estimator = _least_squares(unit, np.ones(len(unit.labels)))
-    return _scaled(_with_noise(unit, estimator, unit.far, 1.0), norms)
+    return _scaled(with_noise(unit, estimator, unit.far), norms)
 
 
 def solve_iv(blocks: Blocks) -> Solution:
@@ -136,12 +79,12 @@ def solve_iv(blocks: Blocks) -> Solution:
     theta = _least_squares(unit, np.ones(len(unit.labels))).theta
     estimator = None
     for _ in range(_WEIGHT_PASSES):
-        weight = 1.0 / _levels(unit, theta) ** 2
+        weight = 1.0 / levels(unit, theta) ** 2
         estimator = _instrumental(unit, unit.z, weight)
         theta = estimator.theta
     if estimator is None:
         raise IdentError("no pass was made")
-    return _scaled(_with_noise(unit, estimator, unit.far_z, 1.0), norms)
+    return _scaled(with_noise(unit, estimator, unit.far_z), norms)
 
 
 def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
@@ -166,21 +109,22 @@ def stacked_columns(blocks: Blocks, residual_std: FloatArray) -> FloatArray:
 
 def _stacked(unit: Blocks, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     root = np.sqrt(weight)
-    x = (unit.x[:, :, 0] * root[:, None, None]).reshape(-1, unit.x.shape[3])
-    return x, (unit.y[:, :, 0] * root[:, None]).ravel()
+    own_x, own_y = unit.rows
+    x = (own_x * root[:, None, None]).reshape(-1, own_x.shape[2])
+    return x, (own_y * root[:, None]).ravel()
 
 
-def _least_squares(unit: Blocks, weight: FloatArray) -> _Estimator:
+def _least_squares(unit: Blocks, weight: FloatArray) -> Estimator:
     x, y = _stacked(unit, weight)
     left, singular, right = np.linalg.svd(x, full_matrices=False)
     kept = singular > RANK * singular[0]
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     root = right.T * inverse
     weak = singular < _WEAK * singular[0]
-    return _Estimator(root @ (left.T @ y), root, root, weak, weight)
+    return Estimator(root @ (left.T @ y), root, root, weak, weight, root[:, ~weak])
 
 
-def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> _Estimator:
+def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> Estimator:
     by_lag = z[:, :, 0], unit.x[:, :, 0], unit.y[:, :, 0]
     cross = np.einsum("g,gmp,gmq->pq", weight, by_lag[0], by_lag[1], optimize=True)
     level = np.einsum("g,gmp,gm->p", weight, by_lag[0], by_lag[2], optimize=True)
@@ -188,135 +132,11 @@ def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> _Estimator
     weak = singular < _WEAK**2 * singular[0]
     inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, singular))
     theta = outward.T @ (inverse * (inward.T @ level))
-    return _Estimator(theta, outward.T * inverse, inward, weak, weight)
-
-
-def _levels(unit: Blocks, theta: FloatArray) -> FloatArray:
-    """Standard deviation of the residuals of each group, never quite zero."""
-    squares = np.sum((unit.y[:, :, 0] - unit.x[:, :, 0] @ theta) ** 2, axis=1)
-    level = np.sum(unit.y[:, :, 0] ** 2, axis=1)
-    # A floor keeps exact data (algebraic tests, a constant channel) from an infinite weight.
-    floor = np.where(level > 0.0, 1e-22 * level, unit.count)
-    return np.asarray(np.sqrt(np.maximum(squares, floor) / np.maximum(unit.count, 1.0)))
-
-
-def _with_noise(
-    unit: Blocks, estimator: _Estimator, far: FloatArray, variance_factor: float
-) -> Solution:
-    """Noise model and covariance of an estimate, each from the other until they stay."""
-    variance = _levels(unit, estimator.theta) ** 2
-    seen = lag_products(unit, estimator.theta)
-    shares = _shares(unit, estimator, far)
-    phi, variance = noise_model(unit, seen, variance)
-    products = seen
-    for _ in range(_PASSES):
-        before = phi
-        covariance = _covariance(unit, estimator, far, phi, variance)
-        products = seen + _taken(unit, covariance, shares, phi, variance)
-        phi, variance = noise_model(unit, products, variance)
-        if np.max(np.abs(phi - before), initial=0.0) < _SETTLED:
-            break
-    covariance = variance_factor * _covariance(unit, estimator, far, phi, variance)
-    dof = _degrees_of_freedom(unit, estimator, far, (phi, variance), products)
-    squares, count = products[:, 0, 0], np.maximum(unit.count, 1.0)
-    by_channel = [np.bincount(unit.channel, v, unit.channels) for v in (squares, count)]
-    residual = np.sqrt(by_channel[0] / np.maximum(by_channel[1], 1.0))
-    level = np.sqrt(squares / count)
-    return Solution(
-        estimator.theta, covariance, dof, phi, variance, level, estimator.weight, residual
-    )
-
-
-def _shares(unit: Blocks, estimator: _Estimator, far: FloatArray) -> FloatArray | None:
-    """Sums by lag of ``w x_t A x_s'``, (G, nodes): what a row's noise does to the fit of others.
-
-    None with instruments, where the regressors' own noise is in the way.
-    """
-    if estimator.left is not estimator.right:
-        return None
-    strong = estimator.left[:, ~estimator.weak]
-    inner = np.einsum("pi,gbpq,qi->gb", strong, far, strong, optimize=True)
-    return np.asarray(inner * (estimator.weight * unit.stride)[:, None])
-
-
-def _taken(
-    unit: Blocks,
-    covariance: FloatArray,
-    shares: FloatArray | None,
-    phi: FloatArray,
-    variance: FloatArray,
-) -> FloatArray:
-    """What the fit took out of the residuals' products, in the mean, (G, L, L)."""
-    spread = spread_products(unit, covariance)
-    if shares is None:
-        return spread
-    lags = spread.shape[1]
-    cross = np.empty((len(unit.labels), lags))
-    for lag in range(lags):
-        correlation = np.array([autocovariance(row, lag) for row in phi])[unit.channel]
-        cross[:, lag] = variance * np.sum(correlation * shares, axis=1)
-    distance = np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))
-    return np.asarray(2.0 * cross[:, distance] - spread)
-
-
-def _covariance_by_group(
-    unit: Blocks, estimator: _Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
-) -> FloatArray:
-    """What the noise of each group adds to cov theta, (G, p, p)."""
-    correlation = np.array([autocovariance(row) for row in phi])[unit.channel]
-    scale = estimator.weight**2 * variance * unit.stride
-    middle = np.einsum("gb,gbpq->gpq", scale[:, None] * correlation, far, optimize=True)
-    turned = estimator.right.T @ middle @ estimator.right
-    if estimator.weak.any():
-        turned[:, estimator.weak] = 0.0
-        turned[:, :, estimator.weak] = 0.0
-        most = np.max(np.diagonal(turned, axis1=1, axis2=2), axis=1)
-        turned[:, estimator.weak, estimator.weak] = most[:, None]
-    return np.asarray(estimator.left @ turned @ estimator.left.T)
-
-
-def _covariance(
-    unit: Blocks, estimator: _Estimator, far: FloatArray, phi: FloatArray, variance: FloatArray
-) -> FloatArray:
-    total = _covariance_by_group(unit, estimator, far, phi, variance).sum(axis=0)
-    total = 0.5 * (total + total.T)
-    # Lags beyond the longest are cut off, which leaves a little less than a covariance.
-    values, vectors = np.linalg.eigh(total)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
-
-
-def _degrees_of_freedom(
-    unit: Blocks,
-    estimator: _Estimator,
-    far: FloatArray,
-    noise: tuple[FloatArray, FloatArray],
-    products: FloatArray,
-) -> FloatArray:
-    """Satterthwaite: twice the squared variance over the variance of the variance, (p,)."""
-    phi, variance = noise
-    by_group = _covariance_by_group(unit, estimator, far, phi, variance)
-    own = np.diagonal(by_group, axis1=1, axis2=2)
-    freedom = np.maximum(unit.count / unit.stride, 1.0)
-    uncertain = np.einsum("gi,g->i", own**2, 2.0 / freedom)
-    for k in range(unit.channels):
-        chosen = unit.channel == k
-        pooled = np.einsum("gij,g->ij", products[chosen], 1.0 / (variance[chosen] * unit.stride))
-        precision = np.linalg.pinv(pooled[1:, 1:], rcond=1e-13, hermitian=True)
-        roots = np.abs(np.roots(np.concatenate([[1.0], -phi[k]])))
-        step = _SLOPE_STEP * max(1.0 - float(np.max(roots, initial=0.0)), 1e-6)
-        slopes = []
-        for lag in range(phi.shape[1]):
-            sides = []
-            for sign in (1.0, -1.0):
-                moved = phi.copy()
-                moved[k, lag] += sign * step
-                shifted = _covariance_by_group(unit, estimator, far, moved, variance)
-                sides.append(np.diagonal(shifted.sum(axis=0)))
-            slopes.append((sides[0] - sides[1]) / (2.0 * step))
-        slope = np.array(slopes).reshape(phi.shape[1], -1)
-        uncertain += np.einsum("li,lj,ji->i", slope, precision, slope)
-    size = np.sum(own, axis=0) ** 2
-    return np.asarray(np.clip(2.0 * size / np.maximum(uncertain, 1e-300), 1.0, 1.0e6))
+    stacked = (by_lag[0] * np.sqrt(weight)[:, None, None]).reshape(-1, cross.shape[0])
+    _, own, directions = np.linalg.svd(stacked, full_matrices=False)
+    strong = own > _WEAK * own[0]
+    hat = directions[strong].T / own[strong]
+    return Estimator(theta, outward.T * inverse, inward, weak, weight, hat)
 
 
 def _scaled(solution: Solution, norms: FloatArray) -> Solution:

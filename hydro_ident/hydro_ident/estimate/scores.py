@@ -11,8 +11,10 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray
 
-#: Rows this close to a held-out block take part in neither: the filters carry over (3 / 10 Hz).
-GUARD_S = 0.3
+#: Periods of the parallel filter's cut-off over which it carries rows into their neighbours.
+GUARD_PERIODS = 3.0
+#: Held-out blocks are at least so many guards long, so that enough is left between them.
+_BLOCK_GUARDS = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,23 +30,48 @@ class HoldOut:
         Length of the blocks by recording name.
     every : int
         0: nothing is held out (whole bags validate).
+    guard_s : float
+        Rows this close to a held-out block take part in neither: the filters carry over.
     """
 
     block_s: Mapping[str, float] = field(default_factory=dict)
     every: int = 5
+    guard_s: float = GUARD_PERIODS / 10.0
 
     @staticmethod
-    def of(durations_s: Mapping[str, float], every: int = 5, longest_s: float = 4.0) -> HoldOut:
-        """Blocks of at most `longest_s`, at least `every` of them in each recording."""
-        return HoldOut({k: min(longest_s, v / every) for k, v in durations_s.items()}, every)
+    def of(
+        durations_s: Mapping[str, float],
+        every: int = 5,
+        longest_s: float = 4.0,
+        parallel_hz: float = 10.0,
+    ) -> HoldOut:
+        """Blocks of at most `longest_s`, at least `every` of them in each recording.
+
+        Parameters
+        ----------
+        durations_s : mapping of str to float
+            By recording.
+        every : int
+        longest_s : float
+            Ten guards, if that is longer.
+        parallel_hz : float
+            Cut-off of the filter that the guard keeps out: it is three of its periods long.
+        """
+        guard_s = GUARD_PERIODS / parallel_hz
+        longest_s = max(longest_s, _BLOCK_GUARDS * guard_s)
+        blocks = {k: min(longest_s, v / every) for k, v in durations_s.items()}
+        return HoldOut(blocks, every, guard_s)
 
     def training(self, rows: Rows) -> Rows:
         """The rows to fit: outside held-out blocks and their guard."""
         if self.every == 0:
             return rows
         kept = ~self._held(rows, 0.0)
-        for shift in (-GUARD_S, GUARD_S):
-            kept &= ~self._held(rows, shift)
+        # Held blocks shorter than the guard would fit between its two ends.
+        shortest = self.block_s[rows.label.rsplit("#", 1)[0]]
+        steps = max(1, math.ceil(self.guard_s / shortest))
+        for shift in np.linspace(0.0, self.guard_s, steps + 1)[1:]:
+            kept &= ~self._held(rows, -shift) & ~self._held(rows, shift)
         return rows.take(kept)
 
     def held_out(self, rows: Rows) -> Rows:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.histogram import Histogram
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import chamber_volumes, lever
@@ -18,7 +19,9 @@ _ONE_SIGMA = 0.6827
 #: The third difference of white noise has 1 + 9 + 9 + 1 times its variance.
 _THIRD = math.sqrt(20.0)
 #: Samples to either side from which a sample is predicted, and the fewest for it.
-_REACH, _SHORTEST = 6, 16
+_REACH, SHORTEST = 6, 16
+#: A reading's usual size: few outliers are among the readings below it.
+_USUAL = 0.95
 
 
 @dataclass(slots=True)
@@ -31,22 +34,38 @@ class Sensor:
         Sizes of third differences: those of a crane's motion vanish beside the noise's.
     deviations : Histogram
         How far samples lie from where their neighbours put them (`spike_sizes`).
+    sizes : Histogram
+        Of the readings.
     total, count : float
         For the mean.
+    smallest_step : float
+        Smallest change from one sample to the next that is one; infinite where there was none.
+    lone : bool
+        Deviations as of `spike_sizes`; the noise is then not white, and theirs if that is more.
     """
 
     differences: Histogram = field(default_factory=Histogram)
     deviations: Histogram = field(default_factory=Histogram)
+    sizes: Histogram = field(default_factory=Histogram)
     total: float = 0.0
     count: int = 0
+    smallest_step: float = math.inf
+    lone: bool = False
 
     def add(self, values: FloatArray, own: slice) -> None:
-        """Take in the samples of a trace of which `own` are new."""
-        if not np.isfinite(values).all() or values.size < _SHORTEST:
-            return
+        """Take in the samples of a trace of which `own` are new, stretch by stretch."""
+        for begin, end in runs(np.isfinite(values)):
+            first, last = max(own.start, begin), min(own.stop, end)
+            if end - begin >= SHORTEST and first < last:
+                self._add_run(values[begin:end], slice(first - begin, last - begin))
+
+    def _add_run(self, values: FloatArray, own: slice) -> None:
         third = np.abs(np.diff(values, 3))[own.start : own.stop]
         self.differences.add(third)
-        self.deviations.add(spike_sizes(values)[own])
+        self.deviations.add(spike_sizes(values, self.lone)[own])
+        self.sizes.add(np.abs(values[own]))
+        change = np.abs(np.diff(values))[own.start : own.stop]
+        self.smallest_step = float(np.min(change[change > 0.0], initial=self.smallest_step))
         self.total += float(values[own].sum())
         self.count += values[own].size
 
@@ -54,6 +73,8 @@ class Sensor:
         """Take in what another look found."""
         self.differences.merge(other.differences)
         self.deviations.merge(other.deviations)
+        self.sizes.merge(other.sizes)
+        self.smallest_step = min(self.smallest_step, other.smallest_step)
         self.total += other.total
         self.count += other.count
 
@@ -62,21 +83,28 @@ class Sensor:
         """Mean reading."""
         return self.total / max(self.count, 1)
 
+    @property
+    def smallest_change(self) -> float:
+        """The resolution as far as it was seen; 0 where the reading never changed."""
+        return self.smallest_step if math.isfinite(self.smallest_step) else 0.0
+
+    @property
+    def usual_size(self) -> float:
+        """Size that 95 % of the readings do not pass."""
+        return self.sizes.quantile(_USUAL)
+
     def noise(self, resolution: float) -> float:
         """Standard deviation of the white noise; a sensor at rest still has its rounding.
 
         The 68th percentile keeps shocks out.
         """
         spread = self.differences.quantile(_ONE_SIGMA) / _THIRD
+        if self.lone:
+            spread = max(spread, self.deviations.quantile(_ONE_SIGMA))
         return max(spread, resolution / math.sqrt(12.0))
 
-    def spikes(self, resolution: float, sigmas: float, floor: float = 0.0) -> float:
-        """Share of the samples that stand out by more than so many deviations, and a floor."""
-        size = sigmas * max(self.noise(resolution), resolution) + floor
-        return self.deviations.share_above(size)
 
-
-def spike_sizes(values: FloatArray) -> FloatArray:
+def spike_sizes(values: FloatArray, lone: bool = False) -> FloatArray:
     """How far each sample lies from where its neighbours put it.
 
     Speed and curvature are medians over a dozen samples; each of three neighbours on either side
@@ -87,13 +115,18 @@ def spike_sizes(values: FloatArray) -> FloatArray:
     ----------
     values : (N,) array
         N >= 16.
+    lone : bool
+        How far beyond both sides' predictions, each the median of its three: a step, which one
+        side agrees with, is no spike.
 
     Returns
     -------
     (N,) array
         In the unit of the values.
     """
-    padded = np.pad(values, _REACH, mode="reflect", reflect_type="odd")
+    mirrored = 2.0 * _end(values) - values[_REACH:0:-1]
+    beyond = 2.0 * _end(values[::-1]) - values[-2 : -_REACH - 2 : -1]
+    padded = np.concatenate([mirrored, values, beyond])
     first, second = np.diff(padded), np.diff(padded, 2)
     windows = np.lib.stride_tricks.sliding_window_view
     # Differences from t - REACH to t + REACH around every sample t.
@@ -103,7 +136,21 @@ def spike_sizes(values: FloatArray) -> FloatArray:
         padded[_REACH + j : _REACH + j + values.size] - j * speed - 0.5 * j * j * bend
         for j in (-3, -2, -1, 1, 2, 3)
     ]
-    return np.asarray(np.abs(values - np.median(predictions, axis=0)))
+    if not lone:
+        return np.asarray(np.abs(values - np.median(predictions, axis=0)))
+    sides = np.median(np.reshape(predictions, (2, 3, values.size)), axis=1)
+    above, below = values - sides.max(axis=0), sides.min(axis=0) - values
+    return np.asarray(np.maximum(np.maximum(above, below), 0.0))
+
+
+def _end(values: FloatArray) -> float:
+    """The first value as those behind it put it: it may be a spike itself."""
+    near = values[1 : 2 * _REACH + 1]
+    speed, bend = np.median(np.diff(near)[:_REACH]), np.median(np.diff(near, 2))
+    # The speed is that of the middle of its samples.
+    ahead = np.arange(1.0, 4.0)
+    middle = 0.5 * (_REACH + 2.0)
+    return float(np.median(near[:3] - ahead * speed - 0.5 * ahead * (ahead - 2.0 * middle) * bend))
 
 
 @dataclass(slots=True)
@@ -113,8 +160,11 @@ class SignalSurvey:
     Attributes
     ----------
     robot : Robot
-    q, p_a, p_b : list of Sensor
-        By joint and by cylinder.
+    q, effort : list of Sensor
+        By joint; efforts where no pressures give the force.
+    p_a, p_b, stroke : list of Sensor
+        By cylinder; strokes where the joint's angle is unknown.
+    supply, tank : Sensor
     low, high : (n,) array
         Range of the joints.
     arm : (m,) array
@@ -131,6 +181,10 @@ class SignalSurvey:
     q: list[Sensor] = field(init=False)
     p_a: list[Sensor] = field(init=False)
     p_b: list[Sensor] = field(init=False)
+    effort: list[Sensor] = field(init=False)
+    stroke: list[Sensor] = field(init=False)
+    supply: Sensor = field(default_factory=Sensor)
+    tank: Sensor = field(default_factory=Sensor)
     low: FloatArray = field(init=False)
     high: FloatArray = field(init=False)
     arm: FloatArray = field(init=False)
@@ -141,7 +195,8 @@ class SignalSurvey:
     def __post_init__(self) -> None:
         dof, cylinders = self.robot.dof, len(self.robot.cylinders)
         self.q = [Sensor() for _ in range(dof)]
-        self.p_a, self.p_b = ([Sensor() for _ in range(cylinders)] for _ in range(2))
+        self.effort = [Sensor(lone=True) for _ in range(dof)]
+        self.p_a, self.p_b, self.stroke = ([Sensor() for _ in range(cylinders)] for _ in range(3))
         self.low, self.high = np.full(dof, np.inf), np.full(dof, -np.inf)
         self.arm, self.samples = np.zeros(cylinders), np.zeros(cylinders)
         self.volume = np.zeros((cylinders, 2))
@@ -161,6 +216,7 @@ class SignalSurvey:
         for sensors, values in ((self.q, trace.q), (self.p_a, trace.p_a), (self.p_b, trace.p_b)):
             for i, sensor in enumerate(sensors):
                 sensor.add(values[:, i], own)
+        self._add_others(trace)
         if np.isfinite(trace.q).all():
             self.low = np.minimum(self.low, trace.q[own].min(axis=0))
             self.high = np.maximum(self.high, trace.q[own].max(axis=0))
@@ -173,11 +229,25 @@ class SignalSurvey:
             self.volume[i] += [float(v.sum()) for v in volumes]
             self.samples[i] += float(known.sum())
 
+    def _add_others(self, trace: Trace) -> None:
+        """Efforts, strokes and rails, as far as an equation uses them."""
+        dry = not (np.isfinite(trace.p_a).any() or np.isfinite(trace.p_b).any())
+        for joint in range(self.robot.dof) if dry else self.robot.dry_joints:
+            self.effort[joint].add(trace.joint_torque[:, joint], trace.owned)
+        for i, cylinder in enumerate(self.robot.cylinders):
+            if not np.isfinite(trace.q[:, self.robot.joint_index(cylinder.joint)]).any():
+                self.stroke[i].add(trace.stroke[:, i], trace.owned)
+        self.supply.add(trace.supply, trace.owned)
+        self.tank.add(trace.tank, trace.owned)
+
+    def _sensors(self) -> list[Sensor]:
+        by_part = [self.q, self.effort, self.p_a, self.p_b, self.stroke]
+        return [*(sensor for some in by_part for sensor in some), self.supply, self.tank]
+
     def merge(self, other: SignalSurvey) -> None:
         """Take in what another look found."""
-        for mine, theirs in ((self.q, other.q), (self.p_a, other.p_a), (self.p_b, other.p_b)):
-            for sensor, more in zip(mine, theirs, strict=True):
-                sensor.merge(more)
+        for sensor, more in zip(self._sensors(), other._sensors(), strict=True):
+            sensor.merge(more)
         self.low, self.high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         self.arm, self.volume = self.arm + other.arm, self.volume + other.volume
         self.samples = self.samples + other.samples

@@ -109,9 +109,9 @@ def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
 
 
 def _pieces(recording: Recording) -> list[slice]:
-    """Contiguous stretches whose positions and pressures are there in every cycle."""
+    """Contiguous stretches whose positions, pressures and torques are there in every cycle."""
     usable = np.ones(len(recording), dtype=bool)
-    for values in (recording.q, recording.p_a, recording.p_b):
+    for values in (recording.q, recording.p_a, recording.p_b, _used_efforts(recording)):
         if values is not None:
             recorded = ~np.isnan(values).all(axis=0)
             usable &= np.isfinite(values[:, recorded]).all(axis=1)
@@ -121,6 +121,13 @@ def _pieces(recording: Recording) -> list[slice]:
         for begin, end in runs(usable[segment])
         if end - begin >= 2
     ]
+
+
+def _used_efforts(recording: Recording) -> FloatArray | None:
+    """Measured torques that an equation uses: those of joints without pressures."""
+    if recording.effort is None or (recording.p_a is None and recording.p_b is None):
+        return recording.effort
+    return recording.effort[:, list(recording.robot.dry_joints)]
 
 
 def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Trace:

@@ -8,6 +8,7 @@ from typing import Any
 
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.identification import Identification
+from hydro_ident.model_error import model_error_note
 from hydro_ident.parameters import Parameter
 from hydro_ident.report.html import bullets as _list
 from hydro_ident.report.html import table as _table
@@ -47,6 +48,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     str
     """
     title = f"Identification of {escape(found.given.name)}"
+    warning = model_error_note(found.channels)
     parts = [
         "<!DOCTYPE html>",
         f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
@@ -56,6 +58,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         _list(found.problems, "no"),
         _estimator(found),
         "<h2>Parameters</h2>",
+        _list([warning] if warning else [], "no"),
         _parameters(found.parameters),
         physical_section(found.physical),
         comparison_section(found.comparison),
@@ -66,7 +69,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         free_run_section(found.free_run),
         summed_section(found.summed),
         "<h2>Notes</h2>",
-        _list(found.notes, ""),
+        _list([note for note in found.notes if note != warning], ""),
         "<h2>Provenance</h2>",
         provenance_table(origin),
         "</body></html>",
@@ -86,15 +89,15 @@ def _parameters(parameters: Sequence[Parameter]) -> str:
     head = ("parameter", "value", "95 % interval", "unit", "datasheet", "determined")
     rows = []
     for p in parameters:
-        low, high = p.ci95
+        interval = "-" if p.ci95 is None else " .. ".join(f"{bound:.5g}" for bound in p.ci95)
         rows.append(
             (
                 readable(p),
                 f"{p.value:.5g}",
-                f"{low:.5g} .. {high:.5g}",
+                interval,
                 p.unit,
                 "-" if p.datasheet is None else f"{p.datasheet:.5g}",
-                "yes" if p.identifiable else "held" if p.reason else "no",
+                "yes" if p.identifiable else "held" if p.held else "no",
             )
         )
     return _table(head, rows)
@@ -111,7 +114,8 @@ def readable(parameter: Parameter) -> str:
 
 
 def _channels(channels: Sequence[ChannelScore]) -> str:
-    head = ("channel", "unit", "RMSE given", "RMSE identified", "noise floor", "fit %", "fit %")
+    errors = ("RMSE given", "RMSE identified", "noise floor")
+    head = ("channel", "unit", *errors, "fit given %", "fit identified %")
     rows = []
     for channel in channels:
         s = channel.summary()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from pathlib import PurePath
 
 import numpy as np
 
-from hydro_ident.compare import LEVEL, Change, Comparison
+from hydro_ident.compare import Change, Comparison
 from hydro_ident.free_run import FreeRun, JointRollout
 from hydro_ident.report.html import bullets, table
 from hydro_ident.report.svg import Line, line_plot
+from hydro_ident.validation_results import comparison_text, joint_text
 from hydro_ident.verdict import BagLoss
 
 _MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
@@ -30,7 +32,8 @@ def free_run_section(run: FreeRun | None) -> str:
         return ""
     parts = ["<h2>Free run from the recorded voltages</h2>", bullets(run.rejected, "no")]
     if run.joints:
-        head = ("joint", "unit", "RMSE given", "RMSE identified", "whole run", "whole run")
+        errors = ("RMSE given", "RMSE identified")
+        head = ("joint", "unit", *errors, *(f"whole run {e}" for e in errors))
         rows = [
             (
                 j.joint,
@@ -53,16 +56,15 @@ def comparison_section(found: Comparison | None) -> str:
     """What changed since an earlier model."""
     if found is None:
         return ""
-    head = ("parameter", "before", "now", "change", "unit", "z", "p adjusted", "changed")
+    head = ("parameter", "before", "now", "change", "unit", "z", "p adjusted", "outcome")
     base = ""
     if found.base is not None:
-        base = (
-            f"<p>All base parameters together: chi-squared {found.base.statistic:.1f} on"
-            f" {found.base.freedom}, p = {found.base.p_value:.2g}.</p>"
-        )
+        base = f"<p>All base parameters together: {escape(joint_text(found.base))}.</p>"
+    # The report may be passed on: a model's folder and name say which, a whole path too much.
+    old = "/".join(PurePath(found.old).parts[-2:])
     text = (
-        f"Against {found.old}. A parameter is called changed at the {LEVEL:.0%} level, its p-value"
-        f" adjusted for {len(found.changes)} tests (Holm)."
+        f"Against {old}: {comparison_text(found)}. z is the change over its standard deviation,"
+        " that of noise and of what physics left out of the model may make together."
     )
     return "\n".join(
         [
@@ -70,7 +72,7 @@ def comparison_section(found: Comparison | None) -> str:
             f"<p>{escape(text)}</p>",
             table(head, [_row(c) for c in found.changes]),
             base,
-            bullets(found.notes),
+            bullets([note.replace(found.old, old) for note in found.notes]),
         ]
     )
 
@@ -83,8 +85,8 @@ def _row(c: Change) -> tuple[str, ...]:
         f"{c.new - c.old:+.3g}",
         c.unit,
         _number(c.z, "+.2f"),
-        _number(c.p_adjusted, ".2g"),
-        "yes" if c.changed else "no",
+        "-" if c.test is None else f"{c.test.p_adjusted:.2g}",
+        "unknown" if c.test is None else c.test.outcome,
     )
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.estimate.chambers import WindowSettings, chambers_of
-from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, parallel_filter
+from hydro_ident.estimate.derivatives import FilterSettings, parallel_filter
 from hydro_ident.estimate.flow_moments import (
     ChamberMoments,
     FlowGatherer,
@@ -29,8 +29,8 @@ from hydro_ident.estimate.flow_moments import (
     gathered_rows,
 )
 from hydro_ident.estimate.hydraulics import hydraulic_fit
-from hydro_ident.estimate.inertial import Motion, force_columns, force_model
-from hydro_ident.estimate.least_squares import weighted_least_squares
+from hydro_ident.estimate.inertial import ForceModel, Motion, force_columns, force_model
+from hydro_ident.estimate.least_squares import Estimator, weighted_least_squares
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.traces import traces_of
@@ -45,8 +45,8 @@ from hydro_model.robot_files import load_robot
 PHI = 0.98
 #: Size of the residuals: some hundred newtons, and two per mille of a valve's flow.
 FORCE_N, FLOW = (300.0, 500.0), 5.0e-6
-DURATIONS_S = (30.0, 300.0)
-KINDS = ("row", "sample")
+LAG_S = 0.05  # of the motion behind the reference that serves as the instrument
+DURATIONS_S, KINDS = (30.0, 300.0), ("row", "sample")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,31 +91,24 @@ class _Outcome:
 
 
 def force_coverage(
-    robot: Robot, duration_s: float, kind: str, count: int, seed: int
+    robot: Robot, duration_s: float, kind: str, count: int, seed: int, estimator: Estimator = "wls"
 ) -> list[Coverage]:
-    """Coverage of base parameters and friction on the designed excitation."""
+    """Coverage on the designed excitation; with instruments, `LAG_S` ahead of the motion."""
     settings, model = FilterSettings(), force_model(robot)
-    with tempfile.TemporaryDirectory() as folder:
-        path = design_excitation(robot, start_pose(robot), duration_s, Path(folder)).path
-    times = np.arange(0.0, path.duration_s, STEP_S)
-    trace = traces_of([replace(synthetic_recording(robot, 1.0), q_ref=None)])[0]
-    x = parallel_filter(
-        force_columns(model, trace, Motion(*joint_motion(robot, path, times))), STEP_S, settings
-    )
-    kept = kept_samples(times.size, STEP_S, settings).size
+    times, rows = _designed_rows(model, duration_s, settings, estimator == "iv")
+    x = rows.x
     friction = [4.0e4] * len(robot.cylinders)
     truth = np.array([*(model.base.combination @ robot.parameter_vector), *friction])
-    step_s = settings.decimation(STEP_S) * STEP_S
 
     def once(number: int) -> _Outcome:
         rng = np.random.default_rng([seed, number])
         if kind == "row":
-            noise = autoregression(rng, kept, robot.dof)
+            noise = autoregression(rng, len(x), robot.dof)
         else:
             raw = autoregression(rng, times.size, robot.dof)
             noise = parallel_filter(raw, STEP_S, settings)
         y = x @ truth + noise * np.array(FORCE_N)
-        fit = weighted_least_squares([Rows(y, x, step_s * np.arange(float(kept)), step_s=step_s)])
+        fit = weighted_least_squares([replace(rows, y=y)], estimator)
         theta, std = _iid(x, y)
         half = np.array([student_95(d) for d in fit.dof]) * fit.std
         return _Outcome(
@@ -125,6 +118,26 @@ def force_coverage(
         )
 
     return _summary(model.names, [once(i) for i in range(count)], duration_s, kind)
+
+
+def _designed_rows(
+    model: ForceModel, duration_s: float, settings: FilterSettings, instruments: bool
+) -> tuple[FloatArray, Rows]:
+    """Sampling times of a designed motion, and its rows, whose y is yet to come."""
+    robot = model.robot
+    with tempfile.TemporaryDirectory() as folder:
+        path = design_excitation(robot, start_pose(robot), duration_s, Path(folder)).path
+    times = np.arange(0.0, path.duration_s, STEP_S)
+    trace = traces_of([replace(synthetic_recording(robot, 1.0), q_ref=None)])[0]
+
+    def columns(at: FloatArray) -> FloatArray:
+        moved = Motion(*joint_motion(robot, path, at))
+        return parallel_filter(force_columns(model, trace, moved), STEP_S, settings)
+
+    x = columns(times)
+    z = columns(np.minimum(times + LAG_S, path.duration_s)) if instruments else None
+    step_s = settings.decimation(STEP_S) * STEP_S
+    return times, Rows(x[..., 0], x, step_s * np.arange(float(len(x))), z=z, step_s=step_s)
 
 
 def flow_coverage(

@@ -3,7 +3,8 @@
     python -m hydro_ident.study.excitation [--duration S] [--seed N] [--truth NAME]
 
 First the prediction: condition numbers and the standard error of every parameter, from the robot
-file alone. Then (with --truth) the designed run in the closed loop of rig core and controller
+file alone, with the least errors of first moments that rest in poses could give at all. Then
+(with --truth) the designed run in the closed loop of rig core and controller
 core: how far valves and pressures go, and the errors that a fit of that recording states beside
 those predicted for the residuals that it left.
 """
@@ -24,6 +25,7 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.design.information import ForceInformation, Residual, moments, sandwich
+from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle
 from hydro_ident.design.prediction import Motions, Prediction, predict
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.derivatives import FilterSettings
@@ -42,6 +44,8 @@ from hydro_model.robot_files import load_robot
 SHIPPED = (3.0e-8, 20.0, 1.0e4, 0.0)
 _SETTLE_S = 1.0
 _SECOND_NS = 1_000_000_000
+#: Of `least_at_rest`: poses per joint, rounds at most, and how near to the least they end.
+_GRID, _ROUNDS, _NEAR = 41, 20_000, 0.004
 
 
 def repeated(robot: Robot, path_name: str, duration_s: float) -> Motions:
@@ -84,6 +88,57 @@ def compare(robot: Robot, design: Design, residual: Residual) -> Comparison:
     motion = repeated(robot, f"{robot.name}/parallelogram", design.path.duration_s)
     reference = predict(robot, motion, residual, 1.0 / robot.sensors.rate_hz)
     return Comparison(design.prediction, reference)
+
+
+def least_at_rest(robot: Robot, residual: Residual, duration_s: float) -> dict[str, float]:
+    """Least standard errors that first moments could have from rest in poses.
+
+    Each by itself: all of the time is spent in whatever poses within the limits tell most about
+    this one parameter, with no way between them and with friction known. A stay T, long against
+    the residuals' correlation tau, tells as much as T / (2 tau) independent rows. The shares of
+    time are those of the c-optimal design, by the multiplicative algorithm.
+
+    Parameters
+    ----------
+    robot : Robot
+    residual : Residual
+    duration_s : float
+
+    Returns
+    -------
+    dict of str to float
+        By base parameter; those that rest says nothing about are left out.
+    """
+    information = ForceInformation(robot, residual)
+    steps = np.linspace(-1.0, 1.0, _GRID)
+    grid = np.stack(np.meshgrid(*[steps] * robot.dof, indexing="ij"), axis=-1)
+    poses = middle(robot) + half_range(robot) * grid.reshape(-1, robot.dof)
+    still = np.zeros_like(poses)
+    poses = poses[limit_ratios(robot, Limits(), poses, still, still).max(axis=1) <= 1.0]
+    x = information.columns(poses, *np.zeros((2, *poses.shape)))
+    felt = np.flatnonzero(np.abs(x).max(axis=(0, 1), initial=0.0) > 0.0)
+    each = np.einsum("tkp,tkq->tpq", x[..., felt], x[..., felt])
+    size = np.sqrt(np.einsum("tii->i", each) / max(len(each), 1))
+    each /= np.outer(size, size)
+    rows = duration_s / (2.0 * residual.correlation_s)
+    return {
+        information.model.names[column]: _least_error(each, k) / (size[k] * float(np.sqrt(rows)))
+        for k, column in enumerate(felt)
+    }
+
+
+def _least_error(each: FloatArray, index: int) -> float:
+    """Least error of one parameter from a row's worth of poses whose information is `each`."""
+    shares = np.full(len(each), 1.0 / len(each))
+    for _ in range(_ROUNDS):
+        column = np.linalg.inv(np.einsum("t,tpq->pq", shares, each))[:, index]
+        gain = np.einsum("p,tpq,q->t", column, each, column) / column[index]
+        if gain.max() <= 1.0 + _NEAR:
+            break
+        shares *= np.sqrt(gain)
+        shares /= shares.sum()
+    # What any shares could add at most is known: `column[index] / gain.max()` is a lower bound.
+    return float(np.sqrt(column[index] / gain.max()))
 
 
 def drive(robot: Robot, truth: str, path: JointPath, gains: Gains, seed: int) -> Trace:
@@ -156,6 +211,11 @@ def _run(arguments: Sequence[str]) -> int:
         found.reference.parameters, found.designed.parameters, found.gains, strict=True
     ):
         print(f"| {a.name}, {a.unit} | {a.std:.3g} | {b.std:.3g} | {gain:.2f} |")
+    least = least_at_rest(robot, residual, design.path.duration_s)
+    for p in found.reference.parameters:
+        if p.name in least:
+            gain = p.std / least[p.name]
+            print(f"| {p.name}, rest in poses | {p.std:.3g} | {least[p.name]:.3g} | {gain:.2f} |")
     print(f"geometric mean of the gains {found.mean_gain:.2f}, least {found.gains.min():.2f}")
     if options.truth:
         _drive_and_print(robot, options.truth, design, options.seed)

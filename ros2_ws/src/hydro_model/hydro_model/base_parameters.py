@@ -80,11 +80,14 @@ class BaseMap:
         )
 
     def coefficients(self, index: int) -> dict[str, float]:
-        """Coefficients of base parameter `index` by standard name, the leading one first."""
+        """Coefficients of base parameter `index` by standard name, the leading one first.
+
+        Rounded to 12 digits, which the rounding errors of `combination` do not reach.
+        """
         row = self.combination[index]
         first = int(self.leading[index])
         rest = [int(k) for k in np.flatnonzero(row) if k != first]
-        return {self.standard_names[k]: float(row[k]) for k in [first, *rest]}
+        return {self.standard_names[k]: float(f"{row[k]:.12g}") for k in [first, *rest]}
 
     def readable(self, index: int) -> str:
         """Base parameter `index` as a sum, such as `lift_link.mcx + 1.6 tilt_link.mass`."""

@@ -1,0 +1,235 @@
+"""One identification as the passes over its recordings need it: what is read, split and scored."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+from hydro_ident.channel_scores import ScorePlan, channel_scores
+from hydro_ident.estimate.chambers import WindowSettings
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.inertial import ForceModel, force_model
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.summed_flow import SummedComparison
+from hydro_ident.estimation import Estimates
+from hydro_ident.estimator_choice import Choice
+from hydro_ident.free_run import FreeRun, free_run, no_free_run
+from hydro_ident.gathering import GatherPlan, score_source
+from hydro_ident.model_error import model_error_note
+from hydro_ident.sources import Source, first_traces
+from hydro_ident.survey import (
+    Survey,
+    merged_signals,
+    still_joints_of,
+    still_positions,
+    survey_source,
+)
+from hydro_ident.workers import Workers
+from hydro_model.robot import Robot
+
+#: Recordings are rolled out over this much at their start: roll-outs need them in memory.
+ROLLED_OUT_S = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Choices of the estimators.
+
+    Attributes
+    ----------
+    filters : FilterSettings
+    windows : WindowSettings
+    hold_out_every : int
+        Without bags to validate on, every so many blocks one is kept from the fit and scored;
+        0: everything is fitted and nothing scored.
+    estimator : {"auto", "ols", "wls", "robust", "iv"}
+    """
+
+    filters: FilterSettings = field(default_factory=FilterSettings)
+    windows: WindowSettings = field(default_factory=WindowSettings)
+    hold_out_every: int = 5
+    estimator: Choice = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One identification, surveyed and planned.
+
+    Attributes
+    ----------
+    robot : Robot
+    sources : tuple of Source
+        To identify from.
+    others : tuple of Source
+        To validate on.
+    seen : tuple of Survey
+        Of all of them, in that order.
+    signals : SignalSurvey
+        Of the sources.
+    plan : GatherPlan
+    still : tuple of int
+        Joints that did not move.
+    every : int
+        One block in so many is held out; 0: none is.
+    workers : Workers
+    """
+
+    robot: Robot
+    sources: tuple[Source, ...]
+    others: tuple[Source, ...]
+    seen: tuple[Survey, ...]
+    signals: SignalSurvey
+    plan: GatherPlan
+    still: tuple[int, ...]
+    every: int
+    workers: Workers
+
+    @property
+    def surveys(self) -> tuple[Survey, ...]:
+        """Of the sources alone."""
+        return self.seen[: len(self.sources)]
+
+    @property
+    def checked(self) -> tuple[Survey, ...]:
+        """Of what is validated on: the sources themselves where there is nothing else."""
+        return self.seen[len(self.sources) :] or self.surveys
+
+    @property
+    def checks(self) -> tuple[Source, ...]:
+        """What is scored: other recordings, blocks of the sources, or nothing."""
+        return self.others or (self.sources if self.every else ())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the recordings."""
+        notes = []
+        for recording in (survey.recording for survey in self.seen):
+            notes += [f"{recording.path.name}: {note}" for note in recording.notes]
+            if recording.gaps:
+                notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
+        held = self.plan.effects.held
+        notes += [f"effect {name} taken as listed, not fitted" for name in held]
+        notes += [
+            f"effect {name} is listed, but the fit of the valve's flows does not know it"
+            for name in self.plan.effects.ignored
+        ]
+        if self.every:
+            notes.append(
+                f"scores are of one block in {self.every} of the bags, which the fit never saw"
+            )
+        elif not self.others:
+            notes.append("nothing was held out: everything was fitted, nothing is scored")
+        return tuple(notes)
+
+
+def prepared(
+    robot: Robot,
+    recordings: tuple[tuple[Source, ...], tuple[Source, ...]],
+    settings: Settings,
+    workers: Workers,
+) -> Job:
+    """Survey the recordings and plan what is gathered of them.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : pair of tuple of Source
+        To identify from, and to validate on.
+    settings : Settings
+    workers : Workers
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    RobotError
+        The robot lists an effect that is not in the catalogue.
+    """
+    sources, others = recordings
+    effects = ListedEffects.of(robot)
+    seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
+    surveys = seen[: len(sources)]
+    signals = merged_signals(robot, surveys)
+    every = 0 if others else settings.hold_out_every
+    still = still_joints_of(robot, signals)
+    plan = GatherPlan(
+        robot,
+        _force_model(robot, effects, surveys),
+        effects,
+        _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
+        settings.filters,
+        settings.windows,
+        still_positions(surveys, still),
+    )
+    return Job(robot, sources, others, seen, signals, plan, still, every, workers)
+
+
+def scored(
+    job: Job, estimates: Estimates
+) -> tuple[list[ChannelScore], tuple[SummedComparison, ...]]:
+    """The last pass: scores on what is held out, eq. 14 beside the chambers on the sources."""
+    plan = ScorePlan(
+        job.robot,
+        estimates.inertial,
+        estimates.hydraulic,
+        (job.plan.effects, estimates.effects),
+        job.plan.split,
+        job.plan.filters,
+        job.plan.still if job.every else {},
+        _plot_spacing(job.checked, job.every),
+    )
+    run, same = job.workers.map, not job.others and bool(job.every)
+    found = run(partial(score_source, plan=plan, scored=same, summed=True), job.sources)
+    others = found
+    if not same:
+        others = run(partial(score_source, plan=plan, scored=True, summed=False), job.others)
+    total = None
+    for one in found:
+        if one.summed is not None:
+            if total is None:
+                total = one.summed
+            else:
+                total.merge(one.summed)
+    signals = merged_signals(job.robot, job.checked)
+    scores = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
+    return scores, () if total is None else total.result()
+
+
+def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:
+    """Free run of the given and of the identified robot on what is scored."""
+    checks = first_traces(job.checks, ROLLED_OUT_S)
+    why_not = no_free_run(job.robot, hydraulic)
+    return free_run(job.robot, found, checks, job.plan.split, job.plan.filters, why_not)
+
+
+def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
+    """Rows per row that is plotted."""
+    rows = 50.0 * sum(survey.duration_s for survey in surveys) / max(every, 1)
+    return max(1, math.ceil(rows / PLOT_POINTS))
+
+
+def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) -> HoldOut:
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
+    return HoldOut.of(durations, every, parallel_hz=filters.parallel_hz)
+
+
+def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
+    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+    model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
+    changes = effects.held_torque if effects.changes else None
+    return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
+
+
+def score_notes(scores: Sequence[ChannelScore], wanted: bool) -> list[str]:
+    """What the scores say, or that there are none where some were wanted."""
+    if wanted and not scores:
+        return ["no stretch of the bags can be used to check the predictions: nothing was scored"]
+    note = model_error_note(scores)
+    return [note] if note else []
