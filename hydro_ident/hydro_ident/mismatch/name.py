@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.scores import GUARD_S
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, fitted
@@ -34,6 +35,8 @@ from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
+#: Around held-out blocks, as far as the default filters reach.
+_GUARD_S = GUARD_PERIODS / FilterSettings().parallel_hz
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
 _SWAPS = 3
@@ -199,7 +202,7 @@ class Searcher:
 
     @staticmethod
     def _held_out(one: Fitted) -> float:
-        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, GUARD_S)))
+        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, _GUARD_S)))
 
     # Back again ----------------------------------------------------------------------------
 
