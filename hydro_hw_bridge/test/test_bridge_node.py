@@ -431,7 +431,7 @@ def test_bus_off_trips_and_comes_back_at_zero(
         assert answer.answers(counter)
         assert (answer.voltages, answer.enable) == ((0.0, 0.0), False)
     assert ros.clear().success
-    device.send(8)
+    send_and_hear(ros, device, 8, stamp + 8 * PERIOD_NS)
     ros.ask(stamp + 8 * PERIOD_NS, 1.0, 1.0)
     # After a cleared trip the first second is slow: 10 V/s.
     assert device.answer().voltages == (0.02, 0.02)
