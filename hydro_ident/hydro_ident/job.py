@@ -161,7 +161,7 @@ def prepared(
     still = still_joints_of(robot, signals)
     plan = GatherPlan(
         robot,
-        _force_model(robot, effects, surveys),
+        planned_force_model(robot, effects, surveys),
         effects,
         _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
         settings.filters,
@@ -220,7 +220,10 @@ def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) ->
     return HoldOut.of(durations, every, parallel_hz=filters.parallel_hz)
 
 
-def _force_model(robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]) -> ForceModel:
+def planned_force_model(
+    robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]
+) -> ForceModel:
+    """The force model with the listed effects: fitted, held or undone."""
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
     model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
     changes = effects.held_torque if effects.changes else None

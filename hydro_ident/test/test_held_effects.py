@@ -11,7 +11,7 @@ from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_rows
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.identification import _force_model
+from hydro_ident.job import planned_force_model
 from hydro_model.cylinder import stroke
 from hydro_model.effects import Readings, read_with
 from hydro_model.robot import EffectSpec, Robot
@@ -63,7 +63,7 @@ def recorded(robot: Robot) -> Trace:
 def residual(robot: Robot, trace: Trace, truth: Robot, factor: float) -> float:
     """RMS force in N that the true parameters leave over, effects at `factor` of their size."""
     effects = ListedEffects.of(robot)
-    model = _force_model(robot, effects, ())
+    model = planned_force_model(robot, effects, ())
     rows = force_rows(model, trace, FilterSettings())
     assert rows is not None
     values = dict(
