@@ -34,6 +34,7 @@ setup(
             "compare_tracking = hydro_ident.commands.compare_tracking:main",
             "convert = hydro_ident.commands.convert:main",
             "diagnose = hydro_ident.commands.diagnose:main",
+            "study = hydro_ident.commands.study:main",
         ]
     },
 )

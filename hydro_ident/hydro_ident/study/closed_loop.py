@@ -71,7 +71,7 @@ def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float)
             (
                 plant.tip()[:3],
                 output.tip_d_m,
-                plant.q,
+                plant.q.copy(),
                 output.voltage_v,
                 output.force_n,
                 output.required_force_n,
