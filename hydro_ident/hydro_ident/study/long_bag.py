@@ -10,7 +10,6 @@ are removed again.
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -30,6 +29,7 @@ from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 
 ROBOT, RUN_S, PERIOD_NS = "xs031", 40.0, 2_000_000
+_POLL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +104,28 @@ def measure(minutes: float, folder: Path) -> Measured:
     command += ["--robot", ROBOT, "--out", str(out)]
     began = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    _, status, usage = os.wait4(process.pid, 0)
+    peak_kb = 0
+    while process.poll() is None:
+        peak_kb = max(peak_kb, _peak_kb(process.pid))
+        time.sleep(_POLL_S)
     seconds = time.monotonic() - began
-    process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         text = "" if process.stderr is None else process.stderr.read().decode()
         raise RuntimeError(f"identify ended with {process.returncode}: {text}")
     shutil.rmtree(bag)
-    return Measured(minutes, usage.ru_maxrss / 1024.0, seconds, size)
+    return Measured(minutes, peak_kb / 1024.0, seconds, size)
+
+
+def _peak_kb(pid: int) -> int:
+    """Largest resident memory of a process so far; 0 once it has ended.
+
+    The usage that `wait` reports would begin with the memory of the process that forked it.
+    """
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
 
 
 def _run(arguments: Sequence[str]) -> int:
