@@ -28,7 +28,7 @@ MATCHES, EXPLAINED, PARTLY = "matches", "explained", "partly_explained"
 UNKNOWN, NO_IMPROVEMENT, NOT_ENOUGH = "unknown", "no_improvement", "not_enough_data"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Finding:
     """A named cause that held-out rows confirm.
 
@@ -66,7 +66,7 @@ class ChannelResult:
     noise_floor: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
     """What a diagnosis found.
 

@@ -49,7 +49,7 @@ class Prior:
     values: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
     """A model fitted to the training rows.
 
@@ -205,6 +205,54 @@ def fitted(training: Training, model: Model, noise: Noise | None) -> Fitted:
     return _at(training, model, noise)
 
 
+def fit_term(
+    training: Training, without: Fitted, term: ActiveEffect, noise: Noise, passes: int
+) -> Fitted:
+    """Fit one more effect, everything else following to first order: quick, for a comparison.
+
+    Parameters
+    ----------
+    training : Training
+    without : Fitted
+    term : ActiveEffect
+        Start.
+    noise : Noise
+    passes : int
+
+    Returns
+    -------
+    Fitted
+        Of the model without the effect, with the effect last.
+    """
+    current = _with_term(training, without, term, noise)
+    for _ in range(passes):
+        step, factor, better = current.bench.solve()[without.columns.shape[1] :], 1.0, False
+        for _ in range(_HALVINGS):
+            moved = _stepped(current.model.terms[-1], factor * step)
+            fresh = _with_term(training, without, moved, noise)
+            better = fresh.squares <= current.squares
+            if better:
+                break
+            factor *= 0.5
+        if not better:
+            break
+        gained, current = current.squares - fresh.squares, fresh
+        if gained < _SETTLED * max(current.squares, 1.0):
+            break
+    return current
+
+
+def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: Noise) -> Fitted:
+    predictor, model = training.predictor, without.model
+    own = predictor.contribution(model, term)
+    slopes, names = _slopes(predictor, model, term, own)
+    columns = np.concatenate([without.columns, *slopes], axis=1)
+    residual = without.residual - own
+    bench = training.bench(noise, residual, columns, without.offset)
+    whole = (*without.names, *names)
+    return Fitted(model.with_term(term), residual, columns, whole, bench, without.offset)
+
+
 def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
     residual, columns, names = linearised(training.predictor, model)
     offset = training.offset(model)
@@ -253,16 +301,25 @@ def linearised(
         own = predictor.contribution(model, term)
         if term.effect.reading is None and not shapes(term):
             residual = residual - own
-        for i, spec in enumerate(term.effect.parameters):
-            if not _free(term, i):
-                continue
-            step = _step(term, i)
-            moved = term.parameters.copy()
-            moved[i] += step
-            slope = (predictor.contribution(model, term, moved) - own) / step
-            columns.append(slope[:, None])
-            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+        slopes, own_names = _slopes(predictor, model, term, own)
+        columns += slopes
+        names += own_names
     return residual, np.concatenate(columns, axis=1), tuple(names)
+
+
+def _slopes(
+    predictor: Predictor, model: Model, term: ActiveEffect, own: FloatArray
+) -> tuple[list[FloatArray], list[str]]:
+    """Slopes (N, 1) of a term's contribution in its free parameters, and their names."""
+    slopes, names = [], []
+    for i, spec in enumerate(term.effect.parameters):
+        if _free(term, i):
+            step, moved = _step(term, i), term.parameters.copy()
+            moved[i] += step
+            change = predictor.contribution(model, term, moved) - own
+            slopes.append((change / step)[:, None])
+            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+    return slopes, names
 
 
 def _free(term: ActiveEffect, index: int) -> bool:
@@ -297,18 +354,24 @@ def _moved(training: Training, model: Model, step: FloatArray) -> Model:
         delay = model.delay_s
     terms, at = [], count
     for term in model.terms:
-        parameters = term.parameters.copy()
-        for i, spec in enumerate(term.effect.parameters):
-            if not _free(term, i):
-                continue
-            change = float(step[at])
-            at += 1
-            if not spec.linear and parameters[i] != 0.0:
-                limit = abs(parameters[i]) * (_FACTOR - 1.0)
-                change = math.copysign(min(abs(change), limit / _FACTOR), change)
-            parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)
-        terms.append(replace(term, parameters=parameters))
+        width = sum(_free(term, i) for i in range(len(term.effect.parameters)))
+        terms.append(_stepped(term, step[at : at + width]))
+        at += width
     return Model(robot, theta, delay, tuple(terms))
+
+
+def _stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:
+    """A term after a step of its free parameters, within bounds; shapes move by factors."""
+    parameters, changes = term.parameters.copy(), iter(step)
+    for i, spec in enumerate(term.effect.parameters):
+        if not _free(term, i):
+            continue
+        change = float(next(changes))
+        if not spec.linear and parameters[i] != 0.0:
+            limit = abs(parameters[i]) * (_FACTOR - 1.0) / _FACTOR
+            change = math.copysign(min(abs(change), limit), change)
+        parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)
+    return replace(term, parameters=parameters)
 
 
 def _with_inertia(predictor: Predictor, robot: Robot, theta: FloatArray) -> Robot:

@@ -7,7 +7,7 @@ import numpy as np
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Stretch
 from hydro_model import signals as names
-from hydro_model.effects.rows import set_valve_signal, signal_rows
+from hydro_model.effects.rows import constant_signals, set_valve_signal, signal_rows
 from hydro_model.robot import FloatArray, Robot
 
 
@@ -37,6 +37,13 @@ def reshape(s: FloatArray, robot: Robot, index: int, trace: Trace) -> None:
     u = trace.valve_signal[:, index]
     s[:, names.VALVE_RATE] = np.gradient(u, trace.step_s)
     set_valve_signal(s, robot, index, u)
+
+
+def with_edges(s: FloatArray, robot: Robot, index: int, trace: Trace) -> None:
+    """Write a robot's edges, and their flows at a trace's signal, into rows of a like robot."""
+    for column, value in constant_signals(robot, index, None).items():
+        s[:, column] = value
+    set_valve_signal(s, robot, index, trace.valve_signal[:, index])
 
 
 def dry_rows(robot: Robot, stretch: Stretch, joint: int) -> FloatArray:

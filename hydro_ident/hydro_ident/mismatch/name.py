@@ -11,7 +11,7 @@ from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial, trials
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, fitted
+from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.prediction import Model, shapes
 from hydro_ident.mismatch.scoring import (
@@ -39,10 +39,12 @@ from hydro_model.robot import FloatArray
 _GUARD_S = GUARD_PERIODS / FilterSettings().parallel_hz
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
+#: Passes of a first and of a thorough fit, and the share of the best gain that earns the latter.
+_ROUGH, _PASSES, CLOSE_SHARE = 6, 6, 0.7
 _SWAPS = 3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Search:
     """Outcome of the search.
 
@@ -74,7 +76,7 @@ class Searcher:
 
     def __init__(self, training: Training, base: Fitted) -> None:
         self.training, self.base = training, base
-        self._bank: dict[tuple[str, str], list[Entry]] = {}
+        self._bank: dict[tuple[object, ...], list[Entry]] = {}
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
@@ -115,16 +117,22 @@ class Searcher:
     def _entries(self, model: Model) -> list[Entry]:
         """Columns of everything that is not in the model; those that shaping changed anew."""
         predictor = self.training.predictor
-        shaped = {t.cylinder for t in model.terms if shapes(t)}
         result: list[Entry] = []
         groups: dict[tuple[str, str], list[Trial]] = {}
         for trial in trials(predictor, model):
             groups.setdefault((trial.name, trial.target), []).append(trial)
         for key, own in groups.items():
-            stale = bool(shaped) and own[0].active.effect.channel != "force"
-            if key not in self._bank or stale:
-                self._bank[key] = bank_of(predictor, model, own)
-            result += self._bank[key]
+            active = own[0].active
+            shaping = tuple(
+                (t.effect.name, t.target)
+                for t in model.terms
+                if shapes(t) and active.cylinder in (None, t.cylinder)
+            )
+            if active.effect.channel == "force":
+                shaping = ()
+            if (*key, *shaping) not in self._bank:
+                self._bank[(*key, *shaping)] = bank_of(predictor, model, own)
+            result += self._bank[(*key, *shaping)]
         return result
 
     def _joined(self, current: Fitted, best: Score) -> FloatArray:
@@ -189,16 +197,31 @@ class Searcher:
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
         terms = [s.entry.trial.at(s.coefficients) for s in chosen]
-        contenders = [self._contender(without, term, noise) for term in terms]
-        return named_of(contenders, p, overdispersion(best))
+        return named_of(self._fitted(without, terms, noise), p, overdispersion(best))
 
-    def _contender(self, without: Fitted, term: ActiveEffect, noise: Noise) -> Contender:
-        whole = fit(self.training, without.model.with_term(term), noise, passes=8)
+    def _fitted(
+        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
+    ) -> list[Contender]:
+        """Contenders fitted: all roughly, those not far behind the best to the end."""
+        rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
+        gains = [without.squares - one.squares for one in rough]
+        return [
+            self._contender(
+                without,
+                one
+                if gain < CLOSE_SHARE * max(gains)
+                else fit(self.training, one.model, noise, _PASSES),
+            )
+            for one, gain in zip(rough, gains, strict=True)
+        ]
+
+    def _contender(self, without: Fitted, whole: Fitted) -> Contender:
+        term = whole.model.terms[-1]
         free = sum(not p.optional for p in term.effect.parameters)
         held = self._held_out(without) - self._held_out(whole)
         cost = 0.5 * free * np.log(max(without.bench.measured, 3))
         gain = without.squares - whole.squares
-        return Contender(whole.model.terms[-1], whole, gain, held, float(cost))
+        return Contender(term, whole, gain, held, float(cost))
 
     @staticmethod
     def _held_out(one: Fitted) -> float:
@@ -212,8 +235,8 @@ class Searcher:
             changed = False
             for one in list(named):
                 without, fresh = self._again(one, current)
-                changed |= not _is(fresh.term, one.term)
-                if fresh.pays:
+                changed |= fresh is None or not _is(fresh.term, one.term)
+                if fresh is not None and fresh.pays:
                     named[named.index(one)] = fresh
                     current = fit(self.training, fresh.modelled.fitted.model, passes=2)
                 else:
@@ -223,12 +246,18 @@ class Searcher:
                 break
         return named, current
 
-    def _again(self, one: Named, current: Fitted) -> tuple[Fitted, Named]:
-        """The model without a finding, and its set with the other findings in place."""
+    def _again(self, one: Named, current: Fitted) -> tuple[Fitted, Named | None]:
+        """The model without a finding, and its set with the other findings in place.
+
+        Two findings that have become the same effect are one: None.
+        """
         others = tuple(t for t in current.model.terms if not _is(t, one.term))
         rest, noise = replace(current.model, terms=others), current.bench.noise
         without = fit(self.training, rest, noise, passes=2)
-        again = [self._contender(without, c.term, noise) for c in one.tried]
+        terms = [c.term for c in one.tried if not any(_is(c.term, t) for t in others)]
+        if not terms:
+            return without, None
+        again = self._fitted(without, terms, noise)
         return without, named_of(again, one.p_value, one.spread)
 
 

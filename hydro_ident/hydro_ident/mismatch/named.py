@@ -18,7 +18,7 @@ LIMITS = {"presliding_friction": ("distance", 1.0e-4, "coulomb_friction")}
 _FORM_NATS = 4.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Contender:
     """An effect fitted in the place of a finding.
 
@@ -53,7 +53,7 @@ class Contender:
         return effect.name
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Named:
     """One cause: effects that the recordings cannot tell apart.
 

@@ -10,8 +10,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
 from hydro_ident.estimate.force_rows import force_columns
 from hydro_ident.mismatch.contributions import compressed, contribution, measured
 from hydro_ident.mismatch.material import Material, Stretch
-from hydro_ident.mismatch.shaping import Model, Signals, reading_key, shapes
-from hydro_model.effects.effect import Stage
+from hydro_ident.mismatch.shaping import Model, Signals, reading_key, shape_key, shapes
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -164,7 +163,7 @@ class Predictor:
         At unit coefficients: they change with delay and shaping alone, and are kept for those.
         """
         material = self.material
-        key = (model.delay_s, _shape_key(model), channel, stretch.number)
+        key = (model.delay_s, shape_key(model), channel, stretch.number)
         if key in self._flows:
             return self._flows[key]
         index = material.chamber_index(channel)
@@ -183,17 +182,3 @@ class Predictor:
             self._flows.clear()
         self._flows[key] = material.windowed(stretch, index, steps)
         return self._flows[key]
-
-
-def _shape_key(model: Model) -> tuple[object, ...]:
-    """What the rows of a balance depend on beside the delay."""
-    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
-    edges = [
-        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
-    ]
-    terms = [
-        (t.effect.name, t.target, tuple(t.parameters))
-        for t in model.terms
-        if shapes(t) or t.effect.reading is not None
-    ]
-    return (tuple(terms), tuple(edges) if rails else ())

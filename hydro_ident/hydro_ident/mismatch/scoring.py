@@ -23,7 +23,7 @@ _COLLINEAR = 1.0e-6
 _PER_COEFFICIENT = 2.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Entry:
     """A trial with its columns on the rows where they are not zero.
 
@@ -59,7 +59,7 @@ def bank_of(predictor: Predictor, model: Model, chosen: Sequence[Trial]) -> list
     return entries
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Score:
     """What one trial gains.
 

@@ -30,7 +30,7 @@ NAMED_SHARE = 0.7
 #: Effects within this much log-likelihood (per unit of overdispersion) of the best are one set.
 SET_PROBABILITY = 0.97
 #: Most effects that are ever added.
-MOST_EFFECTS = 8
+MOST_EFFECTS = 16
 #: Effects are searched on no more than this much recording, in so many evenly spread parts; what
 #: was found is fitted and verified on all of it.
 LONGEST_SCAN_S, SCAN_PARTS = 150.0, 10

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.law_signals import dry_rows, reshape, wet_rows
+from hydro_ident.mismatch.law_signals import dry_rows, reshape, wet_rows, with_edges
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
@@ -23,6 +23,8 @@ from hydro_model.valve import edge_flows
 
 #: Corrected recordings that are kept at a time.
 _KEPT_STRETCHES = 6
+#: Sets of laws on the valve signal whose outcome is kept at a time.
+_KEPT_SHAPES = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +64,10 @@ class Signals:
     material: Material
     _stretches: dict[tuple[object, ...], tuple[Stretch, ...]] = field(default_factory=dict)
     _kept: Model | None = None
-    _plain_of: Robot | None = None
-    _plain_rows: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
+    _plain_rows: dict[tuple[int, int], tuple[Trace, Robot, FloatArray]] = field(
+        default_factory=dict
+    )
+    _shaped: dict[tuple[object, ...], tuple[Trace, Trace]] = field(default_factory=dict)
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
 
     def stretches(self, model: Model) -> tuple[Stretch, ...]:
@@ -132,15 +136,21 @@ class Signals:
         return self._rows[key]
 
     def _plain(self, robot: Robot, stretch: Stretch, cylinder: int) -> FloatArray:
-        """Signals as recorded, kept as long as the robot's numbers stay; not to be changed."""
-        if self._plain_of is not robot:
-            self._plain_of = robot
-            self._plain_rows.clear()
+        """Signals as recorded; not to be changed.
+
+        What follows from geometry is kept as long as the sensors' signals stay, what follows from
+        the edges is written anew for another robot.
+        """
         key = stretch.number, cylinder
-        trace, rows = self._plain_rows.get(key, (None, None))
-        if rows is None or trace is not stretch.trace:
+        kept = self._plain_rows.get(key)
+        if kept is None or kept[0] is not stretch.trace:
             rows = wet_rows(robot, stretch, cylinder)
-            self._plain_rows[key] = stretch.trace, rows
+        elif kept[1] is not robot:
+            rows = kept[2]
+            with_edges(rows, robot, cylinder, stretch.trace)
+        else:
+            return kept[2]
+        self._plain_rows[key] = stretch.trace, robot, rows
         return rows
 
     def _keep(self, model: Model) -> None:
@@ -154,7 +164,13 @@ class Signals:
         """The trace with valve signals and rails as the model's laws shape them."""
         if not any(shapes(term) for term in model.terms):
             return stretch.trace
-        return self._shape(model, stretch)
+        key = (*shape_key(model), stretch.number)
+        kept = self._shaped.get(key)
+        if kept is None or kept[0] is not stretch.trace:
+            if len(self._shaped) >= _KEPT_SHAPES * len(self.material.stretches):
+                self._shaped.pop(next(iter(self._shaped)))
+            kept = self._shaped[key] = stretch.trace, self._shape(model, stretch)
+        return kept[1]
 
     def _shape(self, model: Model, stretch: Stretch) -> Trace:
         trace = stretch.trace
@@ -245,3 +261,17 @@ def _strokes(robot: Robot, trace: Trace) -> FloatArray:
 
 def middle(values: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (values[1:] + values[:-1]))
+
+
+def shape_key(model: Model) -> tuple[object, ...]:
+    """What the rows of a balance depend on beside the delay."""
+    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
+    edges = [
+        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    ]
+    terms = [
+        (t.effect.name, t.target, tuple(t.parameters))
+        for t in model.terms
+        if shapes(t) or t.effect.reading is not None
+    ]
+    return (tuple(terms), tuple(edges) if rails else ())

@@ -76,10 +76,11 @@ def unexplained(
     """
     material = training.predictor.material
     result: dict[int, Unexplained] = {}
+    least = [least_size(training, fitted, k) for k in range(len(material.channels))]
     for one in found:
         if one.p_value > FAMILY_ERROR or one.channel in result:
             continue
-        if one.share < LEAST_SHARE or one.size < least_size(training, fitted, one.channel):
+        if one.share < LEAST_SHARE or one.size < least[one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         text = (

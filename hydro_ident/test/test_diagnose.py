@@ -1,0 +1,199 @@
+"""From bags to findings: simulated machines, the command, its files and its exit codes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.commands.diagnose import main, run
+from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
+from hydro_ident.mismatch.diagnosis import Diagnosis, diagnose
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.errors import HydroError
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+SECONDS, CHECKED = 18.0, 12.0
+EFFECTS = (
+    EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
+    EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),
+)
+#: Keys of the contract.
+KEYS = {"schema", "verdict", "channels", "findings", "unexplained", "not_testable"}
+CHANNEL_KEYS = {
+    "unit", "rmse_before", "rmse_after", "noise_floor", "fit_before_pct", "fit_after_pct",
+    "rollout_rmse_before", "rollout_rmse_after", "rollout_unit",
+}  # fmt: skip
+FINDING_KEYS = {
+    "channel", "also", "where", "names", "probability", "p_value", "equation", "parameters",
+    "heldout_rmse_before", "heldout_rmse_after", "separating_experiment",
+}  # fmt: skip
+
+
+def _recording(run_: object, name: str = "run") -> Recording:
+    count = len(run_.q)
+    rail = np.ones(count)
+    return Recording(
+        path=Path(name), robot=load_robot("xs031"), stamp_ns=10**18 + np.arange(count) * 2_000_000,
+        period_s=0.002, q=run_.q, stroke=None, effort=None, p_a=run_.p_a, p_b=run_.p_b,
+        supply=run_.robot.supply_pressure_pa * rail, tank=run_.robot.tank_pressure_pa * rail,
+        valve_v=run_.voltage, valve_source="/valve_state", command_v=run_.voltage, spool=None,
+        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
+        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
+        duplicates={}, notes=(), metadata={},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def truth(make_run: tuple) -> Robot:
+    return replace(make_run[0](), effects=EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def runs(make_run: tuple, truth: Robot) -> tuple:
+    return make_run[1](truth, SECONDS), make_run[1](truth, CHECKED, seed=3)
+
+
+@pytest.fixture(scope="module")
+def found(runs: tuple) -> Diagnosis:
+    train, check = runs
+    return diagnose(load_robot("xs031"), [_recording(train)], [_recording(check, "check")])
+
+
+def test_a_machine_that_equals_its_structure_matches(crane_run: object) -> None:
+    result = diagnose(load_robot("xs031"), [_recording(crane_run)])
+    assert result.verdict == "matches"
+    assert not result.findings
+    assert not result.unexplained
+    for channel in result.channels:
+        assert channel.after == pytest.approx(channel.before)
+
+
+def test_both_effects_are_named_in_their_places_and_nothing_else_is(found: Diagnosis) -> None:
+    assert found.verdict == "explained"
+    assert not found.unexplained
+    named = {f.named.names[0]: f for f in found.findings}
+    assert set(named) == {"coulomb_friction", "valve_null_bias"}
+    assert named["coulomb_friction"].channels[0] == "lift/force"
+    assert set(named["valve_null_bias"].channels) == {"tilt/flow_a", "tilt/flow_b"}
+    assert named["valve_null_bias"].named.names == ("valve_null_bias",)
+
+
+def test_sizes_are_those_of_the_truth(found: Diagnosis) -> None:
+    first = {f.named.names[0]: f.named.first.term.parameters for f in found.findings}
+    assert first["coulomb_friction"][0] == pytest.approx(2500.0, rel=0.05)
+    assert first["valve_null_bias"][0] == pytest.approx(0.006, rel=0.05)
+
+
+def test_what_was_found_predicts_what_was_never_seen(found: Diagnosis) -> None:
+    rms = {
+        c.name: [float(np.std(c.measured - side)) for side in (c.before, c.after)]
+        for c in found.channels
+    }
+    for name in ("lift/force", "tilt/flow_a", "tilt/flow_b"):
+        assert rms[name][1] < 0.5 * rms[name][0], name
+    for name in ("tilt/force", "lift/flow_a", "lift/flow_b"):
+        assert rms[name][1] < 1.1 * rms[name][0], name
+    assert found.free_run is not None
+    for joint in found.free_run.joints:
+        assert joint.rmse_after is not None
+        assert joint.rmse_before is not None
+        assert joint.rmse_after < 0.5 * joint.rmse_before
+    for finding in found.findings:
+        assert finding.verification.p_value < 0.05
+
+
+def test_baselines_name_something(found: Diagnosis) -> None:
+    assert found.work is not None
+    assert always_coulomb(found.work)[0].channel == "lift/force"
+    greedy = greedy_bic(found.work)
+    assert ("valve_null_bias", "tilt_cylinder") in {(g.name, g.target) for g in greedy}
+
+
+def test_the_model_file_with_the_effects_needs_no_further_diagnosis(
+    found: Diagnosis, runs: tuple
+) -> None:
+    """A second diagnosis of the same machine with the first one's model finds nothing."""
+    assert found.robot is not None
+    again = diagnose(found.robot, [_recording(runs[0])], [_recording(runs[1], "check")])
+    assert not again.findings
+    assert {e.name for e in again.given.effects} >= {"valve_null_bias"}
+
+
+@pytest.fixture
+def bags(runs: tuple, write_bag: Callable[..., Path]) -> tuple[Path, Path]:
+    train, check = runs
+    return write_bag(train.columns(), name="train"), write_bag(check.columns(), name="check")
+
+
+class _Closed(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.links: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [v or "" for k, v in attrs if k in ("src", "href")]
+
+
+def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = [str(bags[0]), "--robot", "xs031", "--validate", str(bags[1])]
+    assert run([*arguments, "--out", str(out)]) == 0
+    files = {f.name for f in out.iterdir()}
+    assert {"result.json", "report.html", "model.yaml", "controller.yaml"} <= files
+    result = json.loads((out / "result.json").read_text())
+    assert set(result) >= KEYS
+    assert result["schema"] == "hydro_ident/diagnosis/1"
+    assert result["verdict"] == "explained"
+    for channel in result["channels"].values():
+        assert set(channel) >= CHANNEL_KEYS
+    for finding in result["findings"]:
+        assert set(finding) >= FINDING_KEYS
+        assert sum(finding["probability"]) <= 1.0 + 1e-9
+        assert len(finding["names"]) == len(finding["probability"])
+        assert set(finding["names"]) <= set(CATALOGUE)
+        assert finding["where"]["low"] <= finding["where"]["high"]
+        assert all(p["name"].startswith(finding["names"][0]) for p in finding["parameters"])
+    listed = load_robot(out / "model.yaml")
+    assert {e.name for e in listed.effects} >= {"valve_null_bias"}
+    parser = _Closed()
+    parser.feed((out / "report.html").read_text())
+    assert not parser.links
+    controller = yaml.safe_load((out / "controller.yaml").read_text())
+    assert controller["controller"]["ros__parameters"]["robot"] == str(out / "model.yaml")
+
+
+def test_too_little_is_said_and_nothing_is_modelled(
+    runs: tuple, write_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    columns = {
+        topic: (names, {f: v[:500] for f, v in fields.items()})
+        for topic, (names, fields) in runs[0].columns().items()
+    }
+    bag, out = write_bag(columns, name="short"), tmp_path / "out"
+    assert run([str(bag), "--robot", "xs031", "--out", str(out)]) == 1
+    result = json.loads((out / "result.json").read_text())
+    assert result["verdict"] == "not_enough_data"
+    assert result["problems"]
+    assert not (out / "model.yaml").exists()
+
+
+def test_unreadable_input_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["diagnose", str(tmp_path / "none"), "--robot", "xs031", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", arguments)
+    assert main() == 2
+    assert not out.exists()
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    with pytest.raises(HydroError):
+        run(arguments[1:])
