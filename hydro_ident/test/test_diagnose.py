@@ -16,6 +16,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.diagnose import main, run
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import Diagnosis, diagnose
+from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.errors import HydroError
 from hydro_model.robot import EffectSpec, Robot
@@ -197,3 +198,17 @@ def test_unreadable_input_writes_nothing(
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     with pytest.raises(HydroError):
         run(arguments[1:])
+
+
+def test_a_payload_is_told_against_a_fixed_base_alone(make_run: tuple) -> None:
+    """A refit swallows it; a base known beforehand does not."""
+    true_crane, simulated_run = make_run
+    known = diagnose(load_robot("xs031"), [_recording(simulated_run(true_crane(), SECONDS))]).robot
+    assert known is not None
+    loaded = _recording(simulated_run(true_crane(50.0), SECONDS, seed=2))
+    fixed = diagnose(known, [loaded], (), DiagnosisSettings(fixed_base=True))
+    names = {n: f for f in fixed.findings for n in f.named.names}
+    assert set(names) == {"payload_change"}
+    mass = names["payload_change"].named.first.term.parameters[0]
+    assert mass == pytest.approx(50.0, rel=0.1)
+    assert diagnose(known, [loaded]).verdict == "matches"

@@ -198,7 +198,9 @@ def _grid(
 ) -> list[float]:
     effect, material = one.effect, predictor.material
     if spec.name == effect.start:
-        return _instants(material)
+        # From before the recording on, too: a refit of the base swallows that, a fixed one not.
+        always = [] if spec.default is None else [spec.default]
+        return always + _instants(material)
     if effect.name == "external_contact" and spec.name == "height":
         return _quantiles(predictor, model, one, (TIP_HEIGHT,))
     if effect.name == "counterbalance_valve" and spec.name == "setting":

@@ -12,7 +12,7 @@ from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
-from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, named_of
 from hydro_ident.mismatch.prediction import Model, shapes
 from hydro_ident.mismatch.scoring import (
     Entry,
@@ -39,8 +39,9 @@ from hydro_model.robot import FloatArray
 _GUARD_S = GUARD_PERIODS / FilterSettings().parallel_hz
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
-#: Passes of a first and of a thorough fit, and the share of the best gain that earns the latter.
-_ROUGH, _PASSES, CLOSE_SHARE = 6, 6, 0.7
+#: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
+#: how many get it.
+_ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
 
 
@@ -205,20 +206,19 @@ class Searcher:
         """Contenders fitted: all roughly, those not far behind the best to the end."""
         rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
         gains = [without.squares - one.squares for one in rough]
-        return [
-            self._contender(
-                without,
-                one
-                if gain < CLOSE_SHARE * max(gains)
-                else fit(self.training, one.model, noise, _PASSES),
-            )
-            for one, gain in zip(rough, gains, strict=True)
+        close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
+        close = [k for k in close if gains[k] >= CLOSE_SHARE * max(gains)]
+        whole = [
+            fit(self.training, one.model, noise, _PASSES) if k in close else one
+            for k, one in enumerate(rough)
         ]
+        before = self._held_out(without)
+        return [self._contender(without, before, one) for one in whole]
 
-    def _contender(self, without: Fitted, whole: Fitted) -> Contender:
+    def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
         free = sum(not p.optional for p in term.effect.parameters)
-        held = self._held_out(without) - self._held_out(whole)
+        held = before - self._held_out(whole)
         cost = 0.5 * free * np.log(max(without.bench.measured, 3))
         gain = without.squares - whole.squares
         return Contender(term, whole, gain, held, float(cost))
@@ -254,7 +254,7 @@ class Searcher:
         others = tuple(t for t in current.model.terms if not _is(t, one.term))
         rest, noise = replace(current.model, terms=others), current.bench.noise
         without = fit(self.training, rest, noise, passes=2)
-        terms = [c.term for c in one.tried if not any(_is(c.term, t) for t in others)]
+        terms = [c.term for c in one.tried if not any(_rival(c.term, t) for t in others)]
         if not terms:
             return without, None
         again = self._fitted(without, terms, noise)
@@ -263,8 +263,12 @@ class Searcher:
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
     """Whether a trial is an alternative to what was found already at its target."""
-    mine = trial.name, trial.target
-    return any(mine == (c.term.effect.name, c.term.target) for n in named for c in n.contenders)
+    return any(
+        c.term.target == trial.target
+        and (c.term.effect.name == trial.name or {c.name, trial.name} <= EXCLUSIVE)
+        for n in named
+        for c in n.contenders
+    )
 
 
 def overdispersion(best: Score) -> float:
@@ -281,6 +285,12 @@ def _firsts(scores: Sequence[Score]) -> list[Score]:
         trial = one.entry.trial
         seen.setdefault((trial.name, trial.target), one)
     return list(seen.values())
+
+
+def _rival(one: ActiveEffect, other: ActiveEffect) -> bool:
+    """Whether two effects cannot stand side by side."""
+    pair = {one.effect.name, other.effect.name}
+    return one.target == other.target and (len(pair) == 1 or pair <= EXCLUSIVE)
 
 
 def _is(one: ActiveEffect, other: ActiveEffect) -> bool:

@@ -11,9 +11,15 @@ from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
 from hydro_model.effects.targets import ActiveEffect
 
-#: Parameter below which a law is nothing but another one's, rounded: a bristle that bends over
-#: less than a tenth of a millimetre is Coulomb's law.
-LIMITS = {"presliding_friction": ("distance", 1.0e-4, "coulomb_friction")}
+#: Ranges of a parameter outside which a law is nothing but another one's, rounded: a bristle that
+#: bends over less than a tenth of a millimetre, or friction that falls off over more than any slow
+#: motion, is Coulomb's law.
+LIMITS = {
+    "presliding_friction": ("distance", 1.0e-4, np.inf, "coulomb_friction"),
+    "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, "coulomb_friction"),
+}
+#: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
+EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
 _FORM_NATS = 4.0
 
@@ -46,9 +52,9 @@ class Contender:
         """The name that it bears: where a law has run to another one's limit, that one's."""
         effect = self.term.effect
         if effect.name in LIMITS:
-            parameter, least, other = LIMITS[effect.name]
+            parameter, least, most, other = LIMITS[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)
-            if self.term.parameters[at] < least:
+            if not least <= self.term.parameters[at] <= most:
                 return other
         return effect.name
 
