@@ -185,13 +185,11 @@ class ControlLaw:
             [float(lever(a.cylinder, x)) for a, x in zip(self._axes, state.q, strict=True)]
         )
         xd, xd_r = arm * state.qd, arm * asked.qd_r
-        columns = swept_columns(self._axes, state.q)
-        if self.compensation is not None:
-            seen = Motion(
+        columns = self._columns(
+            Motion(
                 stamp_s, state.q, asked.qd_r, asked.qdd_r, arm, now.pressures, p_s, p_t, now.force
             )
-            self.compensation.observe(seen, columns)
-            columns = self.compensation.columns(columns)
+        )
         force_d = self._required_force(state, asked, arm, xd_r)
         flow_term = self._flow_term(columns, xd, xd_r, state.force, force_d, steps)
         signal = self._signals(flow_term, columns, state, steps)
@@ -215,6 +213,14 @@ class ControlLaw:
             tip_d_m=motion.tip_d_m,
             notes=(*notes, *motion.notes),
         )
+
+    def _columns(self, seen: Motion) -> OilColumns:
+        """Oil columns at the required motion, as the listed effects have them."""
+        columns = swept_columns(self._axes, seen.q)
+        if self.compensation is None:
+            return columns
+        self.compensation.observe(seen, columns)
+        return self.compensation.columns(columns)
 
     def _required_force(
         self, state: State, asked: JointMotion, arm: FloatArray, xd_r: FloatArray

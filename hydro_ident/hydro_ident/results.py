@@ -246,3 +246,35 @@ def _move(fresh: Path, folder: Path, own: Sequence[str]) -> None:
     for name in own:
         if name not in written:
             (folder / name).unlink(missing_ok=True)
+
+
+def write_outcome(
+    folder: Path, result: str, report: str, write_robot: Callable[[Path], None] | None
+) -> None:
+    """Write the files of an identification or a diagnosis, or none.
+
+    Parameters
+    ----------
+    folder : Path
+    result, report : str
+        Texts of `result.json` and `report.html`.
+    write_robot : callable or None
+        Writes `model.yaml` and what else belongs to it into a folder; None where no robot was
+        found, and then there is no `controller.yaml` either.
+
+    Raises
+    ------
+    IdentError
+        The folder cannot be written; what was there stays.
+    """
+    from hydro_ident.controller_file import controller_text
+
+    def fill(fresh: Path) -> None:
+        (fresh / RESULT_FILE).write_text(result, encoding="utf-8")
+        (fresh / REPORT_FILE).write_text(report, encoding="utf-8")
+        if write_robot is not None:
+            write_robot(fresh)
+            text = controller_text(folder / MODEL_FILE)
+            (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
+
+    write_together(folder, fill)

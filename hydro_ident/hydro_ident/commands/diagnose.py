@@ -100,27 +100,23 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.controller_file import controller_text
     from hydro_ident.mismatch.diagnosis_file import result_json
     from hydro_ident.model_file import write_model
     from hydro_ident.report.diagnosis_report import report_html
-    from hydro_ident.results import (
-        CONTROLLER_FILE,
-        MODEL_FILE,
-        REPORT_FILE,
-        RESULT_FILE,
-        write_together,
+    from hydro_ident.results import MODEL_FILE, write_outcome
+
+    robot = found.robot
+
+    def write_robot(fresh: Path) -> None:
+        if robot is not None:
+            write_model(robot, fresh / MODEL_FILE, origin.as_dict())
+
+    write_outcome(
+        folder,
+        result_json(found, origin),
+        report_html(found, origin.as_dict()),
+        None if robot is None else write_robot,
     )
-
-    def fill(fresh: Path) -> None:
-        (fresh / RESULT_FILE).write_text(result_json(found, origin), encoding="utf-8")
-        (fresh / REPORT_FILE).write_text(report_html(found, origin.as_dict()), encoding="utf-8")
-        if found.robot is not None:
-            write_model(found.robot, fresh / MODEL_FILE, origin.as_dict())
-            text = controller_text(folder / MODEL_FILE)
-            (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
-
-    write_together(folder, fill)
 
 
 def summary_text(found: Diagnosis) -> str:

@@ -25,6 +25,38 @@ exist, identified.urdf with such bodies. Exit 0 done; 1 the data were not enough
 """
 
 
+def _add_filters(p: argparse.ArgumentParser) -> None:
+    filters = p.add_argument_group("filters of the force channels (zero-phase Butterworth)")
+    filters.add_argument(
+        "--differentiation-cutoff",
+        type=float,
+        default=25.0,
+        metavar="HZ",
+        help="of positions before they are differentiated, and of forces (default %(default)g)",
+    )
+    filters.add_argument(
+        "--parallel-cutoff",
+        type=float,
+        default=10.0,
+        metavar="HZ",
+        help="of both sides of the equation that is fitted (default %(default)g)",
+    )
+    filters.add_argument(
+        "--filter-order",
+        type=int,
+        default=4,
+        metavar="N",
+        help="of one pass (default %(default)d)",
+    )
+    filters.add_argument(
+        "--decimation",
+        type=int,
+        default=0,
+        metavar="N",
+        help="fit every N-th sample; 1: all (default: two per period of the parallel cut-off)",
+    )
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
@@ -60,35 +92,7 @@ def parser() -> argparse.ArgumentParser:
         help="without --validate, keep every N-th block from the fit and score on it; 0: fit"
         " everything, score nothing (default %(default)d)",
     )
-    filters = p.add_argument_group("filters of the force channels (zero-phase Butterworth)")
-    filters.add_argument(
-        "--differentiation-cutoff",
-        type=float,
-        default=25.0,
-        metavar="HZ",
-        help="of positions before they are differentiated, and of forces (default %(default)g)",
-    )
-    filters.add_argument(
-        "--parallel-cutoff",
-        type=float,
-        default=10.0,
-        metavar="HZ",
-        help="of both sides of the equation that is fitted (default %(default)g)",
-    )
-    filters.add_argument(
-        "--filter-order",
-        type=int,
-        default=4,
-        metavar="N",
-        help="of one pass (default %(default)d)",
-    )
-    filters.add_argument(
-        "--decimation",
-        type=int,
-        default=0,
-        metavar="N",
-        help="fit every N-th sample; 1: all (default: two per period of the parallel cut-off)",
-    )
+    _add_filters(p)
     p.add_argument(
         "--estimator",
         choices=("auto", "ols", "wls", "robust", "iv"),
@@ -213,31 +217,25 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.controller_file import controller_text
     from hydro_ident.model_file import write_model
     from hydro_ident.report.identification_report import report_html
-    from hydro_ident.results import (
-        CONTROLLER_FILE,
-        MODEL_FILE,
-        REPORT_FILE,
-        RESULT_FILE,
-        URDF_FILE,
-        result_json,
-        write_together,
-    )
+    from hydro_ident.results import MODEL_FILE, URDF_FILE, result_json, write_outcome
     from hydro_ident.urdf_file import write_urdf
 
-    def fill(fresh: Path) -> None:
-        (fresh / RESULT_FILE).write_text(result_json(found, origin), encoding="utf-8")
-        (fresh / REPORT_FILE).write_text(report_html(found, origin.as_dict()), encoding="utf-8")
-        if found.robot is not None:
-            statistics = found_statistics(found, origin)
-            write_model(found.robot, fresh / MODEL_FILE, origin.as_dict(), statistics)
-            write_urdf(found.robot, fresh / URDF_FILE)
-            text = controller_text(folder / MODEL_FILE)
-            (fresh / CONTROLLER_FILE).write_text(text, encoding="utf-8")
+    robot = found.robot
 
-    write_together(folder, fill)
+    def write_robot(fresh: Path) -> None:
+        if robot is not None:
+            statistics = found_statistics(found, origin)
+            write_model(robot, fresh / MODEL_FILE, origin.as_dict(), statistics)
+            write_urdf(robot, fresh / URDF_FILE)
+
+    write_outcome(
+        folder,
+        result_json(found, origin),
+        report_html(found, origin.as_dict()),
+        None if robot is None else write_robot,
+    )
 
 
 def summary_text(found: Identification) -> str:

@@ -229,6 +229,7 @@ def shapes(one: ActiveEffect) -> bool:
 
 
 def reading_key(model: Model) -> tuple[object, ...]:
+    """What tells models apart whose sensors err differently."""
     return tuple(
         (t.effect.name, t.target, tuple(t.parameters))
         for t in model.terms
@@ -260,6 +261,7 @@ def _strokes(robot: Robot, trace: Trace) -> FloatArray:
 
 
 def middle(values: FloatArray) -> FloatArray:
+    """Values half way between samples, (N - 1, ...)."""
     return np.asarray(0.5 * (values[1:] + values[:-1]))
 
 

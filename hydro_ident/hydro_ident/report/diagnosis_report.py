@@ -9,8 +9,8 @@ from typing import Any
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
 from hydro_ident.mismatch.locate import UNITS, Dependence
-from hydro_ident.report.html import bullets, table
-from hydro_ident.report.identification_report import STYLE, provenance_table
+from hydro_ident.report.html import bullets, opening, table
+from hydro_ident.report.identification_report import provenance_table
 from hydro_ident.report.svg import Line, line_plot
 from hydro_ident.report.validation_report import free_run_section, losses_section
 
@@ -31,13 +31,8 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
     -------
     str
     """
-    title = f"Diagnosis of {escape(found.given.name)}"
     parts = [
-        "<!DOCTYPE html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{STYLE}</style></head><body>",
-        f"<h1>{title}</h1>",
-        f'<p class="verdict">{escape(found.verdict.replace("_", " "))}</p>',
+        *opening("Diagnosis", found.given.name, found.verdict),
         bullets(found.problems, "no"),
         "<h2>Findings</h2>",
         *([_finding(found, one) for one in found.findings] or ["<p>None.</p>"]),

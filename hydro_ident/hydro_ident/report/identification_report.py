@@ -11,6 +11,7 @@ from hydro_ident.identification import Identification
 from hydro_ident.model_error import model_error_note
 from hydro_ident.parameters import Parameter
 from hydro_ident.report.html import bullets as _list
+from hydro_ident.report.html import opening
 from hydro_ident.report.html import table as _table
 from hydro_ident.report.physical_report import physical_section, summed_section
 from hydro_ident.report.svg import Line, line_plot
@@ -21,16 +22,6 @@ from hydro_ident.report.validation_report import (
 )
 
 #: Of every report.
-STYLE = """
-body{font:15px/1.45 system-ui,sans-serif;max-width:900px;margin:2em auto;padding:0 1em;color:#222}
-table{border-collapse:collapse;margin:.6em 0 1.6em;font-variant-numeric:tabular-nums}
-th,td{padding:.2em .7em;border-bottom:1px solid #ddd;text-align:right}
-th:first-child,td:first-child,td.text{text-align:left}
-.no{color:#a33}.verdict{font-size:1.2em;font-weight:600}
-svg{width:100%;height:auto;margin:.4em 0}svg text{font-size:11px}svg .title{font-weight:600}
-svg polyline{fill:none;stroke-width:1.1}svg .grid{stroke:#eee;fill:none}
-svg .end{text-anchor:end}svg .mid{text-anchor:middle}code{font-size:.9em}
-"""
 _MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
 
 
@@ -47,14 +38,9 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     -------
     str
     """
-    title = f"Identification of {escape(found.given.name)}"
     warning = model_error_note(found.channels)
     parts = [
-        "<!DOCTYPE html>",
-        f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{STYLE}</style></head><body>",
-        f"<h1>{title}</h1>",
-        f'<p class="verdict">{escape(found.verdict.replace("_", " "))}</p>',
+        *opening("Identification", found.given.name, found.verdict),
         _list(found.problems, "no"),
         _estimator(found),
         "<h2>Parameters</h2>",

@@ -23,6 +23,7 @@ import numpy as np
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.writer import BagWriter
+from hydro_ident.errors import IdentError
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
 from hydro_model.command import run_command
 from hydro_model.robot import FloatArray
@@ -93,7 +94,7 @@ def measure(minutes: float, folder: Path) -> Measured:
 
     Raises
     ------
-    RuntimeError
+    IdentError
         The command failed.
     """
     bag, out = folder / f"run_{minutes:g}", folder / f"out_{minutes:g}"
@@ -111,7 +112,7 @@ def measure(minutes: float, folder: Path) -> Measured:
     seconds = time.monotonic() - began
     if process.returncode:
         text = "" if process.stderr is None else process.stderr.read().decode()
-        raise RuntimeError(f"identify ended with {process.returncode}: {text}")
+        raise IdentError(f"identify ended with {process.returncode}: {text}")
     shutil.rmtree(bag)
     return Measured(minutes, peak_kb / 1024.0, seconds, size)
 
