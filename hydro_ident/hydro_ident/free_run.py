@@ -138,14 +138,17 @@ def free_run(
     rejected: list[str] = []
     before, lost = _roll(given, pieces)
     rejected += [f"free run of the given robot rejected: {lost}"] if lost else []
-    after, failed = (None, why_not) if identified is None or why_not else _roll(identified, pieces)
+    same = identified is given
+    after, failed = (None, why_not)
+    if identified is not None and not why_not:
+        after, failed = (before, lost) if same else _roll(identified, pieces)
     rejected += [f"free run of the identified robot rejected: {failed}"] if failed else []
     runs = _beginnings(whole) if split.every == 0 else []
     long_before, note = _roll(given, runs)
     rejected += [f"whole free run of the given robot rejected: {note}"] if note else []
     long_after = None
     if identified is not None and not why_not:
-        long_after, note = _roll(identified, runs)
+        long_after, note = (long_before, note) if same else _roll(identified, runs)
         rejected += [f"whole free run of the identified robot rejected: {note}"] if note else []
     joints = tuple(
         _joint(given, j, (pieces, before, after), (runs, long_before, long_after))

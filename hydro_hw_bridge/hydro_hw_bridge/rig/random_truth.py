@@ -114,9 +114,9 @@ def plain_truth(robot: Robot, seed: int) -> Truth:
         edges = valve.c_pa * pa, valve.c_at * at, valve.c_pb * pb, valve.c_bt * bt
         valves.append(ValveTruth(valve.name, *edges, transition_pressure_pa=5.0e3))
     machine = MachineExtras(
-        disturbance_n=_log_uniform(random, 1.0, 15.0),
+        disturbance_n=_log_uniform(random, 5.0, 60.0),
         disturbance_time_s=_log_uniform(random, 0.02, 0.3),
-        shake=_log_uniform(random, 3.0e-6, 5.0e-5),
+        shake=_log_uniform(random, 5.0e-5, 5.0e-4),
         shake_time_s=_log_uniform(random, 0.02, 0.3),
         process_seed=int(random.integers(1 << 31)),
         command_delay_s=random.uniform(0.0, 1.0) / robot.sensors.rate_hz,

@@ -26,9 +26,13 @@ from hydro_model.signals import PRESSURE_A, PRESSURE_B, TIP_HEIGHT
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
 FIRST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: Sizes tried of effects that do not grow like their size.
+SIZE_FACTORS = (0.04, 0.12, 0.35, 1.0, 3.0)
 FURTHER_FACTORS = (0.4, 1.0, 2.5)
 SCANNED_FACTORS = (0.25, 1.0, 4.0)
 SCANNED = ("velocity_scale", "time_constant")
+#: What the size that a scan suggests is multiplied by for the start of a fit.
+START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Places along a range at which positions and times are tried.
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 #: Instants tried for something that begins within a recording: one every so often, in s.
@@ -89,6 +93,12 @@ class Trial:
         low = np.array([p.lower for p in effect.parameters])
         high = np.array([p.upper for p in effect.parameters])
         return replace(self.active, parameters=np.clip(values, low, high))
+
+    def around(self, coefficients: Sequence[float] | FloatArray) -> list[ActiveEffect]:
+        """Starts of a fit: where the effect does not grow like its size, several sizes."""
+        if self.free != (-1,):
+            return [self.at(coefficients)]
+        return [self.at(np.asarray(coefficients) * factor) for factor in START_FACTORS]
 
 
 #: Effects whose first parameter shrinks as the effect grows.
@@ -218,7 +228,8 @@ def _grid(
             factors = _scanned(spec)
     else:
         needed = [p for p in effect.parameters if not (p.linear or p.optional)]
-        factors = FIRST_FACTORS if spec is needed[0] else FURTHER_FACTORS
+        first = FIRST_FACTORS if effect.linear else SIZE_FACTORS
+        factors = first if spec is needed[0] else FURTHER_FACTORS
     values = [min(max(f * spec.typical, spec.lower), spec.upper) for f in factors]
     return list(dict.fromkeys(values))
 

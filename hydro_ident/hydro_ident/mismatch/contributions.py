@@ -15,7 +15,7 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass
-from hydro_ident.estimate.force_rows import force_columns, measured_force
+from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Material, Place, Stretch
 from hydro_ident.mismatch.shaping import Model, Signals, middle, same, shapes
@@ -45,7 +45,9 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
     without = replace(model, terms=tuple(t for t in model.terms if not same(t, one)))
     if one.effect.reading is not None:
         plain = replace(without, terms=tuple(t for t in without.terms if t.effect.reading))
-        return _plain_residual(signals, plain) - _plain_residual(signals, plain.with_term(one))
+        return signals.kept_plain(plain, _plain_residual) - _plain_residual(
+            signals, plain.with_term(one)
+        )
     result = np.zeros(signals.material.size)
     stages = set(one.effect.stages)
     if one.effect.change is not None:
@@ -89,8 +91,7 @@ def _plain_residual(signals: Signals, model: Model) -> FloatArray:
         places = [p for p in material.places if p.stretch == s]
         forced = [p for p in places if not material.is_flow(p.channel)]
         if forced and stretch.moved is not None:
-            columns = force_columns(material.forces, stretch.trace, stretch.moved)
-            predicted = material.filtered(stretch, columns @ model.theta)
+            predicted = signals.regressor(stretch, stretch.moved) @ model.theta
             values = measured(material, stretch) - predicted
             for place in forced:
                 result[place.rows] = values[:, material.joint_of(place.channel)]

@@ -174,7 +174,9 @@ def _diagnosed(
     unknown = unexplained(work.training, whole, left)
     names = [n for f in findings for n in f.named.names]
     modelled = robot_of(work.training.predictor, whole, work.robot, settings.fixed_base)
-    before = robot_of(work.training.predictor, work.base, work.robot, settings.fixed_base)
+    before = modelled
+    if findings:
+        before = robot_of(work.training.predictor, work.base, work.robot, settings.fixed_base)
     run = free_run(
         before.robot, modelled.robot, work.check_traces, work.split,
         work.training.predictor.material.filters,

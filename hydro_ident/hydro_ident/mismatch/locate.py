@@ -8,14 +8,17 @@ what they explain by chance under sign flips of whole blocks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted, Training, layout_of
 from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import signs
 from hydro_model import signals as sig
@@ -44,6 +47,8 @@ UNITS = {
     "supply_pressure": "Pa", "valve_signal": "1", "valve_rate": "1/s", "other_joint": "rad/s",
     "total_flow": "m^3/s", "oil_temperature": "deg C", "time": "s", "everywhere": "",
 }  # fmt: skip
+#: Variable, factor, knots and columns (N, m).
+_Function = tuple[str, str, FloatArray, FloatArray]
 #: Speed and signal over which a direction is rounded, as shares of their usual size.
 _ROUNDED = 0.05
 
@@ -71,7 +76,9 @@ class Dependence:
     size : float
         Rms of the function on these rows, in the channel's unit.
     knots, curve : (m,) array
-        The function, less its mean.
+        The function, less its mean; of one that repeats, a period of it.
+    period : float
+        After which it repeats; 0 where it does not.
     """
 
     channel: int
@@ -85,6 +92,7 @@ class Dependence:
     size: float
     knots: FloatArray
     curve: FloatArray
+    period: float = 0.0
 
 
 def row_values(predictor: Predictor, fitted: Fitted, channel: int, signal: int) -> FloatArray:
@@ -129,41 +137,112 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
     """
     found: list[Dependence] = []
     chances: list[FloatArray] = []
-    bench = fitted.bench
-    flips = signs(bench.blocks)
+    lines: list[Dependence] = []
     for channel in range(len(training.predictor.material.channels)):
         first = len(found)
         sums: list[tuple[FloatArray, FloatArray]] = []
-        for variable, times, knots, columns in _functions(training, fitted, channel):
-            one = _dependence(training, fitted, (channel, variable, times), knots, columns)
+        own, bench = _alone(training, fitted, channel)
+        if bench is None:
+            continue
+        functions = _functions(own, fitted, channel)
+        for variable, times, knots, columns in functions:
+            what = channel, variable, times
+            one = _dependence(own, fitted, bench, what, knots, columns)
             if one is not None:
                 found.append(one[0])
                 sums.append(one[1])
         if first == len(found):
             continue
-        left = _without(training, fitted, channel, found[first:])
+        left = _without(own, bench, functions, found[first:])
+        flips = signs(bench.blocks)
         for white, inverse in sums:
             drawn = flips @ bench.by_block(white * left[:, None])
             gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
             count = round(float(np.trace(inverse @ (white.T @ white))))
             chances.append((gains - count) / np.sqrt(2.0 * count))
+        lines += _lines(own, fitted, bench, channel, functions)
     if not found:
         return []
     chance = np.max(chances, axis=0)
     result = [
-        Dependence(
-            d.channel, d.variable, d.times, d.gain, d.freedom, d.value,
-            float((1 + np.sum(chance >= d.value)) / (1 + chance.size)),
-            d.share, d.size, d.knots, d.curve,
-        )
+        replace(d, p_value=float((1 + np.sum(chance >= d.value)) / (1 + chance.size)))
         for d in found
-    ]  # fmt: skip
+    ]
+    tried = max(len(lines), 1)
+    result += [replace(d, p_value=min(1.0, d.p_value * tried)) for d in lines]
     return sorted(result, key=lambda d: -d.value)
 
 
-def _functions(
-    training: Training, fitted: Fitted, channel: int
-) -> list[tuple[str, str, FloatArray, FloatArray]]:
+def _lines(
+    training: Training,
+    fitted: Fitted,
+    bench: Bench,
+    channel: int,
+    functions: Sequence[_Function],
+) -> list[Dependence]:
+    """The strongest line of a channel over every variable, each with its own p-value."""
+    mask, found = training.mask, []
+    for variable, times, _, hats in functions:
+        if variable not in VARIABLES:
+            continue
+        values = row_values(training.predictor, fitted, channel, SIGNALS[variable])
+        # Straight pieces add up to one: their sum is the factor.
+        factor = hats.sum(axis=1)
+        lines = Lines.of(bench, values[mask], factor[mask])
+        if lines is None:
+            continue
+        what = channel, variable, times
+        tried = [
+            _line(training, fitted, lines, what, (np.where(mask, values, 0.0), factor), number)
+            for number in lines.strongest()
+        ]
+        found += sorted((d for d in tried if d is not None), key=lambda d: -d.value)[:1]
+    return found
+
+
+def _line(
+    training: Training,
+    fitted: Fitted,
+    lines: Lines,
+    what: tuple[int, str, str],
+    over: tuple[FloatArray, FloatArray],
+    number: int,
+) -> Dependence | None:
+    """A line of a wave number as a dependence."""
+    bench, (values, factor) = lines.bench, over
+    period = 1.0 / float(lines.numbers[number])
+    columns = _waves(values / period) * factor[:, None]
+    one = _dependence(training, fitted, bench, what, np.zeros(2), columns)
+    if one is None:
+        return None
+    white, inverse = one[1]
+    theta = inverse @ (white.T @ bench.residual)
+    p = lines.p_value(number, bench.residual - white @ theta)
+    knots = np.linspace(0.0, period, KNOTS)
+    curve = _waves(knots / period) @ theta
+    return replace(one[0], p_value=p, knots=knots, curve=curve, period=period)
+
+
+def _waves(turns: FloatArray) -> FloatArray:
+    """Cosine and sine of so many turns, (N, 2)."""
+    return np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)], axis=1)
+
+
+def _alone(training: Training, fitted: Fitted, channel: int) -> tuple[Training, Bench | None]:
+    """Training rows of one channel, and their bench: the base is refitted to them alone.
+
+    Parameters are shared between channels. What one channel's misfit does to another through
+    them is no dependence of the other's.
+    """
+    mask = training.mask & (training.predictor.material.channel == channel)
+    own = replace(training, mask=mask, layout=layout_of(training.predictor).take(mask))
+    if np.count_nonzero(mask) <= fitted.columns.shape[1]:
+        return own, None
+    noise = fitted.bench.noise
+    return own, own.bench(noise, fitted.residual, fitted.columns, fitted.offset)
+
+
+def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Function]:
     """Variable, factor, knots and columns (N, m) of every smooth function of a channel."""
     predictor = training.predictor
     material = predictor.material
@@ -171,6 +250,8 @@ def _functions(
     values = {
         name: row_values(predictor, fitted, channel, index) for name, index in SIGNALS.items()
     }
+    if material.is_flow(channel):
+        values["piston_velocity"] = _driven_velocity(training, fitted, channel)
     factor = values["valve_signal" if material.is_flow(channel) else "piston_velocity"]
     kind = "valve_signal" if material.is_flow(channel) else "direction"
     usual = float(np.nanstd(factor[own])) or 1.0
@@ -191,6 +272,22 @@ def _functions(
     return result
 
 
+def _driven_velocity(training: Training, fitted: Fitted, channel: int) -> FloatArray:
+    """The velocity that a chamber's balance gives its piston, (N,).
+
+    The real one answers to whatever flow the model lacks, noise of the valve among it: held
+    against it, a residual of mere noise would depend on it.
+    """
+    predictor = training.predictor
+    chamber = predictor.material.chambers[predictor.material.chamber_index(channel)]
+    y, x = predictor.base(fitted.model)
+    bulk = predictor.names.index(f"{chamber.cylinder.name}.{INVERSE_BULK}")
+    squeezed = x[:, bulk] * predictor.parameters(fitted.model)[bulk]
+    cylinder = chamber.cylinder
+    area = cylinder.area_a_m2 if chamber.side == "a" else -cylinder.area_b_m2
+    return np.asarray((y - fitted.residual - squeezed) / area)
+
+
 def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
     """Straight pieces between knots: (M, m), rows sum to one."""
     return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1)
@@ -199,12 +296,13 @@ def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
 def _dependence(
     training: Training,
     fitted: Fitted,
+    bench: Bench,
     what: tuple[int, str, str],
     knots: FloatArray,
     columns: FloatArray,
 ) -> tuple[Dependence, tuple[FloatArray, FloatArray]] | None:
     channel, variable, times = what
-    bench, mask = fitted.bench, training.mask
+    mask = training.mask
     white = bench.beyond(columns[mask])
     gram = white.T @ white
     values, vectors = np.linalg.eigh(gram)
@@ -245,13 +343,16 @@ def _raw(
 
 
 def _without(
-    training: Training, fitted: Fitted, channel: int, found: list[Dependence]
+    training: Training,
+    bench: Bench,
+    functions: Sequence[_Function],
+    found: Sequence[Dependence],
 ) -> FloatArray:
     """The whitened residual without a channel's strongest dependence."""
     best = max(found, key=lambda d: d.value)
-    for variable, times, _, columns in _functions(training, fitted, channel):
+    for variable, times, _, columns in functions:
         if (variable, times) == (best.variable, best.times):
-            white = fitted.bench.beyond(columns[training.mask])
-            theta = np.linalg.lstsq(white, fitted.bench.residual, rcond=1e-2)[0]
-            return np.asarray(fitted.bench.residual - white @ theta)
-    return fitted.bench.residual
+            white = bench.beyond(columns[training.mask])
+            theta = np.linalg.lstsq(white, bench.residual, rcond=1e-2)[0]
+            return np.asarray(bench.residual - white @ theta)
+    return bench.residual

@@ -43,6 +43,8 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: how many get it.
 _ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
+#: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
+_CONTESTS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,12 +109,23 @@ class Searcher:
         scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
         chance = chance_of(scores, signs(bench.blocks))
         scores.sort(key=lambda s: -s.value)
+        weighed, contests = list[ActiveEffect](), 0
         for candidate in _firsts(scores):
             p = p_value(candidate.value, chance)
-            if p > FAMILY_ERROR:
+            if p > FAMILY_ERROR or contests == _CONTESTS:
                 break
+            active = candidate.entry.trial.active
+            if any(_is(active, one) for one in weighed):
+                continue
             if self._worth(current, bench, candidate):
-                return self._contest(current, noise, scores, candidate, p), scores
+                fresh = [
+                    s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
+                ]
+                found = self._contest(current, noise, fresh, candidate, p)
+                if found.pays:
+                    return found, scores
+                weighed += [c.term for c in found.tried]
+                contests += 1
         return None, scores
 
     def _entries(self, model: Model) -> list[Entry]:
@@ -197,8 +210,20 @@ class Searcher:
             s for s in _firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
-        terms = [s.entry.trial.at(s.coefficients) for s in chosen]
+        terms = [self._start(without, s) for s in chosen]
         return named_of(self._fitted(without, terms, noise), p, overdispersion(best))
+
+    def _start(self, without: Fitted, one: Score) -> ActiveEffect:
+        """The size of a trial that explains most as it is: what a fit starts from."""
+        starts = one.entry.trial.around(one.coefficients)
+        if len(starts) == 1:
+            return starts[0]
+        mask, bench = self.training.mask, without.bench
+        columns = np.stack(
+            [self.training.predictor.contribution(without.model, t)[mask] for t in starts], axis=1
+        )
+        left = bench.residual[:, None] - bench.beyond(columns)
+        return starts[int(np.argmin(np.sum(left**2, axis=0)))]
 
     def _fitted(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
-from hydro_ident.estimate.force_rows import force_columns
 from hydro_ident.mismatch.contributions import compressed, contribution, measured
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.shaping import Model, Signals, reading_key, shape_key, shapes
@@ -132,8 +131,7 @@ class Predictor:
         forces, n = self.material.forces, self.material.robot.dof
         if stretch.moved is None or not stretch.kept.size:
             return np.zeros((0, n)), np.zeros((0, n, len(forces.names)))
-        columns = force_columns(forces, stretch.trace, stretch.moved)
-        return measured(self.material, stretch), self.material.filtered(stretch, columns)
+        return measured(self.material, stretch), self.signals.regressor(stretch, stretch.moved)
 
     def _flow_base(
         self,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hydro_ident.estimate.derivatives import motion
-from hydro_ident.estimate.force_rows import Motion
+from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.law_signals import dry_rows, reshape, wet_rows, with_edges
 from hydro_ident.mismatch.material import Material, Stretch
@@ -25,6 +25,8 @@ from hydro_model.valve import edge_flows
 _KEPT_STRETCHES = 6
 #: Sets of laws on the valve signal whose outcome is kept at a time.
 _KEPT_SHAPES = 6
+#: Motions of a stretch whose filtered regressor is kept at a time.
+_KEPT_MOTIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,34 @@ class Signals:
     )
     _shaped: dict[tuple[object, ...], tuple[Trace, Trace]] = field(default_factory=dict)
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
+    _last_plain: tuple[Model, FloatArray] | None = None
+    _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
+
+    def regressor(self, stretch: Stretch, moved: Motion) -> FloatArray:
+        """Filtered force regressor of a stretch, (T, n, p); not to be changed.
+
+        It changes with the positions alone: sensors of pressure leave it as it is.
+        """
+        kept = self._regressors.setdefault(stretch.number, [])
+        for known, columns in kept:
+            if known is moved:
+                return columns
+        columns = force_columns(self.material.forces, stretch.trace, moved)
+        columns = self.material.filtered(stretch, columns)
+        if len(kept) >= _KEPT_MOTIONS:
+            # The recorded motion came first and is asked for again and again.
+            kept.pop(1)
+        kept.append((moved, columns))
+        return columns
+
+    def kept_plain(
+        self, model: Model, residual: Callable[[Signals, Model], FloatArray]
+    ) -> FloatArray:
+        """The base's residual of a model with readings alone, kept for the last one asked for."""
+        kept = self._last_plain
+        if kept is None or not _same_base(kept[0], model):
+            kept = self._last_plain = model, residual(self, model)
+        return kept[1]
 
     def stretches(self, model: Model) -> tuple[Stretch, ...]:
         """The stretches with their sensors' signals corrected by the model's readings."""
@@ -235,6 +265,12 @@ def reading_key(model: Model) -> tuple[object, ...]:
         for t in model.terms
         if t.effect.reading is not None
     )
+
+
+def _same_base(one: Model, other: Model) -> bool:
+    if one.robot is not other.robot or one.theta is not other.theta:
+        return False
+    return one.delay_s == other.delay_s and _identical(one, other)
 
 
 def _identical(one: Model, other: Model) -> bool:

@@ -85,15 +85,22 @@ def unexplained(
         name, unit = material.channels[one.channel], material.units[one.channel]
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
-            f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {one.variable} in"
-            f" {UNITS[one.variable]} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}); no effect of"
-            " the catalogue does"
+            f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"
+            " catalogue does"
         )
         on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
         result[one.channel] = Unexplained(
             name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one
         )
     return tuple(result[k] for k in sorted(result))
+
+
+def _shape(one: Dependence) -> str:
+    """Over what range, or how often, in words."""
+    unit = UNITS[one.variable]
+    if one.period:
+        return f"repeats every {one.period:.3g} {unit}"
+    return f"{one.variable} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
 def least_size(training: Training, fitted: Fitted, channel: int) -> float:

@@ -99,6 +99,29 @@ class Noise:
             result[lag:] -= weights[lag:, lag - 1].reshape(shape) * values[:-lag]
         return np.asarray(result / self.std[layout.channel].reshape(shape))
 
+    def adjoint(self, layout: Layout, rows: BoolArray, values: FloatArray) -> FloatArray:
+        """The transposed filter: sums of whitened columns with values are sums of columns with it.
+
+        Parameters
+        ----------
+        layout : Layout
+        rows : (N,) bool array
+            Those that `values` are of; the others count nothing.
+        values : (M,) array
+
+        Returns
+        -------
+        (N,) array
+        """
+        scaled = np.zeros(layout.channel.size)
+        scaled[rows] = values
+        scaled /= self.std[layout.channel]
+        result = scaled.copy()
+        for lag in range(1, self.longest + 1):
+            weights = np.array([phi[lag - 1] if phi.size >= lag else 0.0 for phi in self.phi])
+            result[:-lag] -= (weights[layout.channel] * scaled)[lag:]
+        return np.asarray(result)
+
 
 def noise_of(layout: Layout, residual: FloatArray, floor: FloatArray) -> Noise:
     """Fit the noise of every channel to its residual.

@@ -1,0 +1,124 @@
+"""Lines: dependence that repeats over time, over the joint's angle or over the stroke.
+
+The whitened residual is transformed to wave numbers over each of these variables, alone and times
+the channel's factor. A line is a wave number whose power stands far above its neighbours'; their
+own power is the noise that it is held against (Thomson, Proc. IEEE 70 (1982) 1055, section XIII),
+so that nothing smooth in the spectrum counts, whatever made it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_model.robot import FloatArray
+
+#: Variables over which something may repeat.
+VARIABLES = ("time", "joint_angle", "piston_position")
+#: Least and most periods over a variable's range; steps of the scan per period.
+LEAST_PERIODS, MOST_PERIODS, PER_PERIOD = 2.5, 1500.0, 2
+#: Rows that a period has at least while the variable moves fast.
+_ROWS = 3.0
+#: Steps of the scan to either side whose power is the background, without the nearest ones.
+_REACH, _NEAREST = 60, 4
+#: Strongest wave numbers that are looked at more closely, by either measure.
+_PEAKS = 4
+#: The median of a neighbour's power over its mean, for the exponential law; and how many
+#: independent neighbours a median over so many steps is worth.
+_MEDIAN, _WORTH = float(np.log(2.0)), 0.24
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Fourier sums of a channel over one variable.
+
+    Attributes
+    ----------
+    bench : Bench
+        Of the channel's rows, behind a refit.
+    at, factor : (n,) array
+        The variable on the bench's rows, and what a repeating function is multiplied by.
+    numbers : (K,) array
+        Periods per unit of the variable that are looked at, evenly spaced.
+    """
+
+    bench: Bench
+    at: FloatArray
+    factor: FloatArray
+    numbers: FloatArray
+
+    @staticmethod
+    def of(bench: Bench, at: FloatArray, factor: FloatArray) -> Lines | None:
+        """None where the variable has too little range."""
+        numbers = wave_numbers(at)
+        if numbers.size < 2 * _REACH:
+            return None
+        return Lines(bench, at, factor, numbers)
+
+    def strongest(self) -> tuple[int, ...]:
+        """Wave numbers whose power is largest, by itself and beside its neighbours'.
+
+        Through gaps and pauses of the motion a strong line lifts its neighbours, too.
+        """
+        powers = self._powers(self.bench.residual)
+        found: list[int] = []
+        for size in (powers, powers / _background(powers)):
+            left = size.copy()
+            for _ in range(_PEAKS):
+                best = int(np.argmax(left))
+                found.append(best)
+                left[max(best - _NEAREST, 0) : best + _NEAREST + 1] = 0.0
+        return tuple(dict.fromkeys(found))
+
+    def p_value(self, number: int, rest: FloatArray) -> float:
+        """Chance of so strong a line at any of the wave numbers.
+
+        Parameters
+        ----------
+        number : int
+            Of the line.
+        rest : (M,) array
+            The whitened residual without it: what its neighbours hold of it through gaps and
+            pauses of the motion is not their own.
+        """
+        power = self._powers(self.bench.residual)[number]
+        ratio = power / _background(self._powers(rest))[number]
+        worth = _WORTH * 2.0 * (_REACH - _NEAREST)
+        # The tail of a power over the mean of so many others, times the wave numbers tried.
+        return float(min(1.0, self.numbers.size * (1.0 + ratio / worth) ** -worth))
+
+    def _powers(self, residual: FloatArray) -> FloatArray:
+        """Squared Fourier sums of a whitened residual, (K,)."""
+        bench = self.bench
+        weights = bench.noise.adjoint(bench.layout, bench.rows, residual[: bench.measured])
+        at = 2.0 * np.pi * (self.at - self.at.min())
+        phase = np.exp(-1j * self.numbers[0] * at) * weights * self.factor
+        turn = np.exp(-1j * (self.numbers[1] - self.numbers[0]) * at)
+        powers = np.empty(self.numbers.size)
+        for k in range(self.numbers.size):
+            powers[k] = abs(phase.sum()) ** 2
+            phase *= turn
+        return powers
+
+
+def wave_numbers(at: FloatArray) -> FloatArray:
+    """Periods per unit of a variable that its rows can tell apart."""
+    span = float(np.ptp(at)) if at.size > 1 else 0.0
+    if span <= 0.0:
+        return np.zeros(0)
+    step = float(np.quantile(np.abs(np.diff(at)), 0.9))
+    most = min(MOST_PERIODS, span / max(_ROWS * step, 1e-12))
+    count = int((most - LEAST_PERIODS) * PER_PERIOD)
+    return np.asarray((LEAST_PERIODS + np.arange(max(count, 0)) / PER_PERIOD) / span)
+
+
+def _background(powers: FloatArray) -> FloatArray:
+    """What the neighbours of every wave number say of its power."""
+    near = np.arange(-_REACH, _REACH + 1)
+    near = near[np.abs(near) > _NEAREST]
+    # At the ends, neighbours of the inner side stand in.
+    at = np.abs(np.arange(powers.size)[:, None] + near[None])
+    at = np.where(at >= powers.size, 2 * (powers.size - 1) - at, at)
+    return np.asarray(np.maximum(np.median(powers[at], axis=1) / _MEDIAN, 1e-300))
