@@ -39,6 +39,9 @@ HELD_SIGNALS = (VALVE_SIGNAL, VALVE_RATE, VALVE_FLOW_A, VALVE_FLOW_B, SUPPLY_FLO
 _TOLERANCE = 1e-6
 #: Steps are not made shorter than this share of a sample, whatever the error.
 _SHORTEST = 1.0 / 4096.0
+#: How much smaller the error of half a step is, and by how much it should be for a double one.
+#: Steps are samples divided by powers of two: so rounding does not change which ones are taken.
+_HALVED, _DOUBLED = 32.0, 64.0
 _STAGES = 7
 _AT = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
 _WEIGHTS = np.array(
@@ -134,17 +137,18 @@ def _to_next(
         error = _error(memory, tried * sample_time)
         if math.isnan(error):
             return length
-        growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error**-0.2))
         if error > 1.0 and tried > _SHORTEST:
-            length = tried * growth
+            length = 0.5 * tried if error < _HALVED else 0.25 * tried
             copy(start, states)
             continue
-        # A step cut short by the sample's end says nothing against a longer one.
-        begin, length = begin + tried, max(length, tried * growth)
+        begin += tried
+        if error * _DOUBLED < 1.0:
+            # A step cut short by the sample's end says nothing against a longer one.
+            length = max(length, min(2.0 * tried, 1.0))
         copy(stages[_STAGES - 1], stages[0])
         for i in range(start.shape[0]):
             largest[i] = max(largest[i], abs(states[i]))
-    return min(length, 1.0)
+    return length
 
 
 @kernel
