@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
+from hydro_model.kernel import kernel
 
 # mypy follows no numba import: the arrays of the kernels are typed by numba itself.
 Array = Any
@@ -20,7 +20,7 @@ SCRATCH = 52
 PLACE, SHIFT, VEL, REQ, ACC, FORCE, BODY, COLUMN = 0, 9, 12, 18, 24, 30, 36, 46
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def place(
     q: Array, rotation: Array, translation: Array, axis: Array, prismatic: Array, scratch: Array
 ) -> None:
@@ -46,7 +46,7 @@ def place(
             scratch[i, SHIFT + r] = translation[i, r]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def to_child(scratch: Array, i: int, column: int, base: Array) -> None:
     """Motion vector of the parent (row i - 1, or the base) turned into frame i (eq. 3)."""
     if i == 0:
@@ -64,7 +64,7 @@ def to_child(scratch: Array, i: int, column: int, base: Array) -> None:
         scratch[i, column + 3 + c] = a * v0 + b * v1 + d * v2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_wrench_to_parent(scratch: Array, i: int, column: int) -> None:
     """Force vector of frame i added to that of frame i - 1 (eq. 4, the sum of eq. 7)."""
     t0, t1, t2 = scratch[i, column], scratch[i, column + 1], scratch[i, column + 2]
@@ -84,7 +84,7 @@ def add_wrench_to_parent(scratch: Array, i: int, column: int) -> None:
     scratch[i - 1, column + 5] += a2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def on_axis(scratch: Array, i: int, column: int, axis: Array, joint: int, part: int) -> float:
     """Component of a force vector along a joint, s^T f."""
     at = column + part
@@ -95,7 +95,7 @@ def on_axis(scratch: Array, i: int, column: int, axis: Array, joint: int, part: 
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def move(
     qd: Array,
     qd_r: Array,

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from hydro_model.chain_kernels import (
     BODY,
     COLUMN,
@@ -17,10 +15,11 @@ from hydro_model.chain_kernels import (
     add_wrench_to_parent,
     on_axis,
 )
+from hydro_model.kernel import kernel
 from hydro_model.part_kernels import add_part_bodies, add_part_rates
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _turned(scratch: Array, i: int, row: int, column: int) -> float:
     """Entry (row, column) of the composite inertia tensor along the parent's axes, R I R^T."""
     a0, a1, a2 = scratch[i, 3 * row], scratch[i, 3 * row + 1], scratch[i, 3 * row + 2]
@@ -33,7 +32,7 @@ def _turned(scratch: Array, i: int, row: int, column: int) -> float:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_body_to_parent(scratch: Array, i: int) -> None:
     """Inertia of the composite body i, moved to frame i - 1 and added to the one there."""
     b = BODY
@@ -69,7 +68,7 @@ def add_body_to_parent(scratch: Array, i: int) -> None:
     scratch[up, b + 9] += _turned(scratch, i, 2, 2) + dot - 2.0 * p2 * h2 - m * p2 * p2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def axis_force(scratch: Array, i: int, axis: Array, prismatic: bool) -> None:
     """Force of the composite body i at unit acceleration of its joint, M s (eq. 26)."""
     b, c = BODY, COLUMN
@@ -91,7 +90,7 @@ def axis_force(scratch: Array, i: int, axis: Array, prismatic: bool) -> None:
     scratch[i, c + 5] = x * h1 - y * h0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def mass_matrix_placed(
     axis: Array, prismatic: Array, theta: Array, parts: Array, scratch: Array, mass: Array
 ) -> None:
@@ -119,7 +118,7 @@ def mass_matrix_placed(
     add_part_rates(axis, prismatic, parts, scratch, mass)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def solve_spd(mass: Array, rhs: Array) -> bool:
     """Solve ``mass x = rhs`` in place by Cholesky; `mass` is overwritten, `rhs` becomes x.
 

@@ -23,8 +23,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from hydro_model.chain_kernels import (
     ACC,
     BODY,
@@ -51,36 +49,15 @@ from hydro_model.closed_chain import (
     W,
     Z,
 )
+from hydro_model.kernel import kernel
+from hydro_model.triple_kernels import Triple, cross, dot, plus, triple
 
 # Columns of a part's row of the working memory: its line e, r and dr/dq, the pin's acceleration
 # A and e''.
 _LINE, _RATE, _SLOPE, _PIN_ACC, _LINE_ACC = 0, 3, 4, 5, 8
 
-_Triple = tuple[float, float, float]
 
-
-@njit(cache=True, error_model="numpy")
-def _triple(array: Array, row: int, column: int) -> _Triple:
-    return array[row, column], array[row, column + 1], array[row, column + 2]
-
-
-@njit(cache=True, error_model="numpy")
-def _cross(a: _Triple, b: _Triple) -> _Triple:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, error_model="numpy")
-def _dot(a: _Triple, b: _Triple) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, error_model="numpy")
-def _plus(a: _Triple, x: float, b: _Triple) -> _Triple:
-    """a + x b."""
-    return a[0] + x * b[0], a[1] + x * b[1], a[2] + x * b[2]
-
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def place_parts(q: Array, parts: Array, scratch: Array) -> None:
     """Line, r and dr/dq of every part at `q`, into the working memory."""
     for i in range(parts.shape[0]):
@@ -98,7 +75,7 @@ def place_parts(q: Array, parts: Array, scratch: Array) -> None:
         scratch[row, _SLOPE] = slope / (square * square)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def move_parts(
     qd: Array, qd_r: Array, qdd_r: Array, gravity: Array, parts: Array, scratch: Array
 ) -> None:
@@ -113,49 +90,49 @@ def move_parts(
         w, v, w_r, v_r, dw = still, still, still, still, still
         dv = (-gravity[0], -gravity[1], -gravity[2])
         if host >= 0:
-            w, v = _triple(scratch, host, VEL), _triple(scratch, host, VEL + 3)
-            w_r, v_r = _triple(scratch, host, REQ), _triple(scratch, host, REQ + 3)
-            dw, dv = _triple(scratch, host, ACC), _triple(scratch, host, ACC + 3)
-        pin, z, e = _triple(parts, i, PIN), _triple(parts, i, Z), _triple(scratch, row, _LINE)
+            w, v = triple(scratch, host, VEL), triple(scratch, host, VEL + 3)
+            w_r, v_r = triple(scratch, host, REQ), triple(scratch, host, REQ + 3)
+            dw, dv = triple(scratch, host, ACC), triple(scratch, host, ACC + 3)
+        pin, z, e = triple(parts, i, PIN), triple(parts, i, Z), triple(scratch, row, _LINE)
         rate, slope = scratch[row, _RATE], scratch[row, _SLOPE]
         turn = rate * qd[joint]
         # Pin: u = v + w x pin; then d/dt of the required u, seen from the part, plus w x u.
-        u, u_r = _plus(v, 1.0, _cross(w, pin)), _plus(v_r, 1.0, _cross(w_r, pin))
-        w = _plus(w, turn, z)
-        acc = _plus(dv, 1.0, _cross(dw, pin))
-        acc = _plus(_plus(acc, turn, _cross(u_r, z)), 1.0, _cross(w, u))
+        u, u_r = plus(v, 1.0, cross(w, pin)), plus(v_r, 1.0, cross(w_r, pin))
+        w = plus(w, turn, z)
+        acc = plus(dv, 1.0, cross(dw, pin))
+        acc = plus(plus(acc, turn, cross(u_r, z)), 1.0, cross(w, u))
         spin = rate * qdd_r[joint] + slope * qd[joint] * qd_r[joint]
-        dw = _plus(_plus(dw, spin, z), turn, _cross(w_r, z))
-        line = _plus(_cross(dw, e), 1.0, _cross(w, _cross(w, e)))
+        dw = plus(plus(dw, spin, z), turn, cross(w_r, z))
+        line = plus(cross(dw, e), 1.0, cross(w, cross(w, e)))
         for k in range(3):
             scratch[row, _PIN_ACC + k] = acc[k]
             scratch[row, _LINE_ACC + k] = line[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _wrench_on_host(
-    i: int, force: _Triple, moment: _Triple, column: int, parts: Array, scratch: Array
+    i: int, force: Triple, moment: Triple, column: int, parts: Array, scratch: Array
 ) -> None:
     """A force at part i's pin and a moment about it added to those of the host's frame."""
     host = int(parts[i, HOST])
     if host < 0:
         return
-    about = _plus(moment, 1.0, _cross(_triple(parts, i, PIN), force))
+    about = plus(moment, 1.0, cross(triple(parts, i, PIN), force))
     for k in range(3):
         scratch[host, column + k] += about[k]
         scratch[host, column + 3 + k] += force[k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_part_forces(parts: Array, scratch: Array, out: Array) -> None:
     """Forces of all parts: onto their hosts, and what turning them takes added to `out` (n,)."""
     for i in range(parts.shape[0]):
         row = out.shape[0] + i
         m, h, inertia = parts[i, MASS], parts[i, FIRST], parts[i, SECOND]
-        acc, line = _triple(scratch, row, _PIN_ACC), _triple(scratch, row, _LINE_ACC)
-        e, z = _triple(scratch, row, _LINE), _triple(parts, i, Z)
+        acc, line = triple(scratch, row, _PIN_ACC), triple(scratch, row, _LINE_ACC)
+        e, z = triple(scratch, row, _LINE), triple(parts, i, Z)
         force = (m * acc[0] + h * line[0], m * acc[1] + h * line[1], m * acc[2] + h * line[2])
-        moment = _cross(
+        moment = cross(
             e,
             (
                 h * acc[0] + inertia * line[0],
@@ -163,11 +140,11 @@ def add_part_forces(parts: Array, scratch: Array, out: Array) -> None:
                 h * acc[2] + inertia * line[2],
             ),
         )
-        out[int(parts[i, JOINT])] += scratch[row, _RATE] * _dot(z, moment)
+        out[int(parts[i, JOINT])] += scratch[row, _RATE] * dot(z, moment)
         _wrench_on_host(i, force, moment, FORCE, parts, scratch)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def carry_inwards(
     link: int, column: int, axis: Array, prismatic: Array, scratch: Array, out: Array
 ) -> None:
@@ -181,7 +158,7 @@ def carry_inwards(
             add_wrench_to_parent(scratch, j, COLUMN)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def part_regressor(
     axis: Array, prismatic: Array, parts: Array, scratch: Array, out: Array
 ) -> None:
@@ -190,18 +167,18 @@ def part_regressor(
     still = (0.0, 0.0, 0.0)
     for i in range(parts.shape[0]):
         row, host, joint = n + i, int(parts[i, HOST]), int(parts[i, JOINT])
-        acc, line = _triple(scratch, row, _PIN_ACC), _triple(scratch, row, _LINE_ACC)
-        e, z = _triple(scratch, row, _LINE), _triple(parts, i, Z)
+        acc, line = triple(scratch, row, _PIN_ACC), triple(scratch, row, _LINE_ACC)
+        e, z = triple(scratch, row, _LINE), triple(parts, i, Z)
         for p in range(PART_SIZE):
             column = 10 * n + PART_SIZE * i + p
             for j in range(n):
                 out[j, column] = 0.0
             force, moment = acc, still
             if p == 1:
-                force, moment = line, _cross(e, acc)
+                force, moment = line, cross(e, acc)
             elif p == 2:
-                force, moment = still, _cross(e, line)
-            out[joint, column] = scratch[row, _RATE] * _dot(z, moment)
+                force, moment = still, cross(e, line)
+            out[joint, column] = scratch[row, _RATE] * dot(z, moment)
             if host >= 0:
                 for k in range(6):
                     scratch[host, COLUMN + k] = 0.0
@@ -209,7 +186,7 @@ def part_regressor(
                 carry_inwards(host, column, axis, prismatic, scratch, out)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_part_bodies(n: int, parts: Array, scratch: Array) -> None:
     """Inertia of the parts, as they lie, added to the composite bodies of their hosts.
 
@@ -221,9 +198,9 @@ def add_part_bodies(n: int, parts: Array, scratch: Array) -> None:
         if host < 0:
             continue
         m, h, inertia = parts[i, MASS], parts[i, FIRST], parts[i, SECOND]
-        p, e = _triple(parts, i, PIN), _triple(scratch, n + i, _LINE)
-        first = _plus((m * p[0], m * p[1], m * p[2]), h, e)
-        trace = _dot(p, first) + h * _dot(p, e) + inertia * _dot(e, e)
+        p, e = triple(parts, i, PIN), triple(scratch, n + i, _LINE)
+        first = plus((m * p[0], m * p[1], m * p[2]), h, e)
+        trace = dot(p, first) + h * dot(p, e) + inertia * dot(e, e)
         b, at = BODY, BODY + 4
         scratch[host, b] += m
         for r in range(3):
@@ -234,7 +211,7 @@ def add_part_bodies(n: int, parts: Array, scratch: Array) -> None:
                 at += 1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_part_rates(
     axis: Array, prismatic: Array, parts: Array, scratch: Array, mass: Array
 ) -> None:
@@ -245,10 +222,10 @@ def add_part_rates(
         mass[joint, joint] += rate * rate * parts[i, SECOND]
         if host < 0:
             continue
-        z, e = _triple(parts, i, Z), _triple(scratch, n + i, _LINE)
+        z, e = triple(parts, i, Z), triple(scratch, n + i, _LINE)
         push = rate * parts[i, FIRST]
         spin = rate * parts[i, SECOND]
-        across = _cross(z, e)
+        across = cross(z, e)
         for k in range(6):
             scratch[host, COLUMN + k] = 0.0
         force = (push * across[0], push * across[1], push * across[2])
@@ -265,9 +242,9 @@ def add_part_rates(
                 add_wrench_to_parent(scratch, j, COLUMN)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def part_moment(n: int, i: int, parts: Array, scratch: Array) -> tuple[float, float, float, float]:
     """Mass and first moment of part i in its host's frame, after `place_parts`."""
-    p, e = _triple(parts, i, PIN), _triple(scratch, n + i, _LINE)
+    p, e = triple(parts, i, PIN), triple(scratch, n + i, _LINE)
     m, h = parts[i, MASS], parts[i, FIRST]
     return m, m * p[0] + h * e[0], m * p[1] + h * e[1], m * p[2] + h * e[2]

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hydro_model import rigid_body_loops as loops
-from hydro_model.chain_arrays import chain_arrays, samples
+from hydro_model.chain_arrays import ChainArrays, chain_arrays, samples
+from hydro_model.chain_kernels import SCRATCH
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 
@@ -41,7 +42,7 @@ def inverse_dynamics(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) 
     chain = chain_arrays(robot)
     (qs, qds, qdds), single = samples(robot, q, qd, qdd)
     out = np.empty_like(qs)
-    loops.torques(qs, qds, qds, qdds, 0.0, *chain.frames, *chain.bodies, out)
+    loops.torques(qs, qds, qds, qdds, 0.0, *chain.frames, *chain.bodies, _scratch(chain), out)
     return out[0] if single else out
 
 
@@ -87,7 +88,7 @@ def required_torque(
     (qs, qds, qdrs, qddrs), single = samples(robot, q, qd, qd_r, qdd_r)
     out = np.empty_like(qs)
     gain = float(k_v)
-    loops.torques(qs, qds, qdrs, qddrs, gain, *chain.frames, *chain.bodies, out)
+    loops.torques(qs, qds, qdrs, qddrs, gain, *chain.frames, *chain.bodies, _scratch(chain), out)
     return out[0] if single else out
 
 
@@ -113,7 +114,9 @@ def regressor(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Floa
     chain = chain_arrays(robot)
     (qs, qds, qdds), single = samples(robot, q, qd, qdd)
     out = np.empty((*qs.shape, len(robot.parameter_names)))
-    loops.regressors(qs, qds, qdds, *chain.frames, chain.gravity_m_s2, chain.parts, out)
+    loops.regressors(
+        qs, qds, qdds, *chain.frames, chain.gravity_m_s2, chain.parts, _scratch(chain), out
+    )
     return out[0] if single else out
 
 
@@ -138,7 +141,7 @@ def mass_matrix(robot: Robot, q: ArrayLike) -> FloatArray:
     chain = chain_arrays(robot)
     (qs,), single = samples(robot, q)
     out = np.empty((*qs.shape, robot.dof))
-    loops.masses(qs, *chain.frames, chain.theta, chain.parts, out)
+    loops.masses(qs, *chain.frames, chain.theta, chain.parts, _scratch(chain), out)
     return out[0] if single else out
 
 
@@ -164,7 +167,9 @@ def forward_dynamics(robot: Robot, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) 
     chain = chain_arrays(robot)
     (qs, qds, taus), single = samples(robot, q, qd, tau)
     out = np.empty_like(qs)
-    bad = loops.accelerations(qs, qds, taus, *chain.frames, *chain.bodies, out)
+    n = robot.dof
+    memory = (_scratch(chain), np.empty((n, n)), np.empty(n))
+    bad = loops.accelerations(qs, qds, taus, *chain.frames, *chain.bodies, *memory, out)
     if bad >= 0:
         raise RobotError(
             f"robot {robot.name}: expected finite inputs and a positive definite mass matrix,"
@@ -218,5 +223,10 @@ def potential_energy(robot: Robot, q: ArrayLike) -> FloatArray:
     chain = chain_arrays(robot)
     (qs,), single = samples(robot, q)
     out = np.empty(qs.shape[0])
-    loops.potentials(qs, *chain.frames, *chain.bodies, out)
+    loops.potentials(qs, *chain.frames, *chain.bodies, _scratch(chain), out)
     return np.asarray(out[0] if single else out)
+
+
+def _scratch(chain: ChainArrays) -> FloatArray:
+    """Working memory of the kernels."""
+    return np.empty((len(chain.axis) + len(chain.parts), SCRATCH))

@@ -17,8 +17,6 @@ Arguments shared by all kernels, n joints:
 
 from __future__ import annotations
 
-from numba import njit
-
 from hydro_model.chain_kernels import (
     ACC,
     COLUMN,
@@ -33,6 +31,7 @@ from hydro_model.chain_kernels import (
     place,
 )
 from hydro_model.composite_kernels import mass_matrix_placed, solve_spd
+from hydro_model.kernel import kernel
 from hydro_model.part_kernels import (
     add_part_forces,
     carry_inwards,
@@ -53,7 +52,7 @@ __all__ = [
 ]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _net_force(theta: Array, k_v: float, scratch: Array, i: int) -> None:
     """Net force of link i: ``Y(vdot_d, v) theta + k_v (v_d - v)`` (eqs. 8, 20 and 29)."""
     m, h0, h1, h2 = theta[i, 0], theta[i, 1], theta[i, 2], theta[i, 3]
@@ -79,7 +78,7 @@ def _net_force(theta: Array, k_v: float, scratch: Array, i: int) -> None:
         scratch[i, f + k] += k_v * (scratch[i, REQ + k] - scratch[i, VEL + k])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def required_torque_kernel(
     q: Array,
     qd: Array,
@@ -115,7 +114,7 @@ def required_torque_kernel(
             add_wrench_to_parent(scratch, i, FORCE)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def inverse_dynamics_kernel(
     q: Array,
     qd: Array,
@@ -149,7 +148,7 @@ def inverse_dynamics_kernel(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _body_column(p: int, scratch: Array, i: int) -> None:
     """Column p of the body regressor of link i into the working memory (eq. 29)."""
     w0, w1, w2 = scratch[i, VEL], scratch[i, VEL + 1], scratch[i, VEL + 2]
@@ -187,7 +186,7 @@ def _body_column(p: int, scratch: Array, i: int) -> None:
     scratch[i, c + 3], scratch[i, c + 4], scratch[i, c + 5] = f0, f1, f2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def regressor_kernel(
     q: Array,
     qd: Array,
@@ -217,7 +216,7 @@ def regressor_kernel(
     part_regressor(axis, prismatic, parts, scratch, out)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def mass_matrix_kernel(
     q: Array,
     rotation: Array,
@@ -235,7 +234,7 @@ def mass_matrix_kernel(
     mass_matrix_placed(axis, prismatic, theta, parts, scratch, mass)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def mass_matrix_and_bias(
     q: Array,
     qd: Array,

@@ -1,20 +1,20 @@
 """Compiled loops over stacks of samples around `hydro_model.rigid_body_kernels`.
 
-They allocate their own working memory; arguments are those of the kernels, stacked over samples.
+Arguments are those of the kernels, stacked over samples.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit
+import math
 
 from hydro_model import rigid_body_kernels as kernels
 from hydro_model.chain_kernels import SHIFT, Array
 from hydro_model.closed_chain import HOST
+from hydro_model.kernel import kernel
 from hydro_model.part_kernels import part_moment, place_parts
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def torques(
     q: Array,
     qd: Array,
@@ -28,10 +28,10 @@ def torques(
     gravity: Array,
     theta: Array,
     parts: Array,
+    scratch: Array,
     out: Array,
 ) -> None:
     """Required torques of N samples into `out` (N, n)."""
-    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.required_torque_kernel(
             q[k],
@@ -51,7 +51,7 @@ def torques(
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def regressors(
     q: Array,
     qd: Array,
@@ -62,10 +62,10 @@ def regressors(
     prismatic: Array,
     gravity: Array,
     parts: Array,
+    scratch: Array,
     out: Array,
 ) -> None:
     """Regressors of N samples into `out` (N, n, 10 n + 3 k), k parts."""
-    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.regressor_kernel(
             q[k],
@@ -82,7 +82,7 @@ def regressors(
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def masses(
     q: Array,
     rotation: Array,
@@ -91,17 +91,25 @@ def masses(
     prismatic: Array,
     theta: Array,
     parts: Array,
+    scratch: Array,
     out: Array,
 ) -> None:
     """Mass matrices of N samples into `out` (N, n, n)."""
-    scratch = np.empty((q.shape[1] + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.mass_matrix_kernel(
             q[k], rotation, translation, axis, prismatic, theta, parts, scratch, out[k]
         )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
+def _finite(values: Array) -> bool:
+    good = True
+    for i in range(values.shape[0]):
+        good = good and math.isfinite(values[i])
+    return good
+
+
+@kernel
 def accelerations(
     q: Array,
     qd: Array,
@@ -113,12 +121,13 @@ def accelerations(
     gravity: Array,
     theta: Array,
     parts: Array,
+    scratch: Array,
+    mass: Array,
+    bias: Array,
     out: Array,
 ) -> int:
     """Accelerations into `out` (N, n); the first sample that has none, or -1."""
     n = q.shape[1]
-    scratch = np.empty((n + parts.shape[0], kernels.SCRATCH))
-    mass, bias = np.empty((n, n)), np.empty(n)
     for k in range(q.shape[0]):
         kernels.mass_matrix_and_bias(
             q[k],
@@ -136,12 +145,12 @@ def accelerations(
         )
         for i in range(n):
             out[k, i] = tau[k, i] - bias[i]
-        if not (kernels.solve_spd(mass, out[k]) and np.all(np.isfinite(out[k]))):
+        if not (kernels.solve_spd(mass, out[k]) and _finite(out[k])):
             return k
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def potentials(
     q: Array,
     rotation: Array,
@@ -151,11 +160,11 @@ def potentials(
     gravity: Array,
     theta: Array,
     parts: Array,
+    scratch: Array,
     out: Array,
 ) -> None:
     """Potential energies of N samples into `out` (N,)."""
     n = q.shape[1]
-    scratch = np.empty((n + parts.shape[0], kernels.SCRATCH))
     for k in range(q.shape[0]):
         kernels.place(q[k], rotation, translation, axis, prismatic, scratch)
         place_parts(q[k], parts, scratch)

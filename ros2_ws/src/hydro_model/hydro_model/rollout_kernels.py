@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from hydro_model.rosenbrock_kernels import copy, jacobian, scaled_rates, try_step
+from hydro_model.kernel import copy, inlined, kernel
+from hydro_model.rosenbrock_kernels import jacobian, scaled_rates, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
 from hydro_model.simulate_arrays import RATES, REST, STROKE
 from hydro_model.simulate_kernels import right_hand_side
@@ -21,7 +21,7 @@ MOST_STEPS = 100_000  # between two changes of input
 DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, OUT_OF_STROKE = range(5)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _outside(model: Any, work: Any) -> bool:
     """Some piston is not within its stroke."""
     for i in range(model.joint.shape[0]):
@@ -31,7 +31,7 @@ def _outside(model: Any, work: Any) -> bool:
     return False
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _accepted_step(
     model: Any,
     work: Any,
@@ -59,7 +59,7 @@ def _accepted_step(
     return 0.0, h
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _advance(
     model: Any,
     work: Any,
@@ -88,7 +88,7 @@ def _advance(
     return TOO_MANY_STEPS, time, h
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _held(times: Array, delay: float, now: float, held: int, last: int) -> int:
     """Index of the command that acts at `now`, at most `last`."""
     while held < last and times[held + 1] + delay <= now + SMALLEST_STEP_S:
@@ -96,7 +96,7 @@ def _held(times: Array, delay: float, now: float, held: int, last: int) -> int:
     return held
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _to_sample(
     model: Any,
     work: Any,
@@ -122,7 +122,7 @@ def _to_sample(
     return status, time, held, h
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> None:
     states, rails, openings, friction = results
     m = model.joint.shape[0]
@@ -134,7 +134,7 @@ def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> No
         friction[sample, i] = work.friction[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def roll_out(
     model: Any,
     work: Any,

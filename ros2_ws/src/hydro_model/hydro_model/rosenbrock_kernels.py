@@ -11,8 +11,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from hydro_model.kernel import copy, inlined, kernel
 from hydro_model.robot import FloatArray
 from hydro_model.simulate_arrays import KEEP_MASS, RATES, IntArray
 from hydro_model.simulate_kernels import right_hand_side
@@ -85,14 +85,7 @@ def new_solver(size: int) -> Solver:
 _DIFFERENCE = 1.5e-8  # square root of the rounding unit
 
 
-@njit(cache=True, error_model="numpy")
-def copy(source: Array, target: Array) -> None:
-    """Entries of one vector into another; quicker to compile than an assignment to a slice."""
-    for i in range(source.shape[0]):
-        target[i] = source[i]
-
-
-@njit(inline="always", error_model="numpy")
+@inlined
 def scaled_rates(
     model: Any,
     work: Any,
@@ -112,7 +105,7 @@ def scaled_rates(
     return good
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> bool:
     """Forward differences around `z`, whose right-hand side `f` was evaluated just before."""
     z = solver.z
@@ -132,7 +125,7 @@ def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> 
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _factorise(matrix: Array, pivot: Array) -> bool:
     """LU with partial pivoting in place; False where singular or not finite."""
     size = matrix.shape[0]
@@ -156,7 +149,7 @@ def _factorise(matrix: Array, pivot: Array) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _solve(matrix: Array, pivot: Array, b: Array) -> None:
     size = matrix.shape[0]
     for k in range(size):
@@ -173,7 +166,7 @@ def _solve(matrix: Array, pivot: Array, b: Array) -> None:
         b[i] = total / matrix[i, i]
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _stage(
     model: Any, work: Any, solver: Any, time: float, inputs: Array, h: float, stage: int
 ) -> bool:
@@ -197,7 +190,7 @@ def _stage(
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def try_step(model: Any, work: Any, solver: Any, time: float, inputs: Array, h: float) -> float:
     """One step from `z` into `new`, with `f` and `jacobian` those at `z`.
 

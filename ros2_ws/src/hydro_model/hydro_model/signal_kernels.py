@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
-from hydro_model.kinematics import tip_kernel
+from hydro_model.chain_kernels import SHIFT, VEL, place
+from hydro_model.kernel import copy, kernel
 from hydro_model.signals import (
     JOINT_POSITION,
     JOINT_VELOCITY,
@@ -27,38 +26,36 @@ from hydro_model.signals import (
     VALVE_SIGNAL,
 )
 from hydro_model.simulate_arrays import AREA_A, AREA_B, L1, L2, Q0, X0
+from hydro_model.triple_kernels import cross, dot, plus, to_child, to_parent, triple
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
 
-@njit(cache=True, error_model="numpy")
-def _upwards(model: Any, vector: Array) -> float:
-    """Component of a vector against gravity."""
-    up = model.up
-    return float(up[0] * vector[0] + up[1] * vector[1] + up[2] * vector[2])
-
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def look_at_tip(model: Any, work: Any, y: Array) -> None:
-    """Height of the tip into the robot's signals, and its Jacobian."""
-    n = model.axis.shape[0]
-    tip_kernel(
-        y[:n],
-        y[n : 2 * n],
-        model.rotation,
-        model.translation,
-        model.axis,
-        model.prismatic,
-        model.tip,
-        work.chain,
-        work.tip,
-        work.tip_columns[0],
-        work.tip_columns[1],
-    )
-    work.signals[model.joint.shape[0], TIP_HEIGHT] = _upwards(model, work.tip)
+    """Height of the tip into the robot's signals, and how much it rises with every joint.
+
+    The direction against gravity is carried outwards into each joint's frame, the tip inwards; a
+    revolute joint moves it by ``axis x tip``.
+    """
+    n, s = model.axis.shape[0], work.chain
+    copy(y[:n], work.q)
+    place(work.q, model.rotation, model.translation, model.axis, model.prismatic, s)
+    up = (model.up[0], model.up[1], model.up[2])
+    for i in range(n):
+        up = to_child(s, i, up)
+        s[i, VEL], s[i, VEL + 1], s[i, VEL + 2] = up
+    tip = (model.tip[0], model.tip[1], model.tip[2])
+    for i in range(n - 1, -1, -1):
+        axis = triple(model.axis, i, 0)
+        motion = axis if model.prismatic[i] else cross(axis, tip)
+        work.tip_slope[i] = dot(triple(s, i, VEL), motion)
+        tip = plus(triple(s, i, SHIFT), 1.0, to_parent(s, i, tip))
+    height = model.up[0] * tip[0] + model.up[1] * tip[1] + model.up[2] * tip[2]
+    work.signals[model.joint.shape[0], TIP_HEIGHT] = height
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def look_aside(model: Any, work: Any, s: Array, y: Array, joint: int) -> None:
     """Signals of the other joint and of the tip."""
     other = model.other[joint]
@@ -66,10 +63,10 @@ def look_aside(model: Any, work: Any, s: Array, y: Array, joint: int) -> None:
         s[OTHER_POSITION], s[OTHER_VELOCITY] = y[other], y[model.axis.shape[0] + other]
     if model.tip_used[0]:
         s[TIP_HEIGHT] = work.signals[model.joint.shape[0], TIP_HEIGHT]
-        s[TIP_SLOPE] = _upwards(model, work.tip_columns[0, :, joint])
+        s[TIP_SLOPE] = work.tip_slope[joint]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def look(model: Any, work: Any, y: Array, i: int, time: float, u: float) -> None:
     """Signals of cylinder i from the state (eqs. 9, 16, 17 corrected)."""
     n, m = model.axis.shape[0], model.joint.shape[0]

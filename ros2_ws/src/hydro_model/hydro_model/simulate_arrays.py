@@ -86,8 +86,7 @@ class Work(NamedTuple):
     q: FloatArray  # (n,)
     qd: FloatArray  # (n,)
     chain: FloatArray  # (n + 2 k, SCRATCH)
-    tip: FloatArray  # (3,) tip position
-    tip_columns: FloatArray  # (2, 3, n) its Jacobian and the Jacobian's rate
+    tip_slope: FloatArray  # (n,) how much the tip rises with each joint
     mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
     bias: FloatArray  # (n,) and its bias
     factor: FloatArray  # (n, n)
@@ -159,8 +158,7 @@ def new_work(robot: Robot) -> Work:
         q=np.zeros(n),
         qd=np.zeros(n),
         chain=np.zeros((n + 2 * len(robot.closed_chains), SCRATCH)),
-        tip=np.zeros(3),
-        tip_columns=np.zeros((2, 3, n)),
+        tip_slope=np.zeros(n),
         mass=np.zeros((n, n)),
         bias=np.zeros(n),
         factor=np.zeros((n, n)),

@@ -150,6 +150,18 @@ def test_compiled_rates_equal_the_reference() -> None:
             np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("dof", [1, 3, 6])
+def test_contact_at_the_tip_of_any_chain_equals_the_reference(make_chain, dof) -> None:
+    ground = EffectSpec("external_contact", f"chain{dof}", {"stiffness": 2e3, "height": 9.0})
+    model = Model(replace(make_chain(4, dof, 0.4), effects=(ground,)))
+    rng = np.random.default_rng(11)
+    for _ in range(5):
+        inputs = model.inputs([], 19e6, 1e6, rng.normal(size=dof))
+        state = rng.normal(size=2 * dof)
+        theirs = reference_rates(model.robot, model.active, 0.0, inputs, state)
+        np.testing.assert_allclose(model.rates(0.0, state, inputs), theirs, rtol=1e-9, atol=1e-9)
+
+
 def test_roll_out_agrees_with_scipy() -> None:
     """Radau with tight tolerances over the readable right-hand side, from step to step."""
     robot = with_every_effect(crane(3e4))

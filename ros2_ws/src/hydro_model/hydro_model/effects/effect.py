@@ -223,14 +223,15 @@ class Effect:
             Shapes do not fit, the stage is not one of the effect's, or `sample_time_s` is
             missing.
         """
-        from hydro_model.effects.compiled import evaluate_law, integrate_states
+        from hydro_model.effects.compiled import evaluate_law
+        from hydro_model.effects.internal_states import follow_states
 
         rows, values = self._checked(signals, parameters)
         law = self.term(stage).law
         if self.states:
             if sample_time_s is None:
                 raise RobotError(f"effect '{self.name}' has internal states: give sample_time_s")
-            rows = integrate_states(self.states, rows, values, sample_time_s)
+            return follow_states(self.states, law, rows, values, sample_time_s)
         return evaluate_law(law, rows, values)
 
     def columns(

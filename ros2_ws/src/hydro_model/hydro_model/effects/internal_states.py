@@ -1,0 +1,229 @@
+"""Internal states of an effect along a recording, integrated between its samples.
+
+Dormand and Prince, A family of embedded Runge-Kutta formulae, J. Computational and Applied
+Mathematics 6 (1980): order 5, steps as long as its fourth-order companion allows. How fast the
+states are follows from the effect's parameters and the motion and differs by orders of magnitude,
+so no fixed step would do. Errors are measured against the largest value that a state had so far,
+which makes them free of units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hydro_model.effects.compiled import call_law, law_address, signals_read
+from hydro_model.effects.law import InternalState, Law
+from hydro_model.kernel import copy, kernel
+from hydro_model.robot import FloatArray
+from hydro_model.signals import (
+    MAX_STATES,
+    RETURN_FLOW,
+    SIGNAL_COUNT,
+    STATE_0,
+    SUPPLY_FLOW,
+    VALVE_FLOW_A,
+    VALVE_FLOW_B,
+    VALVE_RATE,
+    VALVE_SIGNAL,
+)
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+#: Signals that are held from row to row: they jump with the command.
+HELD_SIGNALS = (VALVE_SIGNAL, VALVE_RATE, VALVE_FLOW_A, VALVE_FLOW_B, SUPPLY_FLOW, RETURN_FLOW)
+#: Error of a step, relative to the largest value of the state so far.
+_TOLERANCE = 1e-6
+#: Steps are not made shorter than this share of a sample, whatever the error.
+_SHORTEST = 1.0 / 4096.0
+#: How much smaller the error of half a step is, and by how much it should be for a double one.
+#: Steps are samples divided by powers of two: so rounding does not change which ones are taken.
+_HALVED, _DOUBLED = 32.0, 64.0
+_STAGES = 7
+_AT = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+_WEIGHTS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+_ERROR = np.array(
+    [71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40]
+)  # fmt: skip
+
+
+class _Laws(NamedTuple):
+    """What is integrated: addresses of laws, their parameters, the signals that they look at."""
+
+    value: Any  # (1,) int, the law whose values are wanted
+    rate: Any  # (k,) int
+    initial: Any  # (k,) int
+    parameters: FloatArray
+    read: Any  # int
+    moving: Any  # int, those of them that are not held
+
+
+class _Memory(NamedTuple):
+    row: FloatArray  # (SIGNAL_COUNT,)
+    start: FloatArray  # (k,) states before the step
+    largest: FloatArray  # (k,) that they were so far
+    stages: FloatArray  # (_STAGES, k) rates
+
+
+@kernel
+def _rates(laws: Any, row: Array, out: Array) -> None:
+    for i in range(laws.rate.shape[0]):
+        out[i] = call_law(laws.rate[i], row, laws.parameters)
+
+
+@kernel
+def _try_step(
+    laws: Any, memory: Any, now: Array, after: Array, begin: float, length: float, step: float
+) -> None:
+    """Stages of a step, whose first is known; the states after it are left in the row.
+
+    The step begins at a part of the sample, has a length in samples and one in seconds.
+    """
+    row, stages = memory.row, memory.stages
+    for j in range(1, _STAGES):
+        for i in range(laws.rate.shape[0]):
+            total = 0.0
+            for b in range(j):
+                total += _WEIGHTS[j, b] * stages[b, i]
+            row[STATE_0 + i] = memory.start[i] + step * total
+        part = begin + _AT[j] * length
+        for c in laws.moving:
+            row[c] = now[c] + part * (after[c] - now[c])
+        _rates(laws, row, stages[j])
+
+
+@kernel
+def _error(memory: Any, step: float) -> float:
+    """Error of a step over what is allowed; NaN where a signal is unknown."""
+    worst = 0.0
+    for i in range(memory.largest.shape[0]):
+        error = 0.0
+        for j in range(_STAGES):
+            error += _ERROR[j] * memory.stages[j, i]
+        if error != 0.0:
+            size = max(memory.largest[i], abs(memory.row[STATE_0 + i]))
+            ratio = abs(step * error) / (_TOLERANCE * size)
+            if not ratio <= worst:
+                worst = ratio
+    return worst
+
+
+@kernel
+def _to_next(
+    laws: Any, memory: Any, now: Array, after: Array, sample_time: float, length: float
+) -> float:
+    """States from one sample to the next, in the row; returns the length to try after it."""
+    start, largest, stages = memory.start, memory.largest, memory.stages
+    states = memory.row[STATE_0 : STATE_0 + start.shape[0]]
+    begin = 0.0
+    _rates(laws, memory.row, stages[0])
+    while begin < 1.0:
+        tried = min(length, 1.0 - begin)
+        copy(states, start)
+        _try_step(laws, memory, now, after, begin, tried, tried * sample_time)
+        error = _error(memory, tried * sample_time)
+        if math.isnan(error):
+            return length
+        if error > 1.0 and tried > _SHORTEST:
+            length = 0.5 * tried if error < _HALVED else 0.25 * tried
+            copy(start, states)
+            continue
+        begin += tried
+        if error * _DOUBLED < 1.0:
+            # A step cut short by the sample's end says nothing against a longer one.
+            length = max(length, min(2.0 * tried, 1.0))
+        copy(stages[_STAGES - 1], stages[0])
+        for i in range(start.shape[0]):
+            largest[i] = max(largest[i], abs(states[i]))
+    return length
+
+
+@kernel
+def _some_unknown(values: Array) -> bool:
+    unknown = False
+    for i in range(values.shape[0]):
+        unknown = unknown or math.isnan(values[i])
+    return unknown
+
+
+@kernel
+def _follow(laws: Any, memory: Any, signals: Array, sample_time: float, out: Array) -> None:
+    row = memory.row
+    states = row[STATE_0 : STATE_0 + memory.start.shape[0]]
+    length = 1.0
+    for k in range(signals.shape[0]):
+        for c in laws.read:
+            row[c] = signals[k, c]
+        for i in range(states.shape[0]):
+            if math.isnan(states[i]):
+                states[i] = call_law(laws.initial[i], row, laws.parameters)
+                memory.largest[i] = max(memory.largest[i], abs(states[i]))
+        out[k] = call_law(laws.value[0], row, laws.parameters)
+        if k + 1 < signals.shape[0]:
+            length = _to_next(laws, memory, signals[k], signals[k + 1], sample_time, length)
+            if _some_unknown(states):
+                copy(memory.start, states)
+
+
+def follow_states(
+    states: Sequence[InternalState],
+    law: Law,
+    signals: FloatArray,
+    parameters: FloatArray,
+    sample_time_s: float,
+) -> FloatArray:
+    """A law with internal states over a recording, from rest at its first sample.
+
+    Between two samples, what the valve's command makes jump is held (`HELD_SIGNALS`), as the
+    valve holds it; the rest moves evenly. Where signals are unknown (NaN), states stay as they
+    were; where they never were known, they are at rest.
+
+    Parameters
+    ----------
+    states : sequence of InternalState
+    law : callable
+    signals : (N, SIGNAL_COUNT) array
+    parameters : array
+    sample_time_s : float
+
+    Returns
+    -------
+    (N,) array
+    """
+    size = len(states)
+    memory = _Memory(
+        row=np.full(SIGNAL_COUNT, np.nan),
+        start=np.empty(size),
+        largest=np.zeros(size),
+        stages=np.empty((_STAGES, size)),
+    )
+    out = np.empty(len(signals))
+    _follow(_laws(states, law, parameters), memory, signals, float(sample_time_s), out)
+    return out
+
+
+def _laws(states: Sequence[InternalState], law: Law, parameters: FloatArray) -> _Laws:
+    rates, initials = [state.rate for state in states], [state.initial for state in states]
+    named = frozenset().union(*(signals_read(one) for one in (law, *rates, *initials)))
+    read = sorted(named.difference(range(STATE_0, STATE_0 + MAX_STATES)))
+    return _Laws(
+        value=np.array([law_address(law)]),
+        rate=np.array([law_address(rate) for rate in rates]),
+        initial=np.array([law_address(initial) for initial in initials]),
+        parameters=parameters,
+        read=np.array(read, dtype=np.int64),
+        moving=np.array([c for c in read if c not in HELD_SIGNALS], dtype=np.int64),
+    )

@@ -1,0 +1,25 @@
+"""How the package's numba kernels are compiled.
+
+Kernels get all memory from their caller and return numbers. So they need not count references to
+arrays, which numba does with atomic instructions at every view and every call: about 1000 of them
+in one right-hand side of the model, most of its time. (numba's `_nrt` switches its runtime for
+allocation off; a kernel that allocates then fails to compile.)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+#: Decorator of kernels that allocate nothing and return no arrays.
+kernel = njit(cache=True, error_model="numpy", _nrt=False)
+#: The same for one that is copied into each of its callers.
+inlined = njit(inline="always", error_model="numpy", _nrt=False)
+
+
+@kernel
+def copy(source: Any, target: Any) -> None:
+    """Entries of one vector into another; quicker to compile than an assignment to a slice."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]

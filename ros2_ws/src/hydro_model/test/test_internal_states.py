@@ -1,0 +1,131 @@
+"""Effects with internal states along a recording, against scipy and in gaps."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hydro_model import signals as sig
+from hydro_model.effects import CATALOGUE, Effect
+from hydro_model.effects.compiled import evaluate_law, signals_read
+from hydro_model.effects.internal_states import HELD_SIGNALS
+from hydro_model.robot import FloatArray
+
+STEP_S = 0.002
+DYNAMIC = [effect for effect in CATALOGUE.values() if effect.states]
+#: Size of what the signals do, by index; all others are 1.
+SIZES = {
+    sig.PISTON_VELOCITY: 0.15,
+    sig.JOINT_VELOCITY: 0.3,
+    sig.OTHER_VELOCITY: 0.3,
+    sig.PISTON_FORCE: 2e4,
+    sig.VALVE_SIGNAL: 0.3,
+    sig.VALVE_FLOW_A: 2e-4,
+    sig.VALVE_FLOW_B: 1e-4,
+    sig.SUPPLY_FLOW: 2e-4,
+    sig.RETURN_FLOW: 1e-4,
+    sig.PRESSURE_A: 2e5,
+    sig.PRESSURE_B: 2e5,
+}
+
+
+def recording(count: int) -> FloatArray:
+    """Rows of smooth motion with reversals; what is held moves in steps."""
+    rng = np.random.default_rng(5)
+    times = np.arange(count) * STEP_S
+    rows = np.ones((count, sig.SIGNAL_COUNT))
+    rows[:, sig.TIME] = times
+    rows[:, sig.OTHER_ACCELERATION] = np.nan
+    rows[:, sig.ATMOSPHERIC_PRESSURE] = 1e5
+    for index, size in SIZES.items():
+        phases, rates = rng.uniform(0.0, 6.3, 3), (9.0, 31.0, 70.0)
+        waves = [np.sin(w * times + phase) for w, phase in zip(rates, phases, strict=True)]
+        rows[:, index] = size * (waves[0] + 0.5 * waves[1] + 0.2 * waves[2])
+    return rows
+
+
+def exact(effect: Effect, rows: FloatArray, parameters: FloatArray) -> FloatArray:
+    """The first law with its states integrated by scipy from sample to sample."""
+    own = slice(sig.STATE_0, sig.STATE_0 + len(effect.states))
+    moving = np.ones(sig.SIGNAL_COUNT, dtype=bool)
+    moving[list(HELD_SIGNALS)] = False
+    moving[sig.STATE_0 : sig.STATE_0 + sig.MAX_STATES] = False
+    values = np.empty(len(rows))
+    state = np.empty(len(effect.states))
+    for k, sample in enumerate(rows):
+        row = sample.copy()
+        if k == 0:
+            for i, one in enumerate(effect.states):
+                state[i] = row[sig.STATE_0 + i] = one.initial(row, parameters)
+        row[own] = state
+        values[k] = effect.term().law(row, parameters)
+        if k + 1 == len(rows):
+            break
+        slope = np.where(moving, rows[k + 1] - sample, 0.0)
+
+        def rates(part: float, y: FloatArray, start=sample, slope=slope) -> FloatArray:
+            now = start + part * slope
+            now[own] = y
+            return STEP_S * np.array([one.rate(now, parameters) for one in effect.states])
+
+        size = np.maximum(np.abs(state), 1e-12)
+        solved = solve_ivp(
+            rates, (0.0, 1.0), state, method="LSODA", rtol=1e-7, atol=1e-7 * size, max_step=0.25
+        )
+        state = solved.y[:, -1]
+    return values
+
+
+def corners(effect: Effect) -> list[FloatArray]:
+    """Typical parameters, and bounds of what sets how fast the states are."""
+    fast = {"frequency", "damping", "distance", "time_constant", "rate", "half_width"}
+    choices = [
+        sorted({one.lower, one.upper}) if one.name in fast else [one.typical]
+        for one in effect.parameters
+    ]
+    return [effect.typical, *(np.array(values) for values in itertools.product(*choices))]
+
+
+@pytest.mark.parametrize("effect", DYNAMIC, ids=lambda effect: effect.name)
+def test_states_agree_with_scipy_over_the_bounds_of_the_parameters(effect) -> None:
+    rows = recording(120)
+    for parameters in corners(effect):
+        ours = effect.evaluate(rows, parameters, sample_time_s=STEP_S)
+        theirs = exact(effect, rows, parameters)
+        np.testing.assert_allclose(
+            ours, theirs, rtol=0.0, atol=1e-3 * np.ptp(theirs), err_msg=f"{parameters}"
+        )
+
+
+@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda effect: effect.name)
+def test_the_signals_that_a_law_names_are_all_it_looks_at(effect) -> None:
+    rows = recording(20)
+    laws = [term.law for term in effect.terms]
+    laws += [law for state in effect.states for law in (state.rate, state.initial)]
+    for law in laws:
+        blind = np.full_like(rows, np.nan)
+        seen = list(signals_read(law))
+        blind[:, seen] = rows[:, seen]
+        expected = evaluate_law(law, rows, effect.typical)
+        np.testing.assert_array_equal(evaluate_law(law, blind, effect.typical), expected)
+
+
+def test_a_gap_leaves_the_states_as_they_were() -> None:
+    effect, rows = CATALOGUE["presliding_friction"], recording(200)
+    whole = effect.evaluate(rows, effect.typical, sample_time_s=STEP_S)
+    rows[80:100, sig.PISTON_VELOCITY] = np.nan
+    holed = effect.evaluate(rows, effect.typical, sample_time_s=STEP_S)
+    np.testing.assert_array_equal(holed[:80], whole[:80])
+    np.testing.assert_array_equal(holed[80:101], holed[79])
+
+
+def test_states_never_known_start_at_rest_after_the_gap() -> None:
+    effect, rows = CATALOGUE["valve_rate_limit"], recording(50)
+    late = effect.evaluate(rows[10:], effect.typical, sample_time_s=STEP_S)
+    rows[:10, sig.VALVE_SIGNAL] = np.nan
+    holed = effect.evaluate(rows, effect.typical, sample_time_s=STEP_S)
+    assert np.all(np.isnan(holed[:10]))
+    np.testing.assert_array_equal(holed[10:], late)
