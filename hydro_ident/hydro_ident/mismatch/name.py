@@ -200,6 +200,23 @@ class Searcher:
         terms = [s.entry.trial.at(s.coefficients) for s in chosen]
         return named_of(self._fitted(without, terms, noise), p, overdispersion(best))
 
+    def weighed(
+        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
+    ) -> Named:
+        """The set of some effects, each fitted in the others' place on top of a model.
+
+        Parameters
+        ----------
+        without : Fitted
+            The model with none of them, weighed by `noise`.
+        terms : sequence of ActiveEffect
+            Where their fits start.
+        noise : Noise
+        spread : float
+            As `overdispersion`.
+        """
+        return named_of(self._fitted(without, terms, noise), 0.0, spread)
+
     def _fitted(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
     ) -> list[Contender]:
