@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
@@ -27,8 +28,10 @@ from hydro_ident.study.detection_limit import (
 from hydro_ident.study.experiments import Motion
 from hydro_ident.study.generate import KNOWN, OUTSIDE, CaseSpec, kinds, make_case, truth_record
 from hydro_ident.study.hidden import Machine, Scene, machine_extras
+from hydro_ident.study.leaks import leak, outward
 from hydro_ident.study.machines import random_crane
 from hydro_ident.study.robots import StudyRobot
+from hydro_ident.study.seclusion import can_seclude
 from hydro_ident.study.traces import EVERY, drive, nuisance, scene_of, thinned, trace
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots
@@ -266,11 +269,87 @@ def test_diagnosis_runs_where_the_truth_is_not(study: tuple[Path, list[Any]]) ->
     told = " ".join([*result["seen"], *result["argv"], result["where"]])
     assert "truth" not in told
     assert str(out) not in told
+    assert answer["baselines"] == {}
     assert sum(path.endswith(".mcap") for path in result["seen"]) == 2
     assert result["argv"].count("--validate") == 1
     assert (out / ANSWERS / f"{cases[1].spec.name}.json").is_file()
     with pytest.raises(IdentError, match="no such case"):
         diagnose_case("absent", out)
+
+
+def test_a_diagnosis_that_looks_for_the_truth_finds_none(study: tuple[Path, list[Any]]) -> None:
+    """It is told where the truth lies, and tries by every way that it has."""
+    if not can_seclude():
+        pytest.skip("this system has no user namespaces: nothing can be kept out of a folder")
+    out, cases = study
+    truth = (out / TRUTHS / f"{cases[1].spec.name}.json").resolve()
+    assert truth.is_file()
+    program = f"""
+import json, os, pathlib, subprocess, sys
+truth, over, parent = {str(truth)!r}, {str(out.resolve())!r}, os.getppid()
+found = []
+for path in (truth, f"/proc/self/root{{truth}}", f"/proc/{{parent}}/root{{truth}}"):
+    try:
+        found.append(open(path).read())
+    except OSError as error:
+        pass
+uncover = f"umount {{over}}; cat {{truth}}"
+for line in (uncover, f"nsenter -t {{parent}} -m cat {{truth}}",
+             f"unshare --user --map-root-user --mount sh -c '{{uncover}}'"):
+    done = subprocess.run(line, shell=True, capture_output=True, text=True)
+    found += [done.stdout] if done.stdout else []
+out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
+out.mkdir()
+(out / "result.json").write_text(json.dumps({{"found": found}}))
+"""
+    answer = diagnose_case(cases[1].spec.name, out, (sys.executable, "-c", program))
+    assert (answer["exit"], answer["secluded"]) == (0, True), answer
+    assert answer["result"]["found"] == []
+    assert truth.is_file()
+
+
+def test_what_answers_knows_nothing_of_the_study() -> None:
+    """Nothing that a diagnosis imports has to do with what makes the recordings."""
+    program = (
+        "import sys; import hydro_ident.study.answer, hydro_ident.commands.diagnose;"
+        "from hydro_ident.mismatch import baselines, diagnosis, diagnosis_file;"
+        "own = ('hydro_ident.study.', 'hydro_hw_bridge');"
+        "print([m for m in sys.modules if m.startswith(own)])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "['hydro_ident.study.answer']"
+
+
+def test_a_label_in_the_files_would_show() -> None:
+    random = np.random.default_rng(6)
+    truths = [
+        {
+            "kind": "clean" if random.random() < 0.4 else "single",
+            "outward": {"files": 6.0, "train_bytes": random.normal(), "name": random.random()},
+        }
+        for _ in range(120)
+    ]
+    fair = leak(truths)
+    assert fair is not None
+    assert fair["p_value"] > 0.02
+    for truth in truths:
+        truth["outward"]["train_bytes"] += 2.0 * (truth["kind"] == "clean")  # type: ignore[index]
+    told = leak(truths)
+    assert told is not None
+    assert told["p_value"] < 0.01
+    assert told["p_value_without_sizes"] > 0.02
+    assert leak(truths[:8]) is None
+
+
+def test_files_look_the_same_whatever_is_hidden(study: tuple[Path, list[Any]]) -> None:
+    out, cases = study
+    seen = [outward(out / CASES / case.spec.name) for case in cases]
+    for name in ("files", "robot_bytes", "train_duration_s", "check_duration_s"):
+        assert len({one[name] for one in seen}) == 1, name
+    # But for the oil's temperature, which is on record in half of the cases.
+    assert {one["train_topics"] for one in seen} <= {4.0, 5.0}
 
 
 def test_diagnosis_that_fails_is_an_answer_too(study: tuple[Path, list[Any]]) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from hydro_ident.study.generate import KNOWN
-from hydro_ident.study.intervals import Rate, rate
-from hydro_ident.study.score import score_case, shuffled, summarise
-from hydro_ident.study.sizes import READINGS, found_size
+from hydro_ident.study.goals import GOALS
+from hydro_ident.study.intervals import Mean, Rate, mean, rate
+from hydro_ident.study.score import score_case
+from hydro_ident.study.sizes import READINGS, found_interval, found_size
+from hydro_ident.study.summary import shuffled, summarise
 from hydro_model.effects.catalogue import CATALOGUE
 
 AT = {
@@ -93,11 +95,13 @@ def test_wrong_name_in_the_right_place_is_detected_not_named() -> None:
 def test_right_name_in_the_wrong_place_is_not_the_right_channel() -> None:
     finding = _finding("coulomb_friction", channel="tilt/force")
     (effect,) = score_case(_truth(_effect("coulomb_friction")), _answer(finding)).effects
-    assert effect.in_set
-    assert not effect.right_channel
+    assert effect.detected
+    assert not any((effect.in_set, effect.first, effect.right_channel, effect.listed_channel))
     beside = _finding("coulomb_friction", channel="tilt/force", also=["lift/force"])
     (effect,) = score_case(_truth(_effect("coulomb_friction")), _answer(beside)).effects
-    assert effect.right_channel
+    assert effect.in_set
+    assert effect.listed_channel
+    assert not effect.right_channel
 
 
 def test_timing_counts_for_delays_only() -> None:
@@ -166,9 +170,107 @@ def test_table_of_hand_made_cases() -> None:
     assert table.rates["below_limit_detected"] == Rate(0, 1)
     assert table.rates["outside_unknown"] == Rate(1, 1)
     assert table.rates["outside_wrong_name"] == Rate(0, 1)
-    assert table.numbers["mean_set_size"] == 1.0
+    assert table.means["set_size"].value == 1.0
     assert table.confusion["pin_friction"] == {"coulomb_friction": 1}
     assert table.confusion["(outside)"] == {"unknown": 1}
+
+
+def test_a_better_match_is_not_taken_by_another_effect() -> None:
+    """Two frictions of one cylinder, one of them found: it stands for the one that it names."""
+    truth = _truth(_effect("coulomb_friction"), _effect("quadratic_friction"), kind="double")
+    score = score_case(truth, _answer(_finding("quadratic_friction")))
+    assert [e.detected for e in score.effects] == [False, True]
+    assert score.false_names == ()
+    only_place = score_case(truth, _answer(_finding("pin_friction")))
+    assert [e.detected for e in only_place.effects] == [True, False]
+    assert not only_place.effects[0].in_set
+
+
+def test_weak_effects_outside_the_catalogue_are_counted_apart() -> None:
+    strong = _truth(_effect("valve_hum", ratio=9.0), kind="outside")
+    weak = _truth(_effect("valve_hum", ratio=0.7), kind="outside")
+    there = {"channel": "lift/force"}
+    table = summarise(
+        [
+            score_case(strong, _answer(unexplained=[there])),
+            score_case(strong, _answer(_finding("backlash"), unexplained=[{"channel": "x"}])),
+            score_case(weak, _answer()),
+        ]
+    )
+    assert table.rates["outside_unknown"] == Rate(2, 2)
+    assert table.rates["outside_unknown_there"] == Rate(1, 2)
+    assert table.rates["outside_wrong_name"] == Rate(1, 2)
+    assert table.rates["outside_weak_unknown"] == Rate(0, 1)
+
+
+def test_the_oracle_stands_beside() -> None:
+    truth = {**_truth(_effect("coulomb_friction")), "motion": "work"}
+    answer = _answer(_finding("coulomb_friction", "pin_friction", "backlash"))
+    answer["result"]["channels"] = {
+        "lift/force": {"rmse_after": 106.0, "noise_floor": 50.0},
+        "tilt/force": {"rmse_after": 900.0, "noise_floor": 50.0},
+    }
+    oracle = {"rmse": {"lift/force": 100.0, "tilt/force": 100.0}, "set": ["a", "b"]}
+    score = score_case(truth, answer, oracle)
+    assert score.heldout_ratio == pytest.approx(1.06)
+    assert score.oracle_set == 2
+    table = summarise([score])
+    assert table.means["heldout_ratio"].value == pytest.approx(1.06)
+    assert table.rates["heldout_within"] == Rate(0, 1)
+    assert table.means["set_size_over_oracle"].value == 1.0
+    assert table.rates["first_where_oracle_alone"] == Rate(0, 0)
+    assert score_case(truth, answer).heldout_ratio is None
+
+
+def test_mean_with_its_interval() -> None:
+    assert mean([]) == Mean(None, 0, None)
+    assert mean([2.0]).interval is None
+    low, high = mean([1.0, 2.0, 3.0]).interval or (0.0, 0.0)
+    assert 0.5 * (low + high) == pytest.approx(2.0)
+    assert high - low == pytest.approx(2.0 * 4.302653 / 3.0**0.5)
+
+
+def test_goals_are_held_against_the_table() -> None:
+    table = summarise(
+        [
+            score_case(_truth(kind="clean"), _answer()),
+            score_case(_truth(_effect("coulomb_friction")), _answer(_finding("coulomb_friction"))),
+            score_case(_truth(_effect("pin_friction")), _answer(_finding("coulomb_friction"))),
+        ]
+    ).content()
+    met = {goal.key: goal.met(table) for goal in GOALS}
+    assert met["detected"]
+    assert met["clean_with_finding"]
+    assert met["in_set"] is False
+    assert met["median_size_error"]
+    assert met["outside_unknown"] is None
+    for goal in GOALS:
+        assert goal.key in table[goal.section], goal.key
+
+
+def test_size_interval_follows_from_the_covariance() -> None:
+    """Against draws of the parameters: a form of three, errors that hang together."""
+    values = np.array([2000.0, 0.02, 1e-3])
+    names = ["stribeck_friction." + n for n in ("force", "stribeck_velocity", "velocity_scale")]
+    std = np.array([60.0, 1e-3])
+    matrix = np.outer(std, std) * np.array([[1.0, -0.8], [-0.8, 1.0]])
+    parameters = [
+        {"name": n, "value": v, "std": s, "unit": ""}
+        for n, v, s in zip(names, values.tolist(), [*std.tolist(), None], strict=True)
+    ]
+    covariance = {"names": names[:2], "values": matrix.tolist()}
+    span = found_interval("stribeck_friction", parameters, AT, covariance)
+    assert span is not None
+    random, sizes = np.random.default_rng(2), []
+    for draw in random.multivariate_normal(values[:2], matrix, 4000):
+        changed = [{**p, "value": v} for p, v in zip(parameters, [*draw, 1e-3], strict=True)]
+        sizes.append(found_size("stribeck_friction", changed, AT))
+    assert 0.5 * (span[1] - span[0]) == pytest.approx(1.96 * np.std(sizes), rel=0.06)
+    apart = found_interval("stribeck_friction", parameters, AT)
+    assert apart is not None
+    assert abs((apart[1] - apart[0]) / (span[1] - span[0]) - 1.0) > 0.02
+    bare = [{**p, "std": None} for p in parameters]
+    assert found_interval("stribeck_friction", bare, AT) is None
 
 
 def test_shuffled_labels_score_at_chance() -> None:

@@ -56,7 +56,30 @@ def parser() -> argparse.ArgumentParser:
 
 def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
-    options = parser().parse_args(arguments)
+    return diagnosed(parser().parse_args(arguments))[0]
+
+
+def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
+    """Diagnose as parsed options ask, write every result and say what was found.
+
+    Parameters
+    ----------
+    options : Namespace
+        Of `parser`.
+
+    Returns
+    -------
+    int
+        The command's exit code.
+    Diagnosis
+
+    Raises
+    ------
+    IdentError
+        A bag cannot be read, or the folder not written.
+    RobotError
+        The robot file says what cannot be.
+    """
     from hydro_ident.mismatch.diagnosis import NOT_ENOUGH, diagnose
     from hydro_ident.mismatch.settings import DiagnosisSettings
     from hydro_ident.results import provenance
@@ -81,9 +104,9 @@ def run(arguments: Sequence[str]) -> int:
     print(summary_text(found))
     if found.verdict == NOT_ENOUGH:
         print(f"diagnose: {'; '.join(found.problems)}", file=sys.stderr)
-        return 1
+        return 1, found
     print(f"written: {options.out}")
-    return 0
+    return 0, found
 
 
 def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:

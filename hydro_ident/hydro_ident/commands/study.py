@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
-    from hydro_ident.study.score import CaseScore, Summary
+    from hydro_ident.study.generate import CaseSpec
 
-RESULTS, SUMMARY, PLAN = "results.jsonl", "summary.json", "plan.json"
+RESULTS, PLAN = "results.jsonl", "plan.json"
+#: Of the documentation, beside the folder of its results.
+PAGE = "study.md"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,6 +40,13 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--keep-recordings", action="store_true", help="keep a case's bags once it is diagnosed"
+    )
+    p.add_argument(
+        "--publish",
+        type=Path,
+        metavar="FILE",
+        help="write the figures to FILE, too, and anew into the tables of study.md in the folder"
+        " above it, where there is one",
     )
     return p
 
@@ -78,19 +87,46 @@ def run(arguments: Sequence[str]) -> int:
     """Body of the command; returns its exit code."""
     options = parser().parse_args(arguments)
     from hydro_ident.study.conceal import write_json
+    from hydro_ident.study.publish import publish, summary_text
 
     seed = frozen_seed(options.frozen) if options.frozen else options.seed
     plan = {"cases": options.cases, "seed": seed, "frozen": options.frozen}
     _check_plan(options.out, plan)
     write_json(options.out / PLAN, plan)
+    _say_if_not_secluded()
     _prepare_robots(options.out, seed, options.cases, options.jobs)
     done = _work(options, seed)
     if options.generate_only:
         print(f"{options.out}: {options.cases} cases written")
         return 0
     summary = publish(options.out, done, plan)
+    if options.publish:
+        _into_docs(options.publish, summary)
     print(summary_text(summary))
     return 0
+
+
+def _say_if_not_secluded() -> None:
+    from hydro_ident.study.seclusion import can_seclude
+
+    if not can_seclude():
+        print(
+            "study: this system cannot keep a process out of a folder: the diagnosis is kept from"
+            " the truth only by not being told where it is",
+            file=sys.stderr,
+        )
+
+
+def _into_docs(file: Path, summary: dict[str, Any]) -> None:
+    from hydro_ident.study.conceal import write_json
+    from hydro_ident.study.page import with_tables
+
+    write_json(file, summary)
+    page = file.resolve().parent.parent / PAGE
+    if page.is_file():
+        text = with_tables(page.read_text(encoding="utf-8"), file.parent)
+        page.write_text(text, encoding="utf-8")
+        print(f"written: {page}")
 
 
 def _check_plan(out: Path, plan: dict[str, Any]) -> None:
@@ -124,8 +160,8 @@ def _robot(what: tuple[Path, int, int]) -> None:
     study_robot(out / "robots", seed, number)
 
 
-def _work(options: argparse.Namespace, seed: int) -> list[dict[str, Any]]:
-    """Every case that is not done yet, in any number of processes; all scores in case order."""
+def _work(options: argparse.Namespace, seed: int) -> list[str]:
+    """Every case that is not done yet, in any number of processes; names in case order."""
     import json
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
@@ -133,108 +169,102 @@ def _work(options: argparse.Namespace, seed: int) -> list[dict[str, Any]]:
 
     specs = [CaseSpec(seed, i, kind) for i, kind in enumerate(kinds(seed, options.cases))]
     results = options.out / RESULTS
-    rows: dict[str, dict[str, Any]] = {}
-    if results.is_file():
-        for line in results.read_text(encoding="utf-8").splitlines():
-            try:
-                row = json.loads(line)
-            except ValueError:
-                continue  # the line that a stopped run was writing
-            rows[row["case"]] = row
-    waiting = [spec for spec in specs if spec.name not in rows]
+    done = _done(results)
+    waiting = [spec for spec in specs if spec.name not in done]
     flags = (options.generate_only, options.keep_recordings)
     with ProcessPoolExecutor(options.jobs) as pool:
         futures = [pool.submit(one_case, spec, options.out, *flags) for spec in waiting]
         for number, future in enumerate(as_completed(futures), 1):
             row = future.result()
-            print(f"{number}/{len(waiting)} {row['case']} {row.get('verdict', '')}", flush=True)
-            if options.generate_only:
+            said = row.get("failed") or row.get("verdict", "")
+            print(f"{number}/{len(waiting)} {row['case']} {said}", flush=True)
+            if options.generate_only or "failed" in row:
                 continue
-            rows[row["case"]] = row
+            done.add(row["case"])
             with results.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(row) + "\n")
-    return [rows[spec.name] for spec in specs if spec.name in rows]
+    return [spec.name for spec in specs if spec.name in done]
 
 
-def one_case(spec: Any, out: Path, generate_only: bool, keep: bool) -> dict[str, Any]:
-    """Generate, hide, diagnose and score one case; parts that are there already are kept."""
+def _done(results: Path) -> set[str]:
+    """Names of the cases that are scored already."""
+    import json
+
+    names = set[str]()
+    if results.is_file():
+        for line in results.read_text(encoding="utf-8").splitlines():
+            try:
+                names.add(json.loads(line)["case"])
+            except ValueError:
+                continue  # the line that a stopped run was writing
+    return names
+
+
+def one_case(spec: CaseSpec, out: Path, generate_only: bool, keep: bool) -> dict[str, Any]:
+    """Generate, hide, diagnose and score one case; parts that are there already are kept.
+
+    Parameters
+    ----------
+    spec : CaseSpec
+    out : Path
+        Of the study; holds its plan and its cranes.
+    generate_only : bool
+    keep : bool
+        Keep the recordings.
+
+    Returns
+    -------
+    dict
+        The case's score, or `case` and `failed` where no machine could be drawn.
+    """
     import shutil
 
-    from hydro_ident.study.conceal import (
-        ANSWERS,
-        CASES,
-        TRUTHS,
-        diagnose_case,
-        read_json,
-        write_case,
-    )
-    from hydro_ident.study.generate import make_case
-    from hydro_ident.study.robots import robot_count, study_robot
+    from hydro_ident.study.conceal import ANSWERS, CASES, ORACLES, TRUTHS, diagnose_case, read_json
     from hydro_ident.study.score import score_case
 
     name = spec.name
-    truth_file, answer_file = out / TRUTHS / f"{name}.json", out / ANSWERS / f"{name}.json"
-    if not truth_file.is_file():
-        cases = read_json(out / PLAN)["cases"]
-        count = robot_count(cases)
-        robots = [study_robot(out / "robots", spec.seed, k) for k in range(count)]
-        write_case(make_case(spec, robots), out)
+    truth_file, answer_file, oracle_file = (
+        out / folder / f"{name}.json" for folder in (TRUTHS, ANSWERS, ORACLES)
+    )
+    there = truth_file.is_file() and (out / CASES / name).is_dir()
+    if not there and not (answer_file.is_file() and oracle_file.is_file()):
+        failure = _generate(spec, out)
+        if failure:
+            return {"case": name, "failed": failure}
     if generate_only:
         return {"case": name}
+    truth = read_json(truth_file)
     answer = read_json(answer_file) if answer_file.is_file() else diagnose_case(name, out)
+    oracle = read_json(oracle_file) if oracle_file.is_file() else _oracle(out, truth)
     if not keep:
         shutil.rmtree(out / CASES / name, ignore_errors=True)
-    return score_case(read_json(truth_file), answer).content()
+    return score_case(truth, answer, oracle).content()
 
 
-def publish(out: Path, rows: list[dict[str, Any]], plan: dict[str, Any]) -> dict[str, Any]:
-    """Write `summary.json`: the table, that of shuffled labels, and what made them."""
-    from hydro_ident.bag.provenance import software_version
-    from hydro_ident.study.conceal import ANSWERS, TRUTHS, read_json, write_json
-    from hydro_ident.study.score import score_case, shuffled, summarise
+def _generate(spec: CaseSpec, out: Path) -> str:
+    """Write a case; why it could not be drawn, or empty."""
+    from hydro_ident.errors import IdentError
+    from hydro_ident.study.conceal import read_json, write_case
+    from hydro_ident.study.generate import make_case
+    from hydro_ident.study.robots import robot_count, study_robot
 
-    names = [row["case"] for row in rows]
-    truths = [read_json(out / TRUTHS / f"{name}.json") for name in names]
-    answers = [read_json(out / ANSWERS / f"{name}.json") for name in names]
-    scores: list[CaseScore] = [score_case(t, a) for t, a in zip(truths, answers, strict=True)]
-    chance = [
-        score_case(t, a)
-        for t, a in zip(shuffled(truths, int(plan["seed"]) + 1), answers, strict=True)
-    ]
-    table: Summary = summarise(scores)
-    command = f"study --cases {plan['cases']} --seed {plan['seed']}"
-    if plan["frozen"]:
-        command = f"study --cases {plan['cases']} --frozen {plan['frozen']}"
-    content = {
-        "schema": "hydro_ident/study/1",
-        "command": command,
-        "plan": plan,
-        "software": software_version(),
-        "table": table.content(),
-        "shuffled": summarise(chance).content(),
-    }
-    write_json(out / SUMMARY, content)
-    return content
+    count = robot_count(read_json(out / PLAN)["cases"])
+    robots = [study_robot(out / "robots", spec.seed, k) for k in range(count)]
+    try:
+        write_case(make_case(spec, robots), out)
+    except IdentError as error:
+        return str(error)
+    return ""
 
 
-def summary_text(summary: dict[str, Any]) -> str:
-    """The table as text: rates with intervals, shuffled labels beside them."""
-    table, chance = summary["table"], summary["shuffled"]
-    lines = [f"{summary['command']}: {table['cases']}", ""]
-    for name, row in table["rates"].items():
-        if not row["of"]:
-            continue
-        low, high = row["ci95"]
-        other = chance["rates"][name]["share"]
-        beside = "" if other is None else f"   shuffled {100 * other:5.1f} %"
-        lines.append(
-            f"{name:28} {row['hits']:4}/{row['of']:<4} {100 * row['share']:5.1f} %"
-            f"  [{100 * low:5.1f}, {100 * high:5.1f}]{beside}"
-        )
-    for name, value in table["numbers"].items():
-        if value is not None:
-            lines.append(f"{name:28} {value:.3g}")
-    return "\n".join(lines)
+def _oracle(out: Path, truth: dict[str, Any]) -> dict[str, Any]:
+    """What the oracle says of a case, after the diagnosis; an empty mapping where it cannot."""
+    from hydro_ident.study.conceal import CASES, ORACLES, write_json
+    from hydro_ident.study.oracle import oracle_case
+
+    found = oracle_case(out / CASES / truth["case"], truth) or {}
+    write_json(out / ORACLES / f"{truth['case']}.json", found)
+    return found
 
 
 def main() -> int:

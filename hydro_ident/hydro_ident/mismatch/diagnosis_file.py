@@ -41,7 +41,8 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
     -------
     dict
         The contract's keys; `located`, `rejected`, `losses`, `free_run`, `problems`, `notes` and
-        `provenance` are added.
+        `provenance` are added, and to every finding what verified it and its parameters'
+        `covariance`.
     """
     return {
         "schema": SCHEMA,
@@ -127,6 +128,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "p_value": named.p_value,
         "equation": effect.equation,
         "parameters": parameters_of(best.fitted, best.term),
+        "covariance": covariance_of(best.fitted, best.term),
         "heldout_rmse_before": check.before.get(one.channels[0], 0.0),
         "heldout_rmse_after": check.after.get(one.channels[0], 0.0),
         "heldout_p_value": check.p_value,
@@ -152,6 +154,25 @@ def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
             }
         )
     return result
+
+
+def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
+    """Covariance of those parameters of an effect that were fitted, as their deviations.
+
+    Returns
+    -------
+    dict
+        `names` as in `parameters_of`, and `values`, (k, k) rows; none that are not finite.
+    """
+    matrix, at, names = fitted.bench.covariance(), list[int](), list[str]()
+    for spec in term.effect.parameters:
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        if name in fitted.names:
+            k = fitted.names.index(name)
+            if math.isfinite(matrix[k, k]):
+                at.append(k)
+                names.append(f"{term.effect.name}.{spec.name}")
+    return {"names": names, "values": matrix[np.ix_(at, at)].tolist()}
 
 
 def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:

@@ -225,6 +225,23 @@ class Searcher:
         left = bench.residual[:, None] - bench.beyond(columns)
         return starts[int(np.argmin(np.sum(left**2, axis=0)))]
 
+    def weighed(
+        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
+    ) -> Named:
+        """The set of some effects, each fitted in the others' place on top of a model.
+
+        Parameters
+        ----------
+        without : Fitted
+            The model with none of them, weighed by `noise`.
+        terms : sequence of ActiveEffect
+            Where their fits start.
+        noise : Noise
+        spread : float
+            As `overdispersion`.
+        """
+        return named_of(self._fitted(without, terms, noise), 0.0, spread)
+
     def _fitted(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
     ) -> list[Contender]:

@@ -1,7 +1,8 @@
 """Cases on disk: recordings and robot file in one folder, the truth in another, diagnosed apart.
 
 The diagnosis runs in a process of its own, in a temporary folder that holds copies of the case's
-recordings and robot file and nothing else.
+recordings and robot file and nothing else, and where the system can it is kept out of the study's
+folder altogether (`seclusion`). The two baselines answer in the same process.
 """
 
 from __future__ import annotations
@@ -20,12 +21,17 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.errors import IdentError
+from hydro_ident.study.answer import BASELINES_FILE, TIMES_FILE
 from hydro_ident.study.bags import FIRST_S, SPAN_S, write_run
 from hydro_ident.study.generate import Case, digest, oil_temperature, truth_record
+from hydro_ident.study.leaks import outward
+from hydro_ident.study.seclusion import secluded
 
-CASES, TRUTHS, ANSWERS = "cases", "truth", "answers"
+CASES, TRUTHS, ANSWERS, ORACLES = "cases", "truth", "answers", "oracle"
+#: Where a case is written before it is whole.
+PARTS = "parts"
 RESULT_FILE = "result.json"
-DIAGNOSE = (sys.executable, "-m", "hydro_ident.commands.diagnose")
+ANSWER = (sys.executable, "-m", "hydro_ident.study.answer")
 _SECOND_NS = 1_000_000_000
 #: What one diagnosis may take, s of wall time.
 PATIENCE_S = 900.0
@@ -41,7 +47,7 @@ def write_case(case: Case, out: Path) -> None:
         Of the study.
     """
     name, random = case.spec.name, case.spec.random(90)
-    folder = out / CASES / name
+    whole, folder = out / CASES / name, out / PARTS / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for file in case.robot.folder.glob("crane_*"):
@@ -61,7 +67,11 @@ def write_case(case: Case, out: Path) -> None:
             start_ns=int(start) * _SECOND_NS,
             temperature_c=temperature,
         )
-    record = truth_record(case) | {"temperature_recorded": warm}
+    shutil.rmtree(whole, ignore_errors=True)
+    whole.parent.mkdir(parents=True, exist_ok=True)
+    # At once: a case's folder that is there is whole.
+    os.replace(folder, whole)
+    record = truth_record(case) | {"temperature_recorded": warm, "outward": outward(whole)}
     write_json(out / TRUTHS / f"{name}.json", record)
 
 
@@ -90,8 +100,8 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def diagnose_case(name: str, out: Path, command: Sequence[str] = DIAGNOSE) -> dict[str, Any]:
-    """Diagnose a case where its truth is not.
+def diagnose_case(name: str, out: Path, command: Sequence[str] = ANSWER) -> dict[str, Any]:
+    """Diagnose a case where its truth is not, and let the baselines answer, too.
 
     Parameters
     ----------
@@ -105,8 +115,9 @@ def diagnose_case(name: str, out: Path, command: Sequence[str] = DIAGNOSE) -> di
     Returns
     -------
     dict
-        `exit`, `seconds`, `error` (last line of stderr) and `result` (the result file's content,
-        or None).
+        `exit`, `seconds` (of wall time), `cpu_seconds` (of the diagnosis alone, or None), `error`
+        (last line of stderr), `secluded` (the system kept the process out of the study's folder),
+        `result` (the result file's content, or None) and `baselines` (by name).
 
     Raises
     ------
@@ -119,26 +130,32 @@ def diagnose_case(name: str, out: Path, command: Sequence[str] = DIAGNOSE) -> di
     with tempfile.TemporaryDirectory(prefix="recordings_") as folder:
         place = Path(folder)
         shutil.copytree(source, place / "in")
-        answer = _run(place, command)
-        result = place / "out" / RESULT_FILE
-        answer["result"] = read_json(result) if result.is_file() else None
+        answer = _run(place, command, out)
+        answer["cpu_seconds"] = _read_or(place / "out" / TIMES_FILE, {}).get("diagnosis_cpu_s")
+        answer["result"] = _read_or(place / "out" / RESULT_FILE, None)
+        answer["baselines"] = _read_or(place / "out" / BASELINES_FILE, {})
     write_json(out / ANSWERS / f"{name}.json", answer)
     return answer
 
 
-def _run(place: Path, command: Sequence[str]) -> dict[str, Any]:
+def _read_or(path: Path, otherwise: Any) -> Any:
+    return read_json(path) if path.is_file() else otherwise
+
+
+def _run(place: Path, command: Sequence[str], hide: Path) -> dict[str, Any]:
     robots = sorted((place / "in").glob("*.hydraulics.yaml"))
     train, check = (sorted((place / "in" / part).iterdir()) for part in ("train", "check"))
     arguments = [*command, *(str(b.relative_to(place)) for b in train)]
     arguments += ["--robot", str(robots[0].relative_to(place)), "--validate"]
     arguments += [str(b.relative_to(place)) for b in check]
     arguments += ["--out", "out"]
-    environment = {k: v for k, v in os.environ.items() if k != "PWD"}
+    apart = secluded(arguments, hide)
+    environment = {k: v for k, v in os.environ.items() if k not in ("PWD", "OLDPWD")}
     environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     start = time.monotonic()
     try:
         done = subprocess.run(
-            arguments,
+            apart or arguments,
             cwd=place,
             env=environment,
             stdin=subprocess.DEVNULL,
@@ -150,4 +167,9 @@ def _run(place: Path, command: Sequence[str]) -> dict[str, Any]:
         code, error = done.returncode, done.stderr.strip().splitlines()[-1:]
     except subprocess.TimeoutExpired:
         code, error = -1, [f"not done within {PATIENCE_S:g} s"]
-    return {"exit": code, "seconds": time.monotonic() - start, "error": " ".join(error)}
+    return {
+        "exit": code,
+        "seconds": time.monotonic() - start,
+        "error": " ".join(error),
+        "secluded": apart is not None,
+    }

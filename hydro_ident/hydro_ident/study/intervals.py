@@ -1,7 +1,9 @@
-"""Binomial intervals for counts of cases."""
+"""Intervals for counts and means of cases."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -41,3 +43,47 @@ class Rate:
 def rate(flags: list[bool]) -> Rate:
     """The share of true ones."""
     return Rate(sum(flags), len(flags))
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """A mean over cases with its 95 % interval by Student's t.
+
+    Attributes
+    ----------
+    value : float or None
+        None of no cases.
+    of : int
+    std_error : float or None
+        None of fewer than two cases.
+    """
+
+    value: float | None
+    of: int
+    std_error: float | None
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """None of fewer than two cases."""
+        from scipy.stats import t
+
+        if self.value is None or self.std_error is None:
+            return None
+        half = float(t.ppf(0.975, self.of - 1)) * self.std_error
+        return self.value - half, self.value + half
+
+    def content(self) -> dict[str, object]:
+        """For JSON."""
+        return {"mean": self.value, "of": self.of, "ci95": self.interval}
+
+
+def mean(values: Sequence[float]) -> Mean:
+    """The mean of some numbers."""
+    count = len(values)
+    if not count:
+        return Mean(None, 0, None)
+    value = sum(values) / count
+    if count < 2:
+        return Mean(value, count, None)
+    variance = sum((v - value) ** 2 for v in values) / (count - 1)
+    return Mean(value, count, math.sqrt(variance / count))

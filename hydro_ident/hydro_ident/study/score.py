@@ -1,26 +1,20 @@
-"""Scores of diagnoses against what was hidden: case by case, then over all cases.
+"""Scores of diagnoses against what was hidden, case by case.
 
 An effect counts as detected where a finding in one of its channels, or one whose set has its name,
-is there; its name counts where it stands in the set of such a finding. Strong effects are those of
-three times their limit of detection and more: the goals are stated for them.
+is there. Its channel counts as right where the finding's first channel is one of them; its name
+where it stands in the set of a finding that lists one of them at all. Every finding stands for at
+most one effect, and those that stand for none are false.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
-from hydro_ident.study.intervals import Rate, rate
 from hydro_ident.study.sizes import found_interval, found_size
 
-STRONG = 3.0
 _TIMING = ("command_delay", "pressure_delay")
-#: A size counts as right within this share.
-_SIZE_SHARE = 0.10
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +26,13 @@ class EffectScore:
     name : str
     ratio : float
         Size over its limit of detection.
-    detected, right_channel, in_set, first : bool
+    detected : bool
+    right_channel : bool
+        The finding's first channel is one of the effect's.
+    listed_channel : bool
+        Any of its channels is.
+    in_set, first : bool
+        Its name, at a listed channel.
     set_size : int
         Of the finding with its name, or of the nearest one; 0 where there is none.
     probability : float
@@ -49,6 +49,7 @@ class EffectScore:
     ratio: float
     detected: bool
     right_channel: bool
+    listed_channel: bool
     in_set: bool
     first: bool
     set_size: int
@@ -67,13 +68,23 @@ class CaseScore:
     case, kind, motion, verdict : str
     exit, findings : int
     seconds : float
+        Of processor time where the answer has it, else of wall time.
+    ratio : float or None
+        Smallest size over its limit of what is hidden, of the catalogue or not.
     effects : tuple of EffectScore
+        Of the catalogue.
     false_names : tuple of str
         First names of findings that stand for none of what is hidden.
     unknown : bool
         Something is reported as unexplained.
+    unknown_there : bool
+        In a channel of what is hidden.
     heldout_excess : float or None
         Largest held-out error after the findings over its noise floor, of the effects' channels.
+    heldout_ratio : float or None
+        Largest held-out error over that of the fit with the true structure.
+    oracle_set : int or None
+        Size of the set that an oracle with the true structure cannot split.
     """
 
     case: str
@@ -83,17 +94,25 @@ class CaseScore:
     exit: int
     findings: int
     seconds: float
+    ratio: float | None = None
     effects: tuple[EffectScore, ...] = ()
     false_names: tuple[str, ...] = ()
     unknown: bool = False
+    unknown_there: bool = False
     heldout_excess: float | None = None
+    heldout_ratio: float | None = None
+    oracle_set: int | None = None
 
     def content(self) -> dict[str, Any]:
         """For JSON."""
         return asdict(self)
 
 
-def score_case(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> CaseScore:
+def score_case(
+    truth: Mapping[str, Any],
+    answer: Mapping[str, Any],
+    oracle: Mapping[str, Any] | None = None,
+) -> CaseScore:
     """Hold an answer against the truth.
 
     Parameters
@@ -102,18 +121,18 @@ def score_case(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> CaseScore
         As `generate.truth_record`.
     answer : mapping
         As `conceal.diagnose_case`.
+    oracle : mapping, optional
+        As `oracle.oracle_case`.
     """
     result = answer.get("result") or {}
     findings = list(result.get("findings", []))
-    effects, used = [], set[int]()
-    for effect in truth["effects"]:
-        if not effect["known"]:
-            continue
-        chosen = _finding_for(effect, findings, used)
-        if chosen is not None:
-            used.add(chosen)
-        effects.append(_effect_score(effect, None if chosen is None else findings[chosen]))
-    false = [f["names"][0] for i, f in enumerate(findings) if i not in used and f["names"]]
+    known = [effect for effect in truth["effects"] if effect["known"]]
+    chosen = _matched(known, findings)
+    effects = [_effect_score(effect, chosen.get(k)) for k, effect in enumerate(known)]
+    used = list(chosen.values())
+    false = [f["names"][0] for f in findings if f["names"] and not any(f is u for u in used)]
+    ratios = [float(e["ratio"]) for e in truth["effects"]]
+    there = {str(u.get("channel", "")) for u in result.get("unexplained", [])}
     return CaseScore(
         case=str(truth["case"]),
         kind=str(truth["kind"]),
@@ -121,56 +140,77 @@ def score_case(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> CaseScore
         verdict=str(result.get("verdict", "none")),
         exit=int(answer["exit"]),
         findings=len(findings),
-        seconds=float(answer["seconds"]),
+        seconds=float(answer.get("cpu_seconds") or answer["seconds"]),
+        ratio=min(ratios, default=None),
         effects=tuple(effects),
         false_names=tuple(false),
         unknown=bool(result.get("unexplained")) or result.get("verdict") == "unknown",
+        unknown_there=bool(there & _channels(truth)),
         heldout_excess=_excess(truth, result),
+        heldout_ratio=_ratio(truth, result, oracle or {}),
+        oracle_set=len(oracle["set"]) if oracle and oracle.get("set") else None,
     )
 
 
-def _places(finding: Mapping[str, Any]) -> set[str]:
-    return {str(finding["channel"]), *map(str, finding.get("also", []))}
+def _channels(truth: Mapping[str, Any]) -> set[str]:
+    return {str(c) for effect in truth["effects"] for c in effect["channels"]}
 
 
-def _right_place(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
-    places = set(effect["channels"])
-    if effect["name"] in _TIMING:
-        places.add("timing")
-    return bool(places & _places(finding))
+def _right_places(effect: Mapping[str, Any]) -> set[str]:
+    timing = {"timing"} if effect["name"] in _TIMING else set[str]()
+    return timing | set(effect["channels"])
 
 
-def _finding_for(
-    effect: Mapping[str, Any], findings: Sequence[Mapping[str, Any]], used: set[int]
-) -> int | None:
-    """The finding that stands for an effect: with its name and place, its name, its place."""
-    free = [i for i in range(len(findings)) if i not in used]
-    for wanted in ((True, True), (True, False), (False, True)):
-        for i in free:
-            named = effect["name"] in findings[i]["names"]
-            placed = _right_place(effect, findings[i])
-            if (named or not wanted[0]) and (placed or not wanted[1]):
-                return i
-    return None
+def _listed(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
+    """Whether a finding lists a channel of an effect, first or not."""
+    places = {str(finding["channel"]), *map(str, finding.get("also", []))}
+    return bool(places & _right_places(effect))
+
+
+def _matched(
+    effects: Sequence[Mapping[str, Any]], findings: Sequence[Mapping[str, Any]]
+) -> dict[int, Mapping[str, Any]]:
+    """Which finding stands for which effect: with its name and place, its name, its place.
+
+    Better matches come first, whichever effect they are of.
+    """
+    chosen: dict[int, Mapping[str, Any]] = {}
+    free = list(findings)
+    for by_name, by_place in ((True, True), (True, False), (False, True)):
+        for k, effect in enumerate(effects):
+            fits = [
+                f
+                for f in free
+                if (effect["name"] in f["names"] or not by_name)
+                and (_listed(effect, f) or not by_place)
+            ]
+            if k not in chosen and fits:
+                chosen[k] = fits[0]
+                free = [f for f in free if f is not fits[0]]
+    return chosen
 
 
 def _effect_score(effect: Mapping[str, Any], finding: Mapping[str, Any] | None) -> EffectScore:
     name, ratio = str(effect["name"]), float(effect["ratio"])
     if finding is None:
-        return EffectScore(name, ratio, False, False, False, False, 0, 0.0, "", None, None)
+        nothing = (False, False, False, False, False)
+        return EffectScore(name, ratio, *nothing, 0, 0.0, "", None, None)
     names = [str(n) for n in finding["names"]]
     chances = dict(zip(names, finding.get("probability", []), strict=False))
     parameters, at = list(finding.get("parameters", [])), effect["at"]
-    first = bool(names) and names[0] == name
+    listed = _listed(effect, finding)
+    first = listed and bool(names) and names[0] == name
     size = found_size(name, parameters, at) if first else None
-    span = found_interval(name, parameters, at) if first else None
+    covariance = finding.get("covariance")
+    span = found_interval(name, parameters, at, covariance) if first else None
     true = float(effect["size"])
     return EffectScore(
         name=name,
         ratio=ratio,
         detected=True,
-        right_channel=_right_place(effect, finding),
-        in_set=name in names,
+        right_channel=finding["channel"] in _right_places(effect),
+        listed_channel=listed,
+        in_set=listed and name in names,
         first=first,
         set_size=len(names),
         probability=float(chances.get(name, 0.0)),
@@ -182,120 +222,22 @@ def _effect_score(effect: Mapping[str, Any], finding: Mapping[str, Any] | None) 
 
 def _excess(truth: Mapping[str, Any], result: Mapping[str, Any]) -> float | None:
     channels = result.get("channels", {})
-    wanted = {c for effect in truth["effects"] for c in effect["channels"]}
     ratios = [
         channels[c]["rmse_after"] / channels[c]["noise_floor"]
-        for c in sorted(wanted)
+        for c in sorted(_channels(truth))
         if channels.get(c, {}).get("noise_floor")
     ]
     return float(max(ratios)) if ratios else None
 
 
-@dataclass(slots=True)
-class Summary:
-    """Scores over all cases, as they are published.
-
-    Attributes
-    ----------
-    cases : dict of str to int
-        Number by kind.
-    rates : dict of str to Rate
-    numbers : dict of str to float or None
-    confusion : dict of str to dict of str to int
-        True name, then answered first name, of strong single effects.
-    """
-
-    cases: dict[str, int] = field(default_factory=dict)
-    rates: dict[str, Rate] = field(default_factory=dict)
-    numbers: dict[str, float | None] = field(default_factory=dict)
-    confusion: dict[str, dict[str, int]] = field(default_factory=dict)
-
-    def content(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "cases": self.cases,
-            "rates": {name: value.content() for name, value in self.rates.items()},
-            "numbers": self.numbers,
-            "confusion": self.confusion,
-        }
-
-
-def summarise(scores: Sequence[CaseScore], strong: float = STRONG) -> Summary:
-    """All figures of the study.
-
-    Parameters
-    ----------
-    scores : sequence of CaseScore
-    strong : float
-        Ratio of size to limit from which an effect counts as strong.
-    """
-    out = Summary(cases=dict(Counter(s.kind for s in scores)))
-    clean = [s for s in scores if s.kind == "clean"]
-    outside = [s for s in scores if s.kind == "outside"]
-    several = [s for s in scores if s.kind in ("double", "triple")]
-    known = [s for s in scores if s.effects]
-    out.rates["finished"] = rate([s.exit == 0 for s in scores])
-    out.rates["clean_with_finding"] = rate([s.findings > 0 for s in clean])
-    out.rates["clean_with_unknown"] = rate([s.unknown for s in clean])
-    out.rates["outside_wrong_name"] = rate([bool(s.false_names) for s in outside])
-    out.rates["outside_unknown"] = rate([s.unknown for s in outside])
-    whole = [s for s in several if all(e.ratio >= strong for e in s.effects)]
-    out.rates["several_all_in_sets"] = rate([all(e.in_set for e in s.effects) for s in whole])
-    out.rates["false_extra_name"] = rate([bool(s.false_names) for s in known])
-    bands = {"": (strong, np.inf), "below_limit": (0.0, 1.0), "1_to_3": (1.0, strong)}
-    for label, (low, high) in bands.items():
-        picked = [e for s in known for e in s.effects if low <= e.ratio < high]
-        _effect_rates(out, picked, f"{label}_" if label else "")
-    for motion in ("excite", "work"):
-        picked = [e for s in known if s.motion == motion for e in s.effects if e.ratio >= strong]
-        _effect_rates(out, picked, f"{motion}_")
-    out.numbers["median_seconds"] = _median([s.seconds for s in scores])
-    out.numbers["slowest_seconds"] = max((s.seconds for s in scores), default=None)
-    out.numbers["median_heldout_over_floor"] = _median(
-        [s.heldout_excess for s in known if s.heldout_excess is not None]
-    )
-    out.confusion = _confusion(scores, strong)
-    return out
-
-
-def _effect_rates(out: Summary, picked: Sequence[EffectScore], prefix: str) -> None:
-    out.rates[f"{prefix}detected"] = rate([e.detected for e in picked])
-    out.rates[f"{prefix}right_channel"] = rate([e.right_channel for e in picked])
-    out.rates[f"{prefix}in_set"] = rate([e.in_set for e in picked])
-    # The data can tell where the answer is one name alone.
-    alone = [e for e in picked if e.set_size == 1]
-    out.rates[f"{prefix}first_where_alone"] = rate([e.first for e in alone])
-    out.rates[f"{prefix}first"] = rate([e.first for e in picked])
-    sized = [e for e in picked if e.size_ratio is not None]
-    out.rates[f"{prefix}size_within"] = rate(
-        [abs((e.size_ratio or 0.0) - 1.0) <= _SIZE_SHARE for e in sized]
-    )
-    out.rates[f"{prefix}size_covered"] = rate(
-        [bool(e.covered) for e in picked if e.covered is not None]
-    )
-    sets = [float(e.set_size) for e in picked if e.in_set]
-    out.numbers[f"{prefix}mean_set_size"] = float(np.mean(sets)) if sets else None
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return float(np.median(values)) if len(values) else None
-
-
-def _confusion(scores: Sequence[CaseScore], strong: float) -> dict[str, dict[str, int]]:
-    table: dict[str, Counter[str]] = {}
-    for s in scores:
-        if s.kind == "single" and s.effects[0].ratio >= strong:
-            effect = s.effects[0]
-            answer = effect.answer or ("unknown" if s.unknown else "nothing")
-            table.setdefault(effect.name, Counter())[answer] += 1
-        elif s.kind == "outside":
-            answer = s.false_names[0] if s.false_names else ""
-            answer = answer or ("unknown" if s.unknown else "nothing")
-            table.setdefault("(outside)", Counter())[answer] += 1
-    return {name: dict(sorted(row.items())) for name, row in sorted(table.items())}
-
-
-def shuffled(truths: Sequence[Mapping[str, Any]], seed: int) -> list[Mapping[str, Any]]:
-    """Truths dealt out to other cases: what a diagnosis scores by chance."""
-    order = np.random.default_rng(seed).permutation(len(truths))
-    return [{**truths[int(j)], "case": truths[i]["case"]} for i, j in enumerate(order)]
+def _ratio(
+    truth: Mapping[str, Any], result: Mapping[str, Any], oracle: Mapping[str, Any]
+) -> float | None:
+    """Largest held-out error over the oracle's, of the effects' channels."""
+    channels, best = result.get("channels", {}), oracle.get("rmse", {})
+    ratios = [
+        channels[c]["rmse_after"] / best[c]
+        for c in sorted(_channels(truth))
+        if c in channels and best.get(c)
+    ]
+    return float(max(ratios)) if ratios else None

@@ -16,6 +16,8 @@ from hydro_ident.study.hidden import FLOW_M3_S, LOAD_N, PRESSURE_PA, RATE_RAD_S,
 Numbers = Mapping[str, float]
 Reading = Callable[[Numbers, Numbers], float]
 _ABSOLUTE_PA = 1.0e6 + 101325.0
+#: Step of a slope, as a share of a parameter's size or deviation.
+_STEP = 1.0e-4
 
 
 def _plain(*names: str, factor: float = 1.0) -> Reading:
@@ -147,12 +149,60 @@ def found_size(name: str, parameters: list[dict[str, Any]], at: Numbers) -> floa
 
 
 def found_interval(
-    name: str, parameters: list[dict[str, Any]], at: Numbers
+    name: str,
+    parameters: list[dict[str, Any]],
+    at: Numbers,
+    covariance: Mapping[str, Any] | None = None,
 ) -> tuple[float, float] | None:
-    """The size's 95 % interval where it is proportional to one parameter alone, else None."""
+    """The size's 95 % interval, to first order in the errors of the parameters behind it.
+
+    Parameters
+    ----------
+    name, parameters, at
+        As `found_size`; parameters have their `std`, or None where they were not fitted.
+    covariance : mapping, optional
+        `names` and `values` of the fitted parameters; without it they count as independent.
+
+    Returns
+    -------
+    (float, float) or None
+        None where there is no size, or no fitted parameter that it depends on.
+    """
     size = found_size(name, parameters, at)
-    mine = [p for p in parameters if _owner(p) in (name, "") and float(p["value"]) != 0.0]
-    if size is None or len(mine) != 1 or "std" not in mine[0]:
+    if size is None:
         return None
-    half = 1.96 * abs(float(mine[0]["std"]) / float(mine[0]["value"])) * size
+    mine = [p for p in parameters if _owner(p) in (name, "") and p.get("std")]
+    matrix = _covariance(mine, covariance)
+    slopes = [_slope(name, parameters, at, p) for p in mine]
+    if not any(slopes) or not all(math.isfinite(s) for s in slopes):
+        return None
+    variance = sum(
+        a * row[j] * b for a, row in zip(slopes, matrix, strict=True) for j, b in enumerate(slopes)
+    )
+    half = 1.96 * math.sqrt(max(variance, 0.0))
     return size - half, size + half
+
+
+def _covariance(mine: list[dict[str, Any]], given: Mapping[str, Any] | None) -> list[list[float]]:
+    """Of some parameters; what is not given is that of independent ones."""
+    names = list(given["names"]) if given else []
+
+    def entry(one: dict[str, Any], other: dict[str, Any]) -> float:
+        if given and one["name"] in names and other["name"] in names:
+            return float(given["values"][names.index(one["name"])][names.index(other["name"])])
+        return float(one["std"]) ** 2 if one is other else 0.0
+
+    return [[entry(one, other) for other in mine] for one in mine]
+
+
+def _slope(name: str, parameters: list[dict[str, Any]], at: Numbers, one: dict[str, Any]) -> float:
+    """Slope of the size in one parameter; nan where the size has none there."""
+    value = float(one["value"])
+    step = _STEP * max(abs(value), float(one["std"]))
+    ends = [
+        found_size(name, [{**p, "value": value + h} if p is one else p for p in parameters], at)
+        for h in (step, -step)
+    ]
+    if ends[0] is None or ends[1] is None:
+        return math.nan
+    return (ends[0] - ends[1]) / (2.0 * step)

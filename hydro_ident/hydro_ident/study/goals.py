@@ -1,0 +1,88 @@
+"""What the study asks of a diagnosis, and whether a table of scores has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A figure of the study and what it should be.
+
+    Attributes
+    ----------
+    text : str
+    section : {"rates", "means", "numbers"}
+        Of `Summary.content`.
+    key : str
+    least : bool
+        Whether the bound is the least value, or the most.
+    bound : float
+    """
+
+    text: str
+    section: Literal["rates", "means", "numbers"]
+    key: str
+    least: bool
+    bound: float
+
+    def value(self, table: Mapping[str, Any]) -> float | None:
+        """The measured figure; None where no case tells."""
+        entry = table[self.section].get(self.key)
+        found = entry
+        if entry is not None and self.section != "numbers":
+            found = entry["share" if self.section == "rates" else "mean"]
+        return None if found is None else float(found)
+
+    def interval(self, table: Mapping[str, Any]) -> tuple[float, float] | None:
+        """Its 95 % interval, where it has one."""
+        entry = table[self.section].get(self.key)
+        if self.section == "numbers" or entry is None or entry["ci95"] is None:
+            return None
+        low, high = entry["ci95"]
+        return float(low), float(high)
+
+    def met(self, table: Mapping[str, Any]) -> bool | None:
+        """Whether the measured figure, as it is, has the bound; None where there is none."""
+        value = self.value(table)
+        if value is None:
+            return None
+        return value >= self.bound if self.least else value <= self.bound
+
+    @property
+    def bound_text(self) -> str:
+        """The bound as the tables show it."""
+        return f"{'>=' if self.least else '<='} {self.shown(self.bound)}"
+
+    def shown(self, value: float | None) -> str:
+        """A value of this figure as the tables show it."""
+        if value is None:
+            return "-"
+        percent = self.section == "rates" or self.key.endswith("size_error")
+        return f"{100.0 * value:.1f} %" if percent else f"{value:.3f}"
+
+
+#: Of the study's table; all but the first line of clean cases are of strong effects.
+GOALS = (
+    Goal("detected", "rates", "detected", True, 0.97),
+    Goal("right channel and joint", "rates", "right_channel", True, 0.97),
+    Goal("true name in the set", "rates", "in_set", True, 0.97),
+    Goal("mean size of the set, `excite` runs", "means", "excite_set_size", False, 1.5),
+    Goal(
+        "mean size of the set less the oracle's, work cycles",
+        *("means", "set_size_over_oracle", False, 0.0),
+    ),
+    Goal("first name right where the set is one name", "rates", "first_where_alone", True, 0.92),
+    Goal("clean recordings given any finding", "rates", "clean_with_finding", False, 0.01),
+    Goal("outside the catalogue: given a wrong name", "rates", "outside_wrong_name", False, 0.02),
+    Goal("outside the catalogue: reported unknown", "rates", "outside_unknown", True, 0.90),
+    Goal("two or three effects: all in the sets", "rates", "several_all_in_sets", True, 0.85),
+    Goal(
+        "held-out residual over the fit with the true structure, mean",
+        *("means", "heldout_ratio", False, 1.05),
+    ),
+    Goal("size of the effect, median error", "numbers", "median_size_error", False, 0.10),
+    Goal("95 % interval of the size covers it", "rates", "size_covered", True, 0.90),
+)
