@@ -36,7 +36,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_viscous_friction
 from hydro_ident.results import CONTROLLER_FILE, RESULT_FILE
 from hydro_ident.study.discovered_summary import summary_lines, summary_of
-from hydro_ident.study.force_margin import force_margin
+from hydro_ident.study.force_margin import Motion, force_margin, motion_along
 from hydro_ident.study.gain_choice import track
 from hydro_ident.study.machine_bags import design_experiment, model_of, record_runs
 from hydro_model.command import run_command
@@ -80,11 +80,11 @@ def machines(robot: Robot, path: TipPath, seed: int, count: int) -> Iterator[tup
     IdentError
         The seed has too few of them.
     """
-    found = 0
+    found, motion = 0, motion_along(robot, path)
     for number in range(SPAN * seed, SPAN * (seed + 1)):
         if found == count:
             return
-        margin = margin_of(robot, path, number)
+        margin = margin_of(robot, motion, number)
         if margin >= LEAST_MARGIN:
             found += 1
             yield number, margin
@@ -92,10 +92,10 @@ def machines(robot: Robot, path: TipPath, seed: int, count: int) -> Iterator[tup
         raise IdentError(f"seed {seed} has {found} machines with force to spare, not {count}")
 
 
-def margin_of(robot: Robot, path: TipPath, number: int) -> float:
+def margin_of(robot: Robot, motion: Motion, number: int) -> float:
     """Force margin of a machine; 0 where it cannot even hold the path's start."""
     try:
-        return force_margin(robot, random_truth(robot, number), path)
+        return force_margin(robot, random_truth(robot, number), motion)
     except BridgeError:
         return 0.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hydro_hw_bridge.rig.plant import Plant
@@ -16,7 +18,24 @@ _STEP_S = 0.02
 _ROUNDING_M_S = 0.002
 
 
-def force_margin(robot: Robot, truth: Truth, path: TipPath) -> float:
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A path as joint motion: positions, velocities and accelerations, (N, n) each."""
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+
+
+def motion_along(robot: Robot, path: TipPath) -> Motion:
+    """The joint motion that follows a path of the tip."""
+    count = int(path.duration_s / _STEP_S) + 1
+    q = np.array([joints_for_tip(robot, path.sample(k * _STEP_S)[0]) for k in range(count)])
+    qd = np.gradient(q, _STEP_S, axis=0)
+    return Motion(q, qd, np.gradient(qd, _STEP_S, axis=0))
+
+
+def force_margin(robot: Robot, truth: Truth, motion: Motion) -> float:
     """Smallest share of the available piston force that a path leaves.
 
     Available is what the cylinder gives with its valve fully open at the wanted speed, steadily:
@@ -27,7 +46,7 @@ def force_margin(robot: Robot, truth: Truth, path: TipPath) -> float:
     ----------
     robot : Robot
     truth : Truth
-    path : TipPath
+    motion : Motion
 
     Returns
     -------
@@ -40,25 +59,22 @@ def force_margin(robot: Robot, truth: Truth, path: TipPath) -> float:
     BridgeError
         The machine cannot hold the path's start.
     """
-    force, speed = _required(robot, truth, path)
+    force, speed = _required(robot, truth, motion)
     push, pull = _available(robot, truth, speed)
     out = np.where(speed >= 0.0, 1.0 - force / push, 1.0 + force / pull)
     possible = np.where(speed >= 0.0, push, pull) > 0.0
     return float(np.min(np.where(possible, out, 0.0)))
 
 
-def _required(robot: Robot, truth: Truth, path: TipPath) -> tuple[FloatArray, FloatArray]:
+def _required(robot: Robot, truth: Truth, motion: Motion) -> tuple[FloatArray, FloatArray]:
     """Piston forces with friction, and piston speeds, (N, m) each."""
-    count = int(path.duration_s / _STEP_S) + 1
-    q = np.array([joints_for_tip(robot, path.sample(k * _STEP_S)[0]) for k in range(count)])
-    qd = np.gradient(q, _STEP_S, axis=0)
-    qdd = np.gradient(qd, _STEP_S, axis=0)
+    q, qd = motion.q, motion.qd
     plant = Plant(robot, truth, q[0])
-    force = np.empty((count, len(robot.cylinders)))
-    for k in range(count):
-        matrix, bias, levers = plant.equations(q[k], qd[k])
-        joint = [robot.joint_index(c.joint) for c in robot.cylinders]
-        force[k] = (matrix @ qdd[k] + bias)[joint] / levers
+    joint = [robot.joint_index(c.joint) for c in robot.cylinders]
+    force = np.empty((len(q), len(robot.cylinders)))
+    for k, (at, rate, acceleration) in enumerate(zip(q, qd, motion.qdd, strict=True)):
+        matrix, bias, levers = plant.equations(at, rate)
+        force[k] = (matrix @ acceleration + bias)[joint] / levers
     arms = [np.asarray(lever(c, q[:, robot.joint_index(c.joint)])) for c in robot.cylinders]
     rates = [qd[:, robot.joint_index(c.joint)] for c in robot.cylinders]
     speed = np.stack([a * r for a, r in zip(arms, rates, strict=True)], axis=1)
