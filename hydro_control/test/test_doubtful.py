@@ -47,10 +47,22 @@ def test_a_size_that_ran_to_its_bound_is_left_alone() -> None:
     assert "bound" in planned.left_out["coulomb_friction:tilt_cylinder"]
 
 
-@pytest.mark.parametrize(("std", "sure"), [(5.0, True), (60.0, False)])
-def test_an_effect_without_linear_parameter_goes_by_its_first(std: float, sure: bool) -> None:
-    lag = EffectSpec("valve_spool_lag", "lift_cylinder", {"frequency": 100.0, "damping": 0.7})
-    stated = {"lift_cylinder.valve_spool_lag.frequency": std}
+@pytest.mark.parametrize(("std", "sure"), [(0.0005, True), (0.004, False)])
+def test_an_effect_without_linear_parameter_goes_by_what_can_be_zero(
+    std: float, sure: bool
+) -> None:
+    bias = EffectSpec("valve_null_bias", "lift_cylinder", {"bias": -0.005})
+    stated = {"lift_cylinder.valve_null_bias.bias": std}
+    robot = replace(ROBOT, effects=(bias,), standard_deviations=stated)
+    assert (doubt(robot, bias) == "") is sure
+
+
+@pytest.mark.parametrize(("frequency_hz", "sure"), [(5.0, False), (60.0, True), (500.0, True)])
+def test_a_lag_is_left_alone_at_its_slowest_only(frequency_hz: float, sure: bool) -> None:
+    values = {"frequency": frequency_hz, "damping": 0.7}
+    lag = EffectSpec("valve_spool_lag", "lift_cylinder", values)
+    # Frequency and damping of a quick spool hide behind each other; their lag is sure.
+    stated = {"lift_cylinder.valve_spool_lag.frequency": 4000.0}
     robot = replace(ROBOT, effects=(lag,), standard_deviations=stated)
     assert (doubt(robot, lag) == "") is sure
 
