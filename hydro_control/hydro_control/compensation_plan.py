@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+from hydro_control.doubtful import doubt
 from hydro_model.effects import ActiveEffect, resolve
 from hydro_model.effects.applied import with_changes
 from hydro_model.robot import Robot
@@ -45,7 +46,8 @@ class CompensationPlan:
     names : tuple of str
         Names of all effects that are compensated, those in `robot` included.
     left_out : mapping of str to str
-        Listed effects that are not compensated, and why.
+        Listed effects that are not compensated, and why: by name, or by ``name:target`` where
+        what was fitted at one target is too unsure.
     """
 
     robot: Robot
@@ -70,11 +72,15 @@ def plan(robot: Robot) -> CompensationPlan:
     RobotError
         An effect does not resolve.
     """
+    doubts = {f"{e.name}:{e.target}": (e, doubt(robot, e)) for e in robot.effects}
+    unsure = {key: why for key, (_, why) in doubts.items() if why}
+    kept = tuple(e for e in robot.effects if f"{e.name}:{e.target}" not in unsure)
+    robot = replace(robot, effects=kept) if unsure else robot
     listed = tuple(dict.fromkeys(one.effect.name for one in resolve(robot)))
     changed = with_changes(robot)
     return CompensationPlan(
         robot=changed,
         active=tuple(a for a in resolve(changed) if a.effect.name not in NOT_COMPENSATED),
         names=tuple(name for name in listed if name not in NOT_COMPENSATED),
-        left_out={name: NOT_COMPENSATED[name] for name in listed if name in NOT_COMPENSATED},
+        left_out={n: NOT_COMPENSATED[n] for n in listed if n in NOT_COMPENSATED} | unsure,
     )

@@ -93,6 +93,7 @@ def robot_of(
     )  # fmt: skip
     if DELAY in values:
         deviations[DELAY] = float(std[DELAY])
+    deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
         joints=joints,
@@ -103,6 +104,18 @@ def robot_of(
         effects=effects,
     )
     return Modelled(whole, notes)
+
+
+def _effect_deviations(fitted: Fitted, covariance: FloatArray) -> dict[str, float]:
+    """Deviations of the effects' parameters, by `<target>.<effect>.<parameter>`."""
+    names = {
+        f"{term.target}.{term.effect.name}.{spec.name}"
+        for term in fitted.model.terms
+        for spec in term.effect.parameters
+    }
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    pairs = zip(fitted.names, std, strict=True)
+    return {name: float(size) for name, size in pairs if name in names}
 
 
 def _with_base(

@@ -35,6 +35,12 @@ class Run:
         Piston forces measured and required.
     estimates : (N, k) array
         What the controller adapts, by `Adaptation.names`; k = 0 where it adapts nothing.
+    q_read : (N, n) array
+        Joint positions as the encoders give them.
+    pressure_read : (N, 2 m + 2) array
+        Gauge pressures as the transducers give them, by `Robot.pressure_names`.
+    q_reference : (N, n) array
+        Desired joint positions.
     """
 
     time_s: FloatArray
@@ -45,6 +51,9 @@ class Run:
     force_n: FloatArray
     required_force_n: FloatArray
     estimates: FloatArray
+    q_read: FloatArray
+    pressure_read: FloatArray
+    q_reference: FloatArray
 
 
 def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float) -> Run:
@@ -66,7 +75,7 @@ def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float)
     rows = []
     for _ in range(cycles):
         output = _answer(rig, controller)
-        plant = rig.plant
+        plant, read = rig.plant, rig.readings().measurement
         rows.append(
             (
                 plant.tip()[:3],
@@ -76,6 +85,9 @@ def run_closed_loop(rig: RigCore, controller: ControllerCore, duration_s: float)
                 output.force_n,
                 output.required_force_n,
                 _estimates(controller),
+                read.positions,
+                read.pressures_pa,
+                output.q_d,
             )
         )
         rig.actuate(output.voltage_v.tolist())
