@@ -8,7 +8,7 @@ what they explain by chance under sign flips of whole blocks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -250,8 +250,7 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Functi
     values = {
         name: row_values(predictor, fitted, channel, index) for name, index in SIGNALS.items()
     }
-    if material.is_flow(channel):
-        values["piston_velocity"] = _driven_velocity(training, fitted, channel)
+    values |= _undisturbed(training, fitted, channel, values)
     factor = values["valve_signal" if material.is_flow(channel) else "piston_velocity"]
     kind = "valve_signal" if material.is_flow(channel) else "direction"
     usual = float(np.nanstd(factor[own])) or 1.0
@@ -272,20 +271,35 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Functi
     return result
 
 
-def _driven_velocity(training: Training, fitted: Fitted, channel: int) -> FloatArray:
-    """The velocity that a chamber's balance gives its piston, (N,).
+def _undisturbed(
+    training: Training, fitted: Fitted, channel: int, values: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Variables that answer to a channel's own noise, as the model has them.
 
-    The real one answers to whatever flow the model lacks, noise of the valve among it: held
-    against it, a residual of mere noise would depend on it.
+    A piston moves with whatever flow the valve adds by chance, and a measured force holds the
+    noise of its transducers: held against either, a residual of mere noise would depend on it.
     """
     predictor = training.predictor
-    chamber = predictor.material.chambers[predictor.material.chamber_index(channel)]
+    material, residual = predictor.material, fitted.residual
     y, x = predictor.base(fitted.model)
+    if not material.is_flow(channel):
+        joint = material.robot.joint_names[material.joint_of(channel)]
+        wet = [c for c in material.robot.cylinders if c.joint == joint]
+        if not wet or material.forces.torque:
+            return {"piston_force": y - residual}
+        a, b = wet[0].area_a_m2, wet[0].area_b_m2
+        share = residual / (a * a + b * b)
+        return {
+            "piston_force": y - residual,
+            "pressure_a": values["pressure_a"] - a * share,
+            "pressure_b": values["pressure_b"] + b * share,
+        }
+    chamber = material.chambers[material.chamber_index(channel)]
     bulk = predictor.names.index(f"{chamber.cylinder.name}.{INVERSE_BULK}")
     squeezed = x[:, bulk] * predictor.parameters(fitted.model)[bulk]
     cylinder = chamber.cylinder
     area = cylinder.area_a_m2 if chamber.side == "a" else -cylinder.area_b_m2
-    return np.asarray((y - fitted.residual - squeezed) / area)
+    return {"piston_velocity": (y - residual - squeezed) / area}
 
 
 def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
