@@ -21,6 +21,7 @@ from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.whitening import Noise
 from hydro_model import signals as sig
 from hydro_model.robot import FloatArray
 
@@ -160,7 +161,7 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
             gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
             count = round(float(np.trace(inverse @ (white.T @ white))))
             chances.append((gains - count) / np.sqrt(2.0 * count))
-        lines += _lines(own, fitted, bench, channel, functions)
+        lines += _lines(own, fitted, channel, functions)
     if not found:
         return []
     chance = np.max(chances, axis=0)
@@ -176,12 +177,16 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
 def _lines(
     training: Training,
     fitted: Fitted,
-    bench: Bench,
     channel: int,
     functions: Sequence[_Function],
 ) -> list[Dependence]:
-    """The strongest line of a channel over every variable, each with its own p-value."""
+    """The strongest line of a channel over every variable, each with its own p-value.
+
+    The rows are not whitened: a strong line is what their autoregression would take away first.
+    """
     mask, found = training.mask, []
+    noise = _white(training, fitted)
+    bench = training.bench(noise, fitted.residual, fitted.columns, fitted.offset)
     for variable, times, _, hats in functions:
         if variable not in VARIABLES:
             continue
@@ -198,6 +203,16 @@ def _lines(
         ]
         found += sorted((d for d in tried if d is not None), key=lambda d: -d.value)[:1]
     return found
+
+
+def _white(training: Training, fitted: Fitted) -> Noise:
+    """Independent noise of the size of each channel's residual on the training rows."""
+    channel = training.predictor.material.channel[training.mask]
+    residual = fitted.residual[training.mask]
+    std = training.floor.copy()
+    for k in np.unique(channel):
+        std[k] = max(float(std[k]), float(np.std(residual[channel == k])))
+    return Noise(tuple(np.zeros(0) for _ in std), std)
 
 
 def _line(

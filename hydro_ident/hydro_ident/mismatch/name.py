@@ -28,6 +28,7 @@ from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
     FOLD_BLOCK_S,
     FOLDS,
+    LEAST_CYCLES,
     MOST_EFFECTS,
     PRECISION,
 )
@@ -43,6 +44,8 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: how many get it.
 _ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
+#: Parameters that are times, by effect.
+_TIMES = {"pressure_delay": "delay", "command_delay": "delay"}
 #: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
 _CONTESTS = 3
 
@@ -122,7 +125,7 @@ class Searcher:
                     s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
                 ]
                 found = self._contest(current, noise, fresh, candidate, p)
-                if found.pays:
+                if found.pays and self._resolved(found.term):
                     return found, scores
                 weighed += [c.term for c in found.tried]
                 contests += 1
@@ -181,6 +184,14 @@ class Searcher:
         if share < PRECISION:
             return False
         return candidate.value >= ADDED_SHARE**2 * self._explained(current, bench, acting)
+
+    def _resolved(self, term: ActiveEffect) -> bool:
+        """Whether an effect's time is longer than what sampling can tell."""
+        name = _TIMES.get(term.effect.name)
+        if name is None:
+            return True
+        at = [p.name for p in term.effect.parameters].index(name)
+        return bool(term.parameters[at] >= LEAST_CYCLES * self.training.cycle_s)
 
     def _explained(self, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:
         """Sum of squares that the effects found so far explain in some channels."""

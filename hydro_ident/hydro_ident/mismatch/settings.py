@@ -22,6 +22,9 @@ ADDED_SHARE = 0.03
 #: What a description of a machine is good for: in none of its channels does a model claim to be
 #: better than this share (rms) of what is measured.
 PRECISION = 5.0e-4
+#: A shift in time below this many sampling intervals is no finding: when within its interval a
+#: sensor is read is known no better.
+LEAST_CYCLES = 0.5
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005
 #: A name is kept only where it explains at least this share of what any smooth function of the
