@@ -13,6 +13,7 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor, shapes
 from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.state_space import smooth_basis
 from hydro_ident.mismatch.whitening import LEAST_NOISE, Layout, Noise, noise_of
 from hydro_model.closed_chain import with_parameters
 from hydro_model.effects.targets import ActiveEffect
@@ -100,6 +101,8 @@ class Training:
     prior : Prior or None
     cycle_s : float
         Sampling interval: the longest command delay that is the base's.
+    smooth : tuple of (n_k, m_k) array
+        Orthonormal smooth functions of each channel's state on its rows in the mask.
     """
 
     predictor: Predictor
@@ -108,6 +111,7 @@ class Training:
     floor: FloatArray
     prior: Prior | None
     cycle_s: float
+    smooth: tuple[FloatArray, ...] = ()
 
     @staticmethod
     def of(predictor: Predictor, mask: BoolArray, prior: Prior | None = None) -> Training:
@@ -115,17 +119,32 @@ class Training:
         material = predictor.material
         layout = layout_of(predictor).take(mask)
         floor = np.ones(len(material.channels))
-        y, _ = predictor.base(start_model(material.robot, predictor))
+        start = start_model(material.robot, predictor)
+        y, _ = predictor.base(start)
         for k in range(floor.size):
             own = y[(material.channel == k) & mask]
             floor[k] = LEAST_NOISE * float(np.std(own)) if own.size else 1.0
         floor[floor <= 0.0] = 1e-300
         steps = [s.trace.step_s for s in material.stretches]
-        return Training(predictor, mask, layout, floor, prior, max(steps, default=0.002))
+        smooth = tuple(
+            smooth_basis(predictor, start, k, (material.channel == k) & mask)
+            for k in range(floor.size)
+        )
+        cycle_s = max(steps, default=0.002)
+        return Training(predictor, mask, layout, floor, prior, cycle_s, smooth)
 
     def noise(self, residual: FloatArray) -> Noise:
-        """Noise of a residual on the training rows."""
-        return noise_of(self.layout, residual[self.mask], self.floor)
+        """Noise of a residual on the training rows: what no smooth function of the state tells.
+
+        Physics that the model still lacks is no noise; taken for it, it would be whitened away.
+        """
+        left = residual[self.mask].copy()
+        for k, basis in enumerate(self.smooth):
+            own = self.layout.channel == k
+            if basis.size:
+                rest = left[own] - basis @ (basis.T @ left[own])
+                left[own] = rest * np.sqrt(basis.shape[0] / (basis.shape[0] - basis.shape[1]))
+        return noise_of(self.layout, left, self.floor)
 
     def offset(self, model: Model) -> FloatArray:
         """How far a model's base is from what was known of it, in deviations."""

@@ -17,41 +17,16 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted, Training, layout_of
-from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
-from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.state_space import SIGNALS, factor_of, hats, knots_of, row_values
 from hydro_ident.mismatch.whitening import Noise
-from hydro_model import signals as sig
 from hydro_model.robot import FloatArray
 
 #: Knots of the functions, at quantiles of the variable.
 KNOTS = 9
-#: Variables by signal of the channel's own cylinder.
-SIGNALS = {
-    "piston_velocity": sig.PISTON_VELOCITY,
-    "piston_position": sig.PISTON_POSITION,
-    "piston_acceleration": sig.PISTON_ACCELERATION,
-    "piston_force": sig.PISTON_FORCE,
-    "joint_angle": sig.JOINT_POSITION,
-    "pressure_a": sig.PRESSURE_A,
-    "pressure_b": sig.PRESSURE_B,
-    "supply_pressure": sig.SUPPLY_PRESSURE,
-    "valve_signal": sig.VALVE_SIGNAL,
-    "valve_rate": sig.VALVE_RATE,
-    "other_joint": sig.OTHER_VELOCITY,
-    "time": sig.TIME,
-}
-UNITS = {
-    "piston_velocity": "m/s", "piston_position": "m", "piston_acceleration": "m/s^2",
-    "piston_force": "N", "joint_angle": "rad", "pressure_a": "Pa", "pressure_b": "Pa",
-    "supply_pressure": "Pa", "valve_signal": "1", "valve_rate": "1/s", "other_joint": "rad/s",
-    "total_flow": "m^3/s", "oil_temperature": "deg C", "time": "s", "everywhere": "",
-}  # fmt: skip
 #: Variable, factor, knots and columns (N, m).
 _Function = tuple[str, str, FloatArray, FloatArray]
-#: Speed and signal over which a direction is rounded, as shares of their usual size.
-_ROUNDED = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,33 +69,6 @@ class Dependence:
     knots: FloatArray
     curve: FloatArray
     period: float = 0.0
-
-
-def row_values(predictor: Predictor, fitted: Fitted, channel: int, signal: int) -> FloatArray:
-    """A signal of a channel's cylinder (or joint) on the channel's rows; NaN elsewhere."""
-    material = predictor.material
-    result = np.full(material.size, np.nan)
-    for place in material.of_channels([channel]):
-        stretch = predictor.signals.stretches(fitted.model)[place.stretch]
-        rows = _signals(predictor, fitted, stretch, channel)[:, signal]
-        result[place.rows] = _on_rows(material, stretch, channel, rows)
-    return result
-
-
-def _signals(predictor: Predictor, fitted: Fitted, stretch: Stretch, channel: int) -> FloatArray:
-    material = predictor.material
-    joint = material.robot.joint_names[material.joint_of(channel)]
-    wet = [i for i, c in enumerate(material.robot.cylinders) if c.joint == joint]
-    if wet and not (material.forces.torque and not material.is_flow(channel)):
-        return predictor.signals.wet(fitted.model, stretch, wet[0])
-    return predictor.signals.dry(stretch, material.joint_of(channel))
-
-
-def _on_rows(material: Material, stretch: Stretch, channel: int, values: FloatArray) -> FloatArray:
-    if not material.is_flow(channel):
-        return values[stretch.kept]
-    start = stretch.starts[material.chamber_index(channel)]
-    return np.asarray(values[start + stretch.span // 2])
 
 
 def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
@@ -187,12 +135,12 @@ def _lines(
     mask, found = training.mask, []
     noise = _white(training, fitted)
     bench = training.bench(noise, fitted.residual, fitted.columns, fitted.offset)
-    for variable, times, _, hats in functions:
+    for variable, times, _, pieces in functions:
         if variable not in VARIABLES:
             continue
-        values = row_values(training.predictor, fitted, channel, SIGNALS[variable])
+        values = row_values(training.predictor, fitted.model, channel, variable)
         # Straight pieces add up to one: their sum is the factor.
-        factor = hats.sum(axis=1)
+        factor = pieces.sum(axis=1)
         lines = Lines.of(bench, values[mask], factor[mask])
         if lines is None:
             continue
@@ -262,27 +210,22 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Functi
     predictor = training.predictor
     material = predictor.material
     own = (material.channel == channel) & training.mask
-    values = {
-        name: row_values(predictor, fitted, channel, index) for name, index in SIGNALS.items()
-    }
+    values = {name: row_values(predictor, fitted.model, channel, name) for name in SIGNALS}
     values |= _undisturbed(training, fitted, channel, values)
-    factor = values["valve_signal" if material.is_flow(channel) else "piston_velocity"]
-    kind = "valve_signal" if material.is_flow(channel) else "direction"
-    usual = float(np.nanstd(factor[own])) or 1.0
-    rounded = np.tanh(factor / (_ROUNDED * usual)) if kind == "direction" else factor / usual
+    factor, kind = factor_of(predictor, channel, values, own)
     result = []
     for name, column in values.items():
         seen = column[own]
         if not np.isfinite(seen).all() or np.ptp(seen) <= 0.0:
             continue
-        knots = np.unique(np.quantile(seen, np.linspace(0.0, 1.0, KNOTS)))
+        knots = knots_of(seen, KNOTS)
         if knots.size < 3:
             continue
-        hats = np.zeros((material.size, knots.size))
-        hats[own] = _hats(seen, knots)
-        result.append((name, "", knots, hats))
-        if np.isfinite(rounded[own]).all():
-            result.append((name, kind, knots, hats * np.where(own, rounded, 0.0)[:, None]))
+        columns = np.zeros((material.size, knots.size))
+        columns[own] = hats(seen, knots)
+        result.append((name, "", knots, columns))
+        if np.isfinite(factor[own]).all():
+            result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
     return result
 
 
@@ -315,11 +258,6 @@ def _undisturbed(
     cylinder = chamber.cylinder
     area = cylinder.area_a_m2 if chamber.side == "a" else -cylinder.area_b_m2
     return {"piston_velocity": (y - residual - squeezed) / area}
-
-
-def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
-    """Straight pieces between knots: (M, m), rows sum to one."""
-    return np.stack([np.interp(values, knots, unit) for unit in np.eye(knots.size)], axis=1)
 
 
 def _dependence(

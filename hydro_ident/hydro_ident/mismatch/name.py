@@ -222,7 +222,9 @@ class Searcher:
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
         terms = [self._start(without, s) for s in chosen]
-        return named_of(self._fitted(without, terms, noise), p, overdispersion(best))
+        contenders = self._fitted(without, terms, noise)
+        told = [c for c in contenders if self._resolved(c.term)]
+        return named_of(told or contenders, p, overdispersion(best))
 
     def _start(self, without: Fitted, one: Score) -> ActiveEffect:
         """The size of a trial that explains most as it is: what a fit starts from."""

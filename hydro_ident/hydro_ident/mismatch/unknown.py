@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.candidates import untestable
 from hydro_ident.mismatch.fitting import Fitted, Training
-from hydro_ident.mismatch.locate import UNITS, Dependence
+from hydro_ident.mismatch.locate import Dependence
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
@@ -17,6 +17,7 @@ from hydro_ident.mismatch.settings import (
     LEAST_SHARE,
     PRECISION,
 )
+from hydro_ident.mismatch.state_space import UNITS
 from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.fitting import Fitted, Training
-from hydro_ident.mismatch.locate import SIGNALS, UNITS, row_values
+from hydro_ident.mismatch.state_space import SIGNALS, UNITS, row_values
 from hydro_model.effects.targets import ActiveEffect
 
 #: The variable of the contract that each effect is best seen against.
@@ -97,7 +97,7 @@ def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: st
         return (
             Where(variable, 0.0, 0.0, text) if variable == "everywhere" else _flow(variable, text)
         )
-    values = row_values(predictor, fitted, number, SIGNALS[variable])[rows]
+    values = row_values(predictor, fitted.model, number, variable)[rows]
     size = predictor.contribution(fitted.model, term)[rows] ** 2
     known = np.isfinite(values)
     values, size = values[known], size[known]

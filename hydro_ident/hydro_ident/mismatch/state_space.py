@@ -1,0 +1,134 @@
+"""State space on the rows: variables of a channel, and smooth functions of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.linalg import qr
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_model import signals as sig
+from hydro_model.robot import FloatArray
+
+#: Variables by signal of the channel's own cylinder.
+SIGNALS = {
+    "piston_velocity": sig.PISTON_VELOCITY,
+    "piston_position": sig.PISTON_POSITION,
+    "piston_acceleration": sig.PISTON_ACCELERATION,
+    "piston_force": sig.PISTON_FORCE,
+    "joint_angle": sig.JOINT_POSITION,
+    "pressure_a": sig.PRESSURE_A,
+    "pressure_b": sig.PRESSURE_B,
+    "supply_pressure": sig.SUPPLY_PRESSURE,
+    "valve_signal": sig.VALVE_SIGNAL,
+    "valve_rate": sig.VALVE_RATE,
+    "other_joint": sig.OTHER_VELOCITY,
+    "time": sig.TIME,
+}
+UNITS = {
+    "piston_velocity": "m/s", "piston_position": "m", "piston_acceleration": "m/s^2",
+    "piston_force": "N", "joint_angle": "rad", "pressure_a": "Pa", "pressure_b": "Pa",
+    "supply_pressure": "Pa", "valve_signal": "1", "valve_rate": "1/s", "other_joint": "rad/s",
+    "total_flow": "m^3/s", "oil_temperature": "deg C", "time": "s", "everywhere": "",
+}  # fmt: skip
+#: Speed over which a direction is rounded, as a share of its usual size.
+_ROUNDED = 0.05
+#: Knots of the functions that noise is told from, and the variables they are of: alone and times
+#: the channel's factor, and times it only where the variable holds the channel's own noise.
+NUISANCE_KNOTS = 7
+_OF_FORCES = ("piston_velocity", "piston_position", "piston_acceleration", "other_joint", "time")
+_OF_FLOWS = ("valve_signal", "piston_position", "pressure_a", "pressure_b", "valve_rate", "time")
+_TIMES_DIRECTION = ("pressure_a", "pressure_b", "piston_force")
+#: Directions of functions below this share of the largest are the same as others.
+_RANK = 1.0e-4
+#: Functions take no more than one direction per so many rows.
+_ROWS_EACH = 12
+
+
+def row_values(predictor: Predictor, model: Model, channel: int, variable: str) -> FloatArray:
+    """A variable of a channel's cylinder (or joint) on the channel's rows; NaN elsewhere."""
+    material = predictor.material
+    result = np.full(material.size, np.nan)
+    for place in material.of_channels([channel]):
+        stretch = predictor.signals.stretches(model)[place.stretch]
+        rows = _signals(predictor, model, stretch, channel)[:, SIGNALS[variable]]
+        result[place.rows] = _on_rows(material, stretch, channel, rows)
+    return result
+
+
+def factor_of(
+    predictor: Predictor, channel: int, values: Mapping[str, FloatArray], own: BoolArray
+) -> tuple[FloatArray, str]:
+    """What functions of a channel are multiplied by, (N,), and its name.
+
+    The direction of motion for forces, the valve's signal for flows.
+    """
+    if predictor.material.is_flow(channel):
+        signal = values["valve_signal"]
+        return signal / (float(np.nanstd(signal[own])) or 1.0), "valve_signal"
+    speed = values["piston_velocity"]
+    usual = float(np.nanstd(speed[own])) or 1.0
+    return np.tanh(speed / (_ROUNDED * usual)), "direction"
+
+
+def knots_of(seen: FloatArray, count: int) -> FloatArray:
+    """Knots at quantiles of a variable, each once."""
+    return np.unique(np.quantile(seen, np.linspace(0.0, 1.0, count)))
+
+
+def hats(seen: FloatArray, knots: FloatArray) -> FloatArray:
+    """Straight pieces between knots: (M, m), rows sum to one."""
+    return np.stack([np.interp(seen, knots, unit) for unit in np.eye(knots.size)], axis=1)
+
+
+def smooth_basis(predictor: Predictor, model: Model, channel: int, own: BoolArray) -> FloatArray:
+    """Orthonormal directions of smooth functions of a channel's state, (M, k).
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+    channel : int
+    own : (N,) bool array
+        The M rows of the channel.
+    """
+    if not own.any():
+        return np.zeros((0, 0))
+    flow = predictor.material.is_flow(channel)
+    plain = _OF_FLOWS if flow else _OF_FORCES
+    times = plain if flow else (*plain, *_TIMES_DIRECTION)
+    names = {*plain, *times, "piston_velocity", "valve_signal"}
+    values = {name: row_values(predictor, model, channel, name) for name in names}
+    factor, _ = factor_of(predictor, channel, values, own)
+    columns = [np.ones((int(own.sum()), 1))]
+    for name in (n for n in dict.fromkeys((*plain, *times)) if np.isfinite(values[n][own]).all()):
+        knots = knots_of(values[name][own], NUISANCE_KNOTS)
+        if knots.size < 3:
+            continue
+        pieces = hats(values[name][own], knots)
+        columns += [pieces] if name in plain else []
+        if name in times and np.isfinite(factor[own]).all():
+            columns.append(pieces * factor[own][:, None])
+    q, r, _ = qr(np.concatenate(columns, axis=1), mode="economic", pivoting=True)
+    size = np.abs(np.diag(r))
+    rank = int(np.sum(size > _RANK * max(float(size[0]), 1e-300))) if size.size else 0
+    return np.ascontiguousarray(q[:, : min(rank, int(own.sum()) // _ROWS_EACH)])
+
+
+def _signals(predictor: Predictor, model: Model, stretch: Stretch, channel: int) -> FloatArray:
+    material = predictor.material
+    joint = material.robot.joint_names[material.joint_of(channel)]
+    wet = [i for i, c in enumerate(material.robot.cylinders) if c.joint == joint]
+    if wet and not (material.forces.torque and not material.is_flow(channel)):
+        return predictor.signals.wet(model, stretch, wet[0])
+    return predictor.signals.dry(stretch, material.joint_of(channel))
+
+
+def _on_rows(material: Material, stretch: Stretch, channel: int, values: FloatArray) -> FloatArray:
+    if not material.is_flow(channel):
+        return values[stretch.kept]
+    start = stretch.starts[material.chamber_index(channel)]
+    return np.asarray(values[start + stretch.span // 2])
