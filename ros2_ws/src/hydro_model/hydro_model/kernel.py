@@ -14,8 +14,9 @@ from numba import njit
 
 #: Decorator of kernels that allocate nothing and return no arrays.
 kernel = njit(cache=True, error_model="numpy", _nrt=False)
-#: The same for one that is copied into each of its callers.
-inlined = njit(inline="always", error_model="numpy", _nrt=False)
+#: The same for one that is copied into its callers: a call that passes a model costs as much as
+#: a hundred multiplications.
+inlined = njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 
 
 @kernel
