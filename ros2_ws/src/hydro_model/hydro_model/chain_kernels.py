@@ -108,15 +108,22 @@ def move(
     """Velocities, required velocities and required accelerations outwards (eqs. 5, 6)."""
     still = (0.0, 0.0, 0.0)
     up = (-gravity[0], -gravity[1], -gravity[2])
+    as_measured = True
     for i in range(qd.shape[0]):
         to_child(scratch, i, VEL, still)
-        to_child(scratch, i, REQ, still)
         to_child(scratch, i, ACC, up)
         part = 3 if prismatic[i] else 0
         for k in range(3):
             scratch[i, VEL + part + k] += axis[i, k] * qd[i]
-            scratch[i, REQ + part + k] += axis[i, k] * qd_r[i]
             scratch[i, ACC + part + k] += axis[i, k] * qdd_r[i]
+        as_measured = as_measured and qd_r[i] == qd[i]
+        if as_measured:
+            for k in range(6):
+                scratch[i, REQ + k] = scratch[i, VEL + k]
+        else:
+            to_child(scratch, i, REQ, still)
+            for k in range(3):
+                scratch[i, REQ + part + k] += axis[i, k] * qd_r[i]
         # d/dt of (5) for the required velocity: the frame turns with the measured joint rate.
         s0, s1, s2 = axis[i, 0] * qd[i], axis[i, 1] * qd[i], axis[i, 2] * qd[i]
         w0, w1, w2 = scratch[i, REQ], scratch[i, REQ + 1], scratch[i, REQ + 2]

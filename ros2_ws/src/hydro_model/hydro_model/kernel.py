@@ -12,10 +12,15 @@ from typing import Any
 
 from numba import njit
 
+from hydro_model.compile_notice import announce_compilation
+
+announce_compilation()
+
 #: Decorator of kernels that allocate nothing and return no arrays.
 kernel = njit(cache=True, error_model="numpy", _nrt=False)
-#: The same for one that is copied into each of its callers.
-inlined = njit(inline="always", error_model="numpy", _nrt=False)
+#: The same for one that is copied into its callers: a call that passes a model costs as much as
+#: a hundred multiplications.
+inlined = njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 
 
 @kernel

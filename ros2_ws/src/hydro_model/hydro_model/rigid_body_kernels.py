@@ -23,6 +23,7 @@ from hydro_model.chain_kernels import (
     FORCE,
     REQ,
     SCRATCH,
+    SHIFT,
     VEL,
     Array,
     add_wrench_to_parent,
@@ -31,14 +32,14 @@ from hydro_model.chain_kernels import (
     place,
 )
 from hydro_model.composite_kernels import mass_matrix_placed, solve_spd
-from hydro_model.kernel import kernel
+from hydro_model.kernel import inlined, kernel
 from hydro_model.part_kernels import (
     add_part_forces,
-    carry_inwards,
     move_parts,
     part_regressor,
     place_parts,
 )
+from hydro_model.triple_kernels import cross, dot, plus, to_child, triple
 
 __all__ = [
     "SCRATCH",
@@ -149,41 +150,52 @@ def inverse_dynamics_kernel(
 
 
 @kernel
-def _body_column(p: int, scratch: Array, i: int) -> None:
-    """Column p of the body regressor of link i into the working memory (eq. 29)."""
-    w0, w1, w2 = scratch[i, VEL], scratch[i, VEL + 1], scratch[i, VEL + 2]
-    v0, v1, v2 = scratch[i, VEL + 3], scratch[i, VEL + 4], scratch[i, VEL + 5]
-    d0, d1, d2 = scratch[i, ACC], scratch[i, ACC + 1], scratch[i, ACC + 2]
-    a0 = scratch[i, ACC + 3] + w1 * v2 - w2 * v1
-    a1 = scratch[i, ACC + 4] + w2 * v0 - w0 * v2
-    a2 = scratch[i, ACC + 5] + w0 * v1 - w1 * v0
-    c = COLUMN
-    t0, t1, t2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if p == 0:
-        f0, f1, f2 = a0, a1, a2
-    elif p == 1:
-        t0, t1, t2 = 0.0, -a2, a1
-        f0, f1, f2 = -w1 * w1 - w2 * w2, d2 + w0 * w1, -d1 + w0 * w2
-    elif p == 2:
-        t0, t1, t2 = a2, 0.0, -a0
-        f0, f1, f2 = -d2 + w0 * w1, -w0 * w0 - w2 * w2, d0 + w1 * w2
-    elif p == 3:
-        t0, t1, t2 = -a1, a0, 0.0
-        f0, f1, f2 = d1 + w0 * w2, -d0 + w1 * w2, -w0 * w0 - w1 * w1
-    elif p == 4:
-        t0, t1, t2 = d0, w2 * w0, -w1 * w0
-    elif p == 5:
-        t0, t1, t2 = d1 - w2 * w0, d0 + w2 * w1, w0 * w0 - w1 * w1
-    elif p == 6:
-        t0, t1, t2 = d2 + w1 * w0, w2 * w2 - w0 * w0, d0 - w1 * w2
-    elif p == 7:
-        t0, t1, t2 = -w2 * w1, d1, w0 * w1
-    elif p == 8:
-        t0, t1, t2 = w1 * w1 - w2 * w2, d2 - w0 * w1, d1 + w0 * w2
-    else:
-        t0, t1, t2 = w1 * w2, -w0 * w2, d2
-    scratch[i, c], scratch[i, c + 1], scratch[i, c + 2] = t0, t1, t2
-    scratch[i, c + 3], scratch[i, c + 4], scratch[i, c + 5] = f0, f1, f2
+def _turn_axes(link: int, axis: Array, prismatic: Array, scratch: Array) -> None:
+    """Joint axes up to that of `link`, so far in its parent's frame, turned into its own."""
+    shift = triple(scratch, link, SHIFT)
+    for j in range(link + 1):
+        if j < link:
+            turn, slide = triple(scratch, j, COLUMN), triple(scratch, j, COLUMN + 3)
+            slide = to_child(scratch, link, plus(slide, 1.0, cross(turn, shift)))
+            turn = to_child(scratch, link, turn)
+        elif prismatic[j]:
+            turn, slide = (0.0, 0.0, 0.0), triple(axis, j, 0)
+        else:
+            turn, slide = triple(axis, j, 0), (0.0, 0.0, 0.0)
+        for k in range(3):
+            scratch[j, COLUMN + k], scratch[j, COLUMN + 3 + k] = turn[k], slide[k]
+
+
+@inlined
+def _link_regressor(link: int, scratch: Array, out: Array) -> None:
+    """Columns of one link: its body regressor (eq. 29) on every joint axis before it."""
+    w0, w1, w2 = w = triple(scratch, link, VEL)
+    d0, d1, d2 = triple(scratch, link, ACC)
+    a = plus(triple(scratch, link, ACC + 3), 1.0, cross(w, triple(scratch, link, VEL + 3)))
+    # Forces of the first moments and torques of the inertias, column by column.
+    f_x = (-w1 * w1 - w2 * w2, d2 + w0 * w1, -d1 + w0 * w2)
+    f_y = (-d2 + w0 * w1, -w0 * w0 - w2 * w2, d0 + w1 * w2)
+    f_z = (d1 + w0 * w2, -d0 + w1 * w2, -w0 * w0 - w1 * w1)
+    t_xx, t_xy = (d0, w2 * w0, -w1 * w0), (d1 - w2 * w0, d0 + w2 * w1, w0 * w0 - w1 * w1)
+    t_xz, t_yy = (d2 + w1 * w0, w2 * w2 - w0 * w0, d0 - w1 * w2), (-w2 * w1, d1, w0 * w1)
+    t_yz, t_zz = (w1 * w1 - w2 * w2, d2 - w0 * w1, d1 + w0 * w2), (w1 * w2, -w0 * w2, d2)
+    at = 10 * link
+    for j in range(link + 1):
+        turn, slide = triple(scratch, j, COLUMN), triple(scratch, j, COLUMN + 3)
+        lifted = cross(a, turn)
+        out[j, at] = dot(slide, a)
+        out[j, at + 1] = dot(slide, f_x) + lifted[0]
+        out[j, at + 2] = dot(slide, f_y) + lifted[1]
+        out[j, at + 3] = dot(slide, f_z) + lifted[2]
+        out[j, at + 4] = dot(turn, t_xx)
+        out[j, at + 5] = dot(turn, t_xy)
+        out[j, at + 6] = dot(turn, t_xz)
+        out[j, at + 7] = dot(turn, t_yy)
+        out[j, at + 8] = dot(turn, t_yz)
+        out[j, at + 9] = dot(turn, t_zz)
+    for j in range(link + 1, out.shape[0]):
+        for p in range(10):
+            out[j, at + p] = 0.0
 
 
 @kernel
@@ -205,14 +217,9 @@ def regressor_kernel(
     place_parts(q, parts, scratch)
     move(qd, qd, qdd, axis, prismatic, gravity, scratch)
     move_parts(qd, qd, qdd, gravity, parts, scratch)
-    n = q.shape[0]
-    for link in range(n):
-        for p in range(10):
-            column = 10 * link + p
-            for i in range(n):
-                out[i, column] = 0.0
-            _body_column(p, scratch, link)
-            carry_inwards(link, column, axis, prismatic, scratch, out)
+    for link in range(q.shape[0]):
+        _turn_axes(link, axis, prismatic, scratch)
+        _link_regressor(link, scratch, out)
     part_regressor(axis, prismatic, parts, scratch, out)
 
 

@@ -7,15 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from hydro_model.dormand_prince import STAGES as EXPLICIT_STAGES
+from hydro_model.explicit_kernels import try_explicit, watch_stiffness
 from hydro_model.kernel import copy, inlined, kernel
-from hydro_model.rosenbrock_kernels import jacobian, scaled_rates, try_step
+from hydro_model.rosenbrock_kernels import jacobian, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
 from hydro_model.simulate_arrays import RATES, REST, STROKE
 from hydro_model.simulate_kernels import right_hand_side
+from hydro_model.solver_kernels import scaled_rates
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
 FIRST_STEP_S = 1.0e-4
+EXPLICIT_ORDER, IMPLICIT_ORDER = 5.0, 4.0  # of a step's error
 SMALLEST_STEP_S = 1.0e-11
 MOST_STEPS = 100_000  # between two changes of input
 DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, OUT_OF_STROKE = range(5)
@@ -41,17 +45,22 @@ def _accepted_step(
     inputs: Array,
     h: float,
     tolerance: float,
+    implicit: bool,
 ) -> tuple[float, float]:
     """A step that keeps the tolerance, its result in `new`: its length and the next to try.
 
     The length is 0 where no step above `SMALLEST_STEP_S` keeps it.
     """
+    order = IMPLICIT_ORDER if implicit else EXPLICIT_ORDER
     while h > SMALLEST_STEP_S:
         rest = end - time
         step = rest / math.ceil(rest / h - 1e-9) if rest > h else rest
-        error = try_step(model, work, solver, time, inputs, step) / tolerance
+        if implicit:
+            error = try_step(model, work, solver, time, inputs, step) / tolerance
+        else:
+            error = try_explicit(model, work, solver, time, inputs, step) / tolerance
         solver.tried[0] += 1
-        growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error**-0.25))
+        growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error ** (-1.0 / order)))
         if error <= 1.0:
             # A step cut short by a change of input says nothing against a longer one.
             return step, max(step * growth, h) if step < h else step * growth
@@ -69,22 +78,36 @@ def _advance(
     inputs: Array,
     h: float,
     tolerance: float,
+    known: bool,
 ) -> tuple[int, float, float]:
-    """From `time` to `end` with constant inputs: status, time reached, next step to try."""
+    """From `time` to `end` with constant inputs: status, time reached, next step to try.
+
+    `known`: the right-hand side was evaluated just before.
+    """
+    span = end - time
     for _ in range(MOST_STEPS):
-        if not scaled_rates(model, work, time, inputs, solver.z, solver.f, solver.y, RATES):
+        if not known and not scaled_rates(
+            model, work, time, inputs, solver.z, solver.f, solver.y, RATES
+        ):
             return NOT_FINITE, time, h
         if _outside(model, work):
             return OUT_OF_STROKE, time, h
         if end - time <= SMALLEST_STEP_S:
             return DONE, end, h
-        if not jacobian(model, work, solver, time, inputs):
+        implicit = solver.stiff[1] > 0
+        if implicit and not jacobian(model, work, solver, time, inputs):
             return NOT_FINITE, time, h
-        step, h = _accepted_step(model, work, solver, time, end, inputs, h, tolerance)
+        step, h = _accepted_step(model, work, solver, time, end, inputs, h, tolerance, implicit)
         if step == 0.0:
             return STEP_TOO_SMALL, time, h
         copy(solver.new, solver.z)
         time += step
+        known = not implicit
+        if implicit:
+            solver.stiff[1] -= 1
+        else:
+            copy(solver.k[EXPLICIT_STAGES - 1], solver.f)
+            watch_stiffness(solver, step, span)
     return TOO_MANY_STEPS, time, h
 
 
@@ -109,6 +132,7 @@ def _to_sample(
     sample: int,
     held: int,
     h: float,
+    known: bool,
 ) -> tuple[int, float, int, float]:
     """From the sample before to `sample`: status, time reached, command that acts, next step."""
     time, status = times[sample - 1], DONE
@@ -118,7 +142,8 @@ def _to_sample(
         if held + 1 < times.shape[0]:
             end = min(end, times[held + 1] + delay)
         copy(commands[held], inputs)
-        status, time, h = _advance(model, work, solver, time, end, inputs, h, tolerance)
+        status, time, h = _advance(model, work, solver, time, end, inputs, h, tolerance, known)
+        known = False
     return status, time, held, h
 
 
@@ -182,7 +207,10 @@ def roll_out(
     m, held, h = model.joint.shape[0], np.int64(0), FIRST_STEP_S
     for sample in range(begin, end):
         if sample > 0:
+            # Where the rails did not change, the rates recorded last are the step's first.
+            known = sample > begin
             for i in range(2):
+                known = known and rails[sample - 1, i] == rails[sample, i]
                 inputs[m + i] = 0.5 * (rails[sample - 1, i] + rails[sample, i])
             for j in range(torques.shape[1]):
                 inputs[m + 2 + j] = torques[sample - 1, j]
@@ -198,11 +226,10 @@ def roll_out(
                 sample,
                 held,
                 h,
+                known,
             )
             if status != DONE:
                 return status, time
-            for i in range(solver.z.shape[0]):
-                solver.y[i] = solver.z[i] * model.scale[i]
         held = _held(times, delay, times[sample], held, sample)
         copy(commands[held], inputs)
         for i in range(2):
@@ -213,7 +240,9 @@ def roll_out(
             right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):
                 solver.z[i] = solver.y[i] / model.scale[i]
-        if not right_hand_side(model, work, times[sample], inputs, solver.y, solver.f, RATES):
+        if not scaled_rates(
+            model, work, times[sample], inputs, solver.z, solver.f, solver.y, RATES
+        ):
             return NOT_FINITE, times[sample]
         _record(model, work, solver, sample, results)
     return DONE, times[end - 1]

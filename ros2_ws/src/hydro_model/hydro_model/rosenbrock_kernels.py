@@ -1,21 +1,19 @@
 """Compiled integration of the model: RODAS, a stiffly accurate Rosenbrock method of order 4(3).
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.7 (code RODAS, method 1):
-L-stable, six stages, one factorisation a step. States are scaled by `ModelArrays.scale`, so that
-radians and pascals are of one size in the linear algebra and in the error norm.
+L-stable, six stages, one factorisation a step: for the stretches that are stiff.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hydro_model.kernel import copy, inlined, kernel
-from hydro_model.robot import FloatArray
-from hydro_model.simulate_arrays import KEEP_MASS, RATES, IntArray
-from hydro_model.simulate_kernels import right_hand_side
+from hydro_model.simulate_arrays import KEEP_MASS, RATES
+from hydro_model.solver_kernels import scaled_rates
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
@@ -50,59 +48,7 @@ C = np.array(
 )
 
 
-class Solver(NamedTuple):
-    """Working memory of the integration for a state of s entries."""
-
-    z: FloatArray  # (s,) scaled state
-    new: FloatArray  # (s,) scaled state after the step
-    y: FloatArray  # (s,) state
-    f: FloatArray  # (s,) scaled right-hand side at z
-    column: FloatArray  # (s,)
-    k: FloatArray  # (STAGES, s)
-    jacobian: FloatArray  # (s, s)
-    matrix: FloatArray  # (s, s)
-    pivot: IntArray  # (s,)
-    tried: IntArray  # (1,) steps
-
-
-def new_solver(size: int) -> Solver:
-    """Working memory for a state of `size` entries."""
-    z, new, y, f, column = np.zeros((5, size))
-    return Solver(
-        z=z,
-        new=new,
-        y=y,
-        f=f,
-        column=column,
-        k=np.zeros((STAGES, size)),
-        jacobian=np.zeros((size, size)),
-        matrix=np.zeros((size, size)),
-        pivot=np.zeros(size, dtype=np.int64),
-        tried=np.zeros(1, dtype=np.int64),
-    )
-
-
 _DIFFERENCE = 1.5e-8  # square root of the rounding unit
-
-
-@inlined
-def scaled_rates(
-    model: Any,
-    work: Any,
-    time: float,
-    inputs: Array,
-    z: Array,
-    dz: Array,
-    y: Array,
-    mode: int,
-) -> bool:
-    """Right-hand side of the scaled state `z` into `dz`; False where it fails."""
-    for i in range(z.shape[0]):
-        y[i] = z[i] * model.scale[i]
-    good: bool = right_hand_side(model, work, time, inputs, y, dz, mode)
-    for i in range(z.shape[0]):
-        dz[i] /= model.scale[i]
-    return good
 
 
 @kernel

@@ -162,7 +162,7 @@ def _run(
     tolerance: float,
 ) -> Rollout:
     from hydro_model.rollout_kernels import DONE, roll_out
-    from hydro_model.rosenbrock_kernels import new_solver
+    from hydro_model.solver_kernels import new_solver
 
     count, m = commands.shape
     model = models[0][1]

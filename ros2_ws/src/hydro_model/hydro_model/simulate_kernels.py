@@ -7,7 +7,7 @@ from typing import Any
 
 from hydro_model.composite_kernels import solve_spd
 from hydro_model.effects.compiled import call_law
-from hydro_model.kernel import kernel
+from hydro_model.kernel import inlined, kernel
 from hydro_model.rigid_body_kernels import mass_matrix_and_bias
 from hydro_model.signal_kernels import look, look_aside, look_at_tip
 from hydro_model.signals import (
@@ -60,13 +60,13 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 _SMOOTH_SQUARED = SMOOTH_PRESSURE_PA**2
 
 
-@kernel
+@inlined
 def _root(d: float) -> float:
     """Smoothed signed square root, as `hydro_model.valve.signed_root`."""
     return d / math.sqrt(math.sqrt(d * d + _SMOOTH_SQUARED))
 
 
-@kernel
+@inlined
 def _states(model: Any, s: Array, effect: int, y: Array, dy: Array, drive: int, mode: int) -> None:
     """Internal states of an effect into its signals; if driven, their rates or rest values."""
     first = model.owners[effect, FIRST_STATE]
@@ -110,7 +110,7 @@ def _apply(
     return value
 
 
-@kernel
+@inlined
 def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
     """Flows into the chambers of cylinder i (eqs. 11 to 13); adds to the robot's sums."""
     m = model.joint.shape[0]
@@ -126,7 +126,7 @@ def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
     return from_pump_a - to_tank_a, from_pump_b - to_tank_b
 
 
-@kernel
+@inlined
 def _cylinder(
     model: Any, work: Any, y: Array, dy: Array, i: int, time: float, u: float, mode: int
 ) -> None:
@@ -150,7 +150,7 @@ def _cylinder(
     work.force[model.joint[i]] += s[LEVER] * (s[PISTON_FORCE] - work.friction[i])
 
 
-@kernel
+@inlined
 def _dry(model: Any, work: Any, y: Array, dy: Array, d: int, time: float, mode: int) -> None:
     """Friction of a joint without cylinder, on which the piston is the joint itself."""
     n, m = model.axis.shape[0], model.joint.shape[0]

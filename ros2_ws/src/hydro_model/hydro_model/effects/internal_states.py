@@ -1,10 +1,9 @@
 """Internal states of an effect along a recording, integrated between its samples.
 
-Dormand and Prince, A family of embedded Runge-Kutta formulae, J. Computational and Applied
-Mathematics 6 (1980): order 5, steps as long as its fourth-order companion allows. How fast the
-states are follows from the effect's parameters and the motion and differs by orders of magnitude,
-so no fixed step would do. Errors are measured against the largest value that a state had so far,
-which makes them free of units.
+Steps are as long as the error of the Runge-Kutta formula (`hydro_model.dormand_prince`) allows:
+how fast the states are follows from the effect's parameters and the motion and differs by orders
+of magnitude, so no fixed step would do. Errors are measured against the largest value that a state
+had so far, which makes them free of units.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hydro_model.dormand_prince import AT, ERROR, STAGES, WEIGHTS
 from hydro_model.effects.compiled import call_law, law_address, signals_read
 from hydro_model.effects.law import InternalState, Law
 from hydro_model.kernel import copy, kernel
@@ -42,22 +42,6 @@ _SHORTEST = 1.0 / 4096.0
 #: How much smaller the error of half a step is, and by how much it should be for a double one.
 #: Steps are samples divided by powers of two: so rounding does not change which ones are taken.
 _HALVED, _DOUBLED = 32.0, 64.0
-_STAGES = 7
-_AT = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-_WEIGHTS = np.array(
-    [
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
-        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
-        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-_ERROR = np.array(
-    [71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40]
-)  # fmt: skip
 
 
 class _Laws(NamedTuple):
@@ -75,7 +59,7 @@ class _Memory(NamedTuple):
     row: FloatArray  # (SIGNAL_COUNT,)
     start: FloatArray  # (k,) states before the step
     largest: FloatArray  # (k,) that they were so far
-    stages: FloatArray  # (_STAGES, k) rates
+    stages: FloatArray  # (STAGES, k) rates
 
 
 @kernel
@@ -93,13 +77,13 @@ def _try_step(
     The step begins at a part of the sample, has a length in samples and one in seconds.
     """
     row, stages = memory.row, memory.stages
-    for j in range(1, _STAGES):
+    for j in range(1, STAGES):
         for i in range(laws.rate.shape[0]):
             total = 0.0
             for b in range(j):
-                total += _WEIGHTS[j, b] * stages[b, i]
+                total += WEIGHTS[j, b] * stages[b, i]
             row[STATE_0 + i] = memory.start[i] + step * total
-        part = begin + _AT[j] * length
+        part = begin + AT[j] * length
         for c in laws.moving:
             row[c] = now[c] + part * (after[c] - now[c])
         _rates(laws, row, stages[j])
@@ -111,8 +95,8 @@ def _error(memory: Any, step: float) -> float:
     worst = 0.0
     for i in range(memory.largest.shape[0]):
         error = 0.0
-        for j in range(_STAGES):
-            error += _ERROR[j] * memory.stages[j, i]
+        for j in range(STAGES):
+            error += ERROR[j] * memory.stages[j, i]
         if error != 0.0:
             size = max(memory.largest[i], abs(memory.row[STATE_0 + i]))
             ratio = abs(step * error) / (_TOLERANCE * size)
@@ -145,7 +129,7 @@ def _to_next(
         if error * _DOUBLED < 1.0:
             # A step cut short by the sample's end says nothing against a longer one.
             length = max(length, min(2.0 * tried, 1.0))
-        copy(stages[_STAGES - 1], stages[0])
+        copy(stages[STAGES - 1], stages[0])
         for i in range(start.shape[0]):
             largest[i] = max(largest[i], abs(states[i]))
     return length
@@ -208,7 +192,7 @@ def follow_states(
         row=np.full(SIGNAL_COUNT, np.nan),
         start=np.empty(size),
         largest=np.zeros(size),
-        stages=np.empty((_STAGES, size)),
+        stages=np.empty((STAGES, size)),
     )
     out = np.empty(len(signals))
     _follow(_laws(states, law, parameters), memory, signals, float(sample_time_s), out)

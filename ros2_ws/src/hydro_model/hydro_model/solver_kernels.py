@@ -1,0 +1,75 @@
+"""What the integrators of the model share: working memory and the right-hand side, scaled.
+
+States are scaled by `ModelArrays.scale`, so that radians and pascals are of one size in the linear
+algebra and in the error norms.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hydro_model.dormand_prince import STAGES
+from hydro_model.kernel import inlined
+from hydro_model.robot import FloatArray
+from hydro_model.simulate_arrays import IntArray
+from hydro_model.simulate_kernels import right_hand_side
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+
+class Solver(NamedTuple):
+    """Working memory of the integration for a state of s entries."""
+
+    z: FloatArray  # (s,) scaled state
+    new: FloatArray  # (s,) scaled state after the step
+    y: FloatArray  # (s,) state
+    f: FloatArray  # (s,) scaled right-hand side at z
+    column: FloatArray  # (s,)
+    k: FloatArray  # (STAGES, s) of the formula with the most
+    jacobian: FloatArray  # (s, s)
+    matrix: FloatArray  # (s, s)
+    pivot: IntArray  # (s,)
+    tried: IntArray  # (1,) steps
+    speed: FloatArray  # (1,) the fastest rate that the latest explicit step saw, 1/s
+    stiff: IntArray  # (2,) explicit steps that were held short, implicit ones still to be made
+
+
+def new_solver(size: int) -> Solver:
+    """Working memory for a state of `size` entries."""
+    z, new, y, f, column = np.zeros((5, size))
+    return Solver(
+        z=z,
+        new=new,
+        y=y,
+        f=f,
+        column=column,
+        k=np.zeros((STAGES, size)),
+        jacobian=np.zeros((size, size)),
+        matrix=np.zeros((size, size)),
+        pivot=np.zeros(size, dtype=np.int64),
+        tried=np.zeros(1, dtype=np.int64),
+        speed=np.zeros(1),
+        stiff=np.zeros(2, dtype=np.int64),
+    )
+
+
+@inlined
+def scaled_rates(
+    model: Any,
+    work: Any,
+    time: float,
+    inputs: Array,
+    z: Array,
+    dz: Array,
+    y: Array,
+    mode: int,
+) -> bool:
+    """Right-hand side of the scaled state `z` into `dz`; False where it fails."""
+    for i in range(z.shape[0]):
+        y[i] = z[i] * model.scale[i]
+    good: bool = right_hand_side(model, work, time, inputs, y, dz, mode)
+    for i in range(z.shape[0]):
+        dz[i] /= model.scale[i]
+    return good
