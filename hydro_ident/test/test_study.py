@@ -17,7 +17,9 @@ from hydro_hw_bridge.rig.extras import Extras
 from hydro_hw_bridge.rig.random_truth import plain_truth
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.study import frozen_seed, run
+from hydro_ident.design.limits import fits
 from hydro_ident.errors import IdentError
+from hydro_ident.experiment import LIMITS
 from hydro_ident.study.conceal import ANSWERS, CASES, TRUTHS, diagnose_case, write_case
 from hydro_ident.study.detection_limit import (
     HALF_POWER,
@@ -25,7 +27,7 @@ from hydro_ident.study.detection_limit import (
     detectability,
     noise_spectra,
 )
-from hydro_ident.study.experiments import Motion
+from hydro_ident.study.experiments import Motion, work
 from hydro_ident.study.generate import KNOWN, OUTSIDE, CaseSpec, kinds, make_case, truth_record
 from hydro_ident.study.hidden import Machine, Scene, machine_extras
 from hydro_ident.study.leaks import leak, outward
@@ -175,6 +177,19 @@ def test_random_cranes_read_back_and_differ(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.link_inertia, robots[0].link_inertia)
     for robot in robots:
         plain_truth(robot, 1)
+
+
+def test_work_goes_round_the_same_stations_within_the_limits(crane: Robot) -> None:
+    train, check = work(crane, 3)
+    assert (len(train.q), len(check.q)) == (30_000, 20_000)
+    np.testing.assert_array_equal(work(crane, 3)[0].q, train.q)
+    qdd = np.gradient(train.qd, 2e-3, axis=0)
+    assert fits(crane, LIMITS, train.q[::10], train.qd[::10], 0.9 * qdd[::10])
+    rests = train.q[500:][np.all(train.qd[500:] == 0.0, axis=1)]
+    stations, visits = np.unique(np.round(rests, 6), axis=0, return_counts=True)
+    assert 3 <= len(stations) <= 7
+    # Held for 0.3 to 1.5 s each time: longer in all is more than once.
+    assert np.sum(visits > 800) >= 2
 
 
 @pytest.fixture(scope="module")
