@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hydro_ident.study.page import with_tables
+
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "hydro_msgs_docs/results"
 ROWS = ("nominal_70bar", "nominal_35bar", "identified")
@@ -17,6 +19,11 @@ ROWS = ("nominal_70bar", "nominal_35bar", "identified")
 def demo() -> dict[str, dict[str, float]]:
     rows: dict[str, dict[str, float]] = json.loads((RESULTS / "demo_tracking.json").read_text())
     return rows
+
+
+def test_the_study_tables_are_the_committed_results() -> None:
+    text = (ROOT / "hydro_msgs_docs/study.md").read_text(encoding="utf-8")
+    assert with_tables(text, RESULTS) == text
 
 
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])

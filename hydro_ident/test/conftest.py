@@ -22,6 +22,11 @@ Columns = Mapping[str, tuple[tuple[str, ...], Mapping[str, np.ndarray]]]
 WriteBag = Callable[..., Path]
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker of this folder's own."""
+    config.addinivalue_line("markers", "study: makes and diagnoses cases of the study (minutes)")
+
+
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot("xs031")

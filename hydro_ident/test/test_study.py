@@ -16,16 +16,18 @@ import pytest
 from hydro_hw_bridge.rig.extras import Extras
 from hydro_hw_bridge.rig.random_truth import plain_truth
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.commands.study import frozen_seed, run
+from hydro_ident.commands.study import frozen_seed, one_case, run
+from hydro_ident.design.limits import fits
 from hydro_ident.errors import IdentError
-from hydro_ident.study.conceal import ANSWERS, CASES, TRUTHS, diagnose_case, write_case
+from hydro_ident.experiment import LIMITS
+from hydro_ident.study.conceal import ANSWERS, CASES, TRUTHS, diagnose_case, write_case, write_json
 from hydro_ident.study.detection_limit import (
     HALF_POWER,
     channel_names,
     detectability,
     noise_spectra,
 )
-from hydro_ident.study.experiments import Motion
+from hydro_ident.study.experiments import Motion, work
 from hydro_ident.study.generate import KNOWN, OUTSIDE, CaseSpec, kinds, make_case, truth_record
 from hydro_ident.study.hidden import Machine, Scene, machine_extras
 from hydro_ident.study.leaks import leak, outward
@@ -177,6 +179,19 @@ def test_random_cranes_read_back_and_differ(tmp_path: Path) -> None:
         plain_truth(robot, 1)
 
 
+def test_work_goes_round_the_same_stations_within_the_limits(crane: Robot) -> None:
+    train, check = work(crane, 3)
+    assert (len(train.q), len(check.q)) == (30_000, 20_000)
+    np.testing.assert_array_equal(work(crane, 3)[0].q, train.q)
+    qdd = np.gradient(train.qd, 2e-3, axis=0)
+    assert fits(crane, LIMITS, train.q[::10], train.qd[::10], 0.9 * qdd[::10])
+    rests = train.q[500:][np.all(train.qd[500:] == 0.0, axis=1)]
+    stations, visits = np.unique(np.round(rests, 6), axis=0, return_counts=True)
+    assert 3 <= len(stations) <= 7
+    # Held for 0.3 to 1.5 s each time: longer in all is more than once.
+    assert np.sum(visits > 800) >= 2
+
+
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory, motion: Motion) -> tuple[Path, list[Any]]:
     """Four cases of one crane, with short motions in place of designed ones."""
@@ -275,6 +290,8 @@ def test_diagnosis_runs_where_the_truth_is_not(study: tuple[Path, list[Any]]) ->
     assert (out / ANSWERS / f"{cases[1].spec.name}.json").is_file()
     with pytest.raises(IdentError, match="no such case"):
         diagnose_case("absent", out)
+    with pytest.raises(IdentError, match="folder of the study's own"):
+        diagnose_case("absent", Path(sys.prefix).parent)
 
 
 def test_a_diagnosis_that_looks_for_the_truth_finds_none(study: tuple[Path, list[Any]]) -> None:
@@ -376,6 +393,35 @@ def test_seed_from_a_commit() -> None:
     assert frozen_seed("abc1234") == frozen_seed("ABC1234") != frozen_seed("abc1235")
     with pytest.raises(IdentError, match="expected --frozen"):
         frozen_seed("main")
+
+
+def test_a_stopped_case_goes_on_where_it_was(
+    study: tuple[Path, list[Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec, robot = study[1][0].spec, study[1][0].robot
+    asked: list[int] = []
+
+    def answer(name: str, out: Path) -> dict[str, Any]:
+        asked.append(sum(1 for _ in (out / CASES / name).rglob("*.mcap")))
+        result = {"verdict": "matches", "findings": [], "unexplained": []}
+        content = {"exit": 0, "seconds": 1.0, "result": result}
+        write_json(out / ANSWERS / f"{name}.json", content)
+        return content
+
+    monkeypatch.setattr("hydro_ident.study.conceal.diagnose_case", answer)
+    monkeypatch.setattr("hydro_ident.study.robots.study_robot", lambda *which: robot)
+    monkeypatch.setattr("hydro_ident.study.generate.work", lambda *which: robot.excitation)
+    write_json(tmp_path / "plan.json", {"cases": 4, "seed": spec.seed, "frozen": None})
+    row = one_case(spec, tmp_path, False, False)
+    assert (row["kind"], row["findings"]) == ("clean", 0)
+    assert not (tmp_path / CASES / spec.name).exists()
+    assert one_case(spec, tmp_path, False, False) == row
+    assert asked == [2]
+    # Stopped before the answer, and after the recordings were taken away: made again, the same.
+    (tmp_path / ANSWERS / f"{spec.name}.json").unlink()
+    assert one_case(spec, tmp_path, False, True) == row
+    assert asked == [2, 2]
+    assert (tmp_path / CASES / spec.name).is_dir()
 
 
 def test_another_plan_in_the_same_folder_is_refused(tmp_path: Path) -> None:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hydro_ident.errors import IdentError
+from hydro_ident.study.conceal import ANSWERS, TRUTHS, write_json
 from hydro_ident.study.generate import KNOWN
 from hydro_ident.study.goals import GOALS
 from hydro_ident.study.intervals import Mean, Rate, mean, rate
+from hydro_ident.study.page import BEGIN, END, with_tables
+from hydro_ident.study.publish import publish, summary_text
 from hydro_ident.study.score import score_case
 from hydro_ident.study.sizes import READINGS, found_interval, found_size
 from hydro_ident.study.summary import shuffled, summarise
@@ -246,6 +251,51 @@ def test_goals_are_held_against_the_table() -> None:
     assert met["outside_unknown"] is None
     for goal in GOALS:
         assert goal.key in table[goal.section], goal.key
+
+
+@pytest.fixture
+def published(tmp_path: Path) -> dict[str, Any]:
+    """A study of three cases with answers made up, published."""
+    truths = [
+        _truth(kind="clean", case="a"),
+        _truth(_effect("coulomb_friction"), case="b"),
+        _truth(_effect("valve_hum", channels=["lift/flow_a"]), kind="outside", case="c"),
+    ]
+    guess = {"verdict": "explained", "findings": [_finding("coulomb_friction")], "seconds": 0.1}
+    for truth in truths:
+        found = [_finding("coulomb_friction")] if truth["case"] == "b" else []
+        answer = {**_answer(*found), "baselines": {"always_coulomb": guess}, "secluded": True}
+        write_json(tmp_path / TRUTHS / f"{truth['case']}.json", truth)
+        write_json(tmp_path / ANSWERS / f"{truth['case']}.json", answer)
+    plan = {"cases": 3, "seed": 4, "frozen": None}
+    return publish(tmp_path, ["a", "b", "c"], plan)
+
+
+def test_baselines_are_scored_by_the_same_rules(published: dict[str, Any]) -> None:
+    own, coulomb = published["table"]["rates"], published["baselines"]["always_coulomb"]["rates"]
+    assert own["in_set"]["share"] == coulomb["in_set"]["share"] == 1.0
+    assert (own["clean_with_finding"]["hits"], coulomb["clean_with_finding"]["hits"]) == (0, 1)
+    assert (own["outside_wrong_name"]["hits"], coulomb["outside_wrong_name"]["hits"]) == (0, 1)
+    assert published["baselines"]["greedy_bic"]["rates"]["detected"]["hits"] == 0
+    assert published["secluded"] == rate([True] * 3).content()
+    assert published["command"] == "study --cases 3 --seed 4"
+    assert "detected" in summary_text(published)
+
+
+def test_page_shows_the_published_figures(published: dict[str, Any], tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    page = f"before {BEGIN} old {END} after"
+    assert "No study has been published" in with_tables(page, results)
+    write_json(results / "study_tuning.json", published)
+    write_json(results / "study.json", published)
+    text = with_tables(page, results)
+    assert "| detected | >= 97.0 % | 1/1, 100.0 % [2.5 %, 100.0 %] | met |" in text
+    assert "| outside the catalogue: reported unknown | >= 90.0 % | 0/1, 0.0 %" in text
+    assert "not met" in text
+    assert "| coulomb_friction | coulomb_friction 1 |" in text
+    assert with_tables(text, results) == text
+    with pytest.raises(IdentError, match="expected '<!-- study results"):
+        with_tables("no place", results)
 
 
 def test_size_interval_follows_from_the_covariance() -> None:

@@ -259,10 +259,16 @@ def _generate(spec: CaseSpec, out: Path) -> str:
 
 def _oracle(out: Path, truth: dict[str, Any]) -> dict[str, Any]:
     """What the oracle says of a case, after the diagnosis; an empty mapping where it cannot."""
+    import numpy as np
+
+    from hydro_ident.errors import IdentError
     from hydro_ident.study.conceal import CASES, ORACLES, write_json
     from hydro_ident.study.oracle import oracle_case
 
-    found = oracle_case(out / CASES / truth["case"], truth) or {}
+    try:
+        found = oracle_case(out / CASES / truth["case"], truth) or {}
+    except (IdentError, np.linalg.LinAlgError) as error:
+        found = {"error": str(error)}
     write_json(out / ORACLES / f"{truth['case']}.json", found)
     return found
 

@@ -68,10 +68,18 @@ class Program:
         segments = self.segments(entries)
         if not fits(self.robot, self.limits, *sampled(segments)):
             return False
+        self._append(entries, segments)
+        return True
+
+    def again(self, entries: Sequence[Entry]) -> None:
+        """Append entries that were found to fit from this very pose before."""
+        if entries:
+            self._append(entries, self.segments(entries))
+
+    def _append(self, entries: Sequence[Entry], segments: Sequence[Segment]) -> None:
         self.entries += entries
         self.at = np.asarray(segments[-1].sample(segments[-1].duration_s)[0])
         self.duration_s += sum(segment.duration_s for segment in segments)
-        return True
 
     def all_segments(self) -> list[Segment]:
         """The whole program."""

@@ -53,18 +53,29 @@ def baseline_result(found: Sequence[BaselineFinding]) -> dict[str, Any]:
 
 
 def baselines_of(work: Residuals | None) -> dict[str, Any]:
-    """Both baselines on what the diagnosis looked at; `seconds` each, of processor time."""
+    """Both baselines on what the diagnosis looked at; `seconds` each, of processor time.
+
+    One that breaks down has no answer, and an `error`.
+    """
+    import numpy as np
+
     from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 
     chosen: dict[str, Callable[[Residuals], tuple[BaselineFinding, ...]]] = {
         "greedy_bic": greedy_bic,
         "always_coulomb": always_coulomb,
     }
-    answers = {}
+    found: tuple[BaselineFinding, ...]
+    answers = dict[str, Any]()
     for name, baseline in chosen.items():
         start = time.process_time()
-        found = () if work is None else baseline(work)
-        answers[name] = {**baseline_result(found), "seconds": time.process_time() - start}
+        found, error = (), ""
+        try:
+            found = () if work is None else baseline(work)
+        except np.linalg.LinAlgError as failure:
+            error = str(failure)
+        answers[name] = {**baseline_result(found), "error": error}
+        answers[name]["seconds"] = time.process_time() - start
     return answers
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from hydro_hw_bridge.rig.readings import read_pressures
-from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE, FloatArray, encode
+from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE, FloatArray, encode, layout_of
 from hydro_ident.bag.provenance import software_version
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.traces import Drive
@@ -19,6 +21,7 @@ from hydro_msgs_docs.topics import (
     VALVE_STATE,
 )
 
+IndexArray = npt.NDArray[np.int64]
 _SECOND_NS = 1_000_000_000
 #: Recordings lie anywhere within this many seconds from the first of them.
 FIRST_S, SPAN_S = 1_767_225_600, 10_000_000
@@ -59,17 +62,34 @@ def write_run(
         (VALVE_STATE, robot.valve_names, {"effort": volts}),
     )
     metadata = {"robot": robot.name, "software": software_version(), "note": ""}
-    every = round(1.0 / track.cycle_s)
+    every, stamps = round(1.0 / track.cycle_s), start_ns + cycle_ns * np.arange(len(volts))
+    encoded = [(topic, *_encoded(names, stamps, values)) for topic, names, values in columns]
     with BagWriter(folder, metadata) as writer:
         for topic, _, _ in columns:
             writer.add_topic(topic, JOINT_STATE)
         if temperature_c is not None:
             writer.add_topic(OIL_TEMPERATURE, TEMPERATURE)
         for k in range(len(volts)):
-            stamp = start_ns + k * cycle_ns
-            for topic, entries, values in columns:
-                row = {field: array[k] for field, array in values.items()}
-                writer.write(topic, encode(JOINT_STATE, stamp, row, names=entries), stamp)
+            stamp = int(stamps[k])
+            for topic, data, size in encoded:
+                writer.write(topic, data[k * size : (k + 1) * size], stamp)
             if temperature_c is not None and k % every == 0:
                 reading = {"temperature": round(float(temperature_c[k // every]), 1)}
                 writer.write_stamped(OIL_TEMPERATURE, stamp, reading)
+
+
+def _encoded(
+    names: tuple[str, ...], stamps: IndexArray, values: Mapping[str, FloatArray]
+) -> tuple[bytes, int]:
+    """Messages of a topic one after the other, and the size of each: all are laid out alike."""
+    first = encode(JOINT_STATE, int(stamps[0]), {f: v[0] for f, v in values.items()}, names=names)
+    rows = np.tile(np.frombuffer(first, dtype=np.uint8), (len(stamps), 1))
+    # Behind the encapsulation: the stamp's seconds and nanoseconds.
+    for begin, numbers in ((4, stamps // _SECOND_NS), (8, stamps % _SECOND_NS)):
+        rows[:, begin : begin + 4] = numbers.astype("<u4")[:, None].view(np.uint8)
+    offsets = layout_of(first, JOINT_STATE).values
+    for field, array in values.items():
+        begin, count = offsets[field]
+        numbers = np.ascontiguousarray(array, dtype="<f8")
+        rows[:, begin : begin + 8 * count] = numbers.view(np.uint8).reshape(len(stamps), -1)
+    return rows.tobytes(), len(first)

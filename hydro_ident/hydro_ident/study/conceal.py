@@ -122,8 +122,13 @@ def diagnose_case(name: str, out: Path, command: Sequence[str] = ANSWER) -> dict
     Raises
     ------
     IdentError
-        There is no such case.
+        There is no such case, or the study's folder holds what the process needs.
     """
+    needed = (Path(tempfile.gettempdir()), Path(sys.prefix), Path(__file__))
+    if any(path.resolve().is_relative_to(out.resolve()) for path in needed):
+        raise IdentError(
+            f"{out}: expected a folder of the study's own, found software or temporary files in it"
+        )
     source = out / CASES / name
     if not source.is_dir():
         raise IdentError(f"{source}: no such case, expected its recordings")

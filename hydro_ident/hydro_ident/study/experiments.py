@@ -11,7 +11,7 @@ import numpy as np
 
 from hydro_hw_bridge.rig.following import Servo
 from hydro_ident.design.limits import half_range, middle, natural_frequencies_hz
-from hydro_ident.design.program import Program
+from hydro_ident.design.program import Entry, Program
 from hydro_ident.errors import IdentError
 from hydro_ident.experiment import LIMITS, design_excitation, design_validation
 from hydro_model.cylinder import lever
@@ -87,17 +87,19 @@ def _cycles(robot: Robot, seed: int, duration_s: float) -> Motion:
         centre + half * random.uniform(-0.6, 0.6, robot.dof) for _ in range(random.integers(3, 6))
     ]
     shortest = float(random.uniform(1.5, 3.0))
-    failures = 0
+    failures, ways = 0, dict[tuple[object, ...], list[Entry] | None]()
     while program.duration_s < duration_s - START_S and failures < 40:
-        for station in stations:
-            trial = program.copy()
-            try:
-                trial.move(station, at_least_s=shortest)
-            except IdentError:
+        for number, station in enumerate(stations):
+            # Round after round the same ways between the same stations.
+            key = (number, *np.round(program.at, 9).tolist())
+            if key not in ways:
+                ways[key] = _way(program, station, shortest)
+            way = ways[key]
+            if way is None:
                 failures += 1
                 continue
-            trial.hold(float(random.uniform(0.3, 1.5)))
-            program.take(trial)
+            program.again(way)
+            program.hold(float(random.uniform(0.3, 1.5)))
     if not program.entries:
         raise IdentError(f"robot {robot.name}: no station of seed {seed} can be reached")
     at, segments = np.asarray(program.start, dtype=float), []
@@ -107,6 +109,16 @@ def _cycles(robot: Robot, seed: int, duration_s: float) -> Motion:
         segments += fresh
     path = JointPath(tuple(segments), joints=robot.joint_names)
     return _sampled(robot, "work", path, duration_s)
+
+
+def _way(program: Program, station: FloatArray, shortest: float) -> list[Entry] | None:
+    """What leads to a station from where a program stands; None where nothing does."""
+    trial = program.copy()
+    try:
+        trial.move(station, at_least_s=shortest)
+    except IdentError:
+        return None
+    return trial.entries[len(program.entries) :]
 
 
 def _sampled(robot: Robot, kind: Kind, path: JointPath, duration_s: float) -> Motion:

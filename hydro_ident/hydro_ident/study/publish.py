@@ -51,9 +51,11 @@ def publish(out: Path, names: Sequence[str], plan: Mapping[str, Any]) -> dict[st
     oracles = [_oracle(out, name) for name in names]
     dealt = shuffled(truths, int(plan["seed"]) + 1)
 
-    def table(held: Sequence[Mapping[str, Any]], given: Sequence[Mapping[str, Any]]) -> Any:
-        scores = [score_case(*row) for row in zip(held, given, oracles, strict=True)]
-        return summarise(scores).content()
+    def table(given: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        rows = zip(truths, given, oracles, strict=True)
+        return summarise([score_case(*row) for row in rows]).content()
+
+    chance = [score_case(t, a) for t, a in zip(dealt, answers, strict=True)]
 
     content = {
         "schema": SCHEMA,
@@ -61,12 +63,11 @@ def publish(out: Path, names: Sequence[str], plan: Mapping[str, Any]) -> dict[st
         "plan": dict(plan),
         "software": software_version(),
         "done": len(names),
-        "table": table(truths, answers),
+        "table": table(answers),
         "baselines": {
-            name: table(truths, [_answer_of(name, answer) for answer in answers])
-            for name in BASELINES
+            name: table([_answer_of(name, answer) for answer in answers]) for name in BASELINES
         },
-        "shuffled": table(dealt, answers),
+        "shuffled": summarise(chance).content(),
         "secluded": rate([bool(answer.get("secluded")) for answer in answers]).content(),
         "outward": leak(truths),
     }

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _TOOLS = ("unshare", "mount", "setpriv", "sh")
-#: Covers the folder, leaves by its working directory and comes back (it may have been inside the
-#: old tree), gives every capability up, and becomes the program.
+#: Covers the folder, gives every capability up (for good: what it starts gets none back), and
+#: becomes the program.
 _SCRIPT = (
     'mount -t tmpfs -o ro,size=4k,mode=555 none "$1" && shift'
     ' && exec setpriv --bounding-set=-all --inh-caps=-all --no-new-privs -- "$@"'

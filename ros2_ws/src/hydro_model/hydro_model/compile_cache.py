@@ -11,7 +11,8 @@ import os
 import shutil
 from pathlib import Path
 
-_KEPT = 4
+#: Working copies and versions whose kernels are kept: those that were used last.
+_KEPT = 16
 
 
 def source_state() -> str:
@@ -37,15 +38,17 @@ def use_user_cache() -> None:
     folder = base / source_state()
     try:
         if not folder.is_dir():
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)
             _prune(base)
+        # Used now: another copy's process that prunes will not take these away from a run.
+        os.utime(folder)
     except OSError:
         return  # no home to write to: numba then compiles anew each time
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
 
 
 def _prune(base: Path) -> None:
-    """Forget the caches of all but the newest states of the sources."""
+    """Forget the caches of all but the states of the sources that were used last."""
     folders = sorted(base.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
     for old in folders[_KEPT:]:
         shutil.rmtree(old, ignore_errors=True)

@@ -1,0 +1,127 @@
+"""Twelve cases of the concealed-physics study, made, hidden, diagnosed and scored on the fly.
+
+Short recordings of cranes with one joint: a share of the study that a test suite has time for.
+What is asserted is how the twelve fare together. Strong effects are picked by their limits of
+detection, which are fixed before any diagnosis.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.study.conceal import TRUTHS, diagnose_case, read_json, write_case
+from hydro_ident.study.experiments import Motion
+from hydro_ident.study.generate import CaseKind, CaseSpec, make_case
+from hydro_ident.study.machines import random_crane
+from hydro_ident.study.oracle import oracle_case
+from hydro_ident.study.robots import StudyRobot
+from hydro_ident.study.score import CaseScore, score_case
+from hydro_ident.study.summary import STRONG, Summary, summarise
+from hydro_model.robot import Robot
+
+pytestmark = pytest.mark.study
+
+SEED = 20
+#: Seeds of cranes that have one joint.
+CRANES = (3, 29)
+WANTED: tuple[tuple[CaseKind, int], ...] = (("single", 6), ("clean", 4), ("outside", 2))
+TRAIN_S, CHECK_S, STEP_S = 24.0, 16.0, 2e-3
+
+
+def _motion(crane: Robot, duration_s: float, phase: float) -> Motion:
+    """Slow and quick sweeps about the middle of the range, with a pause."""
+    (joint,) = crane.joints
+    t = np.arange(0.0, duration_s, STEP_S)
+    ease = np.clip(t / 2.0, 0.0, 1.0)
+    fade = (
+        ease * ease * (3.0 - 2.0 * ease) * np.where(np.abs(t - 0.6 * duration_s) < 0.6, 0.0, 1.0)
+    )
+    half = 0.5 * (joint.upper - joint.lower)
+    slow = 0.28 * half * 0.9 * np.cos(0.9 * t + phase)
+    middle = 0.12 * half * 2.3 * np.cos(2.3 * t + 2.0 * phase)
+    quick = 0.02 * half * 6.5 * np.cos(6.5 * t + 3.0 * phase)
+    rate = (fade * (slow + middle + quick))[:, None]
+    q = 0.5 * (joint.upper + joint.lower) + np.cumsum(rate, axis=0) * STEP_S
+    return Motion("excite", q, rate)
+
+
+def _cranes(out: Path) -> Iterator[StudyRobot]:
+    for number, seed in enumerate(CRANES):
+        folder = out / "robots" / f"{number:02d}"
+        _, robot = random_crane(f"crane_{number:02d}", seed, folder)
+        motions = _motion(robot, TRAIN_S, 0.0), _motion(robot, CHECK_S, 1.3)
+        yield StudyRobot(folder, robot, motions)
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> list[CaseScore]:
+    out = tmp_path_factory.mktemp("cases")
+    robots, names, hidden = list(_cranes(out)), list[str](), set[str]()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hydro_ident.study.experiments.TRAIN_S", TRAIN_S)
+        patch.setattr("hydro_ident.study.experiments.CHECK_S", CHECK_S)
+        indices = itertools.count()
+        for kind, count in WANTED:
+            for _ in range(count):
+                names.append(_strong_case(kind, indices, robots, out, hidden))
+
+    def answer(name: str) -> CaseScore:
+        truth = read_json(out / TRUTHS / f"{name}.json")
+        found = diagnose_case(name, out)
+        return score_case(truth, found, oracle_case(out / "cases" / name, truth))
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(answer, names))
+
+
+def _strong_case(
+    kind: CaseKind,
+    indices: Iterator[int],
+    robots: list[StudyRobot],
+    out: Path,
+    hidden: set[str],
+) -> str:
+    """Write the next case whose effect, if it has one, is strong and another than before."""
+    while True:
+        case = make_case(CaseSpec(SEED, next(indices), kind), robots)
+        new = {one.hidden.name for one in case.planted}
+        if not new & hidden and all(p.size >= STRONG * p.visible.limit for p in case.planted):
+            hidden |= new
+            write_case(case, out)
+            return case.spec.name
+
+
+@pytest.fixture(scope="module")
+def table(scores: list[CaseScore]) -> Summary:
+    return summarise(scores)
+
+
+def test_every_case_is_answered(scores: list[CaseScore]) -> None:
+    assert [s.exit for s in scores] == [0] * 12
+    assert {s.kind for s in scores} == {"single", "clean", "outside"}
+
+
+def test_strong_effects_are_found_and_named(table: Summary, scores: list[CaseScore]) -> None:
+    assert table.rates["in_set"].of == 6
+    assert table.rates["in_set"].hits >= 5, scores
+    assert table.rates["detected"].hits >= 5, scores
+
+
+def test_clean_recordings_are_left_alone(table: Summary, scores: list[CaseScore]) -> None:
+    assert table.rates["clean_with_finding"].hits == 0, scores
+
+
+def test_physics_of_no_catalogue_gets_no_name(table: Summary, scores: list[CaseScore]) -> None:
+    assert table.rates["outside_wrong_name"].hits == 0, scores
+
+
+def test_the_fit_is_about_as_good_as_one_that_was_told(table: Summary) -> None:
+    told = table.numbers["median_heldout_ratio"]
+    assert told is not None
+    assert told < 1.1
