@@ -171,6 +171,10 @@ def _functions(
     values = {
         name: row_values(predictor, fitted, channel, index) for name, index in SIGNALS.items()
     }
+    if not material.is_flow(channel):
+        # The residual is part of the measured force: against that, it would follow itself.
+        values["piston_force"] = values["piston_force"] - fitted.residual
+        values["pressure_a"] = values["pressure_a"] - fitted.residual / _area_a(material, channel)
     factor = values["valve_signal" if material.is_flow(channel) else "piston_velocity"]
     kind = "valve_signal" if material.is_flow(channel) else "direction"
     usual = float(np.nanstd(factor[own])) or 1.0
@@ -189,6 +193,13 @@ def _functions(
         if np.isfinite(rounded[own]).all():
             result.append((name, kind, knots, hats * np.where(own, rounded, 0.0)[:, None]))
     return result
+
+
+def _area_a(material: Material, channel: int) -> float:
+    """Bore area of the channel's cylinder, m^2; of a joint without one, infinite."""
+    joint = material.robot.joint_names[material.joint_of(channel)]
+    areas = [c.area_a_m2 for c in material.robot.cylinders if c.joint == joint]
+    return areas[0] if areas and not material.forces.torque else np.inf
 
 
 def _hats(values: FloatArray, knots: FloatArray) -> FloatArray:
