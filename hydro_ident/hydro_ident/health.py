@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.grid import runs
+from hydro_ident.bag.own_rate import interpolation_text, samples_per_reading
 from hydro_ident.bag.recording import Recording
 from hydro_model.robot import Robot
 
@@ -33,7 +34,7 @@ class Finding:
     signal : str
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
-        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched` or `gap`.
+        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated` or `gap`.
     text : str
         In words, with numbers.
     """
@@ -57,6 +58,7 @@ def find_irregularities(recording: Recording) -> list[Finding]:
     """
     return [
         *_gaps(recording),
+        *_interpolated(recording),
         *_latched(recording),
         *_joints(recording),
         *_pressures(recording),
@@ -75,6 +77,13 @@ def _gaps(recording: Recording) -> list[Finding]:
         f" is {longest.missing} cycles"
     )
     return [Finding("cycles", "gap", text)]
+
+
+def _interpolated(recording: Recording) -> list[Finding]:
+    every = samples_per_reading(recording)
+    if every == 1:
+        return []
+    return [Finding("cycles", "interpolated", interpolation_text(recording, every))]
 
 
 def _latched(recording: Recording) -> list[Finding]:

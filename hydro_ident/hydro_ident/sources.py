@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from hydro_ident.bag.own_rate import at_own_rate
 from hydro_ident.bag.reader import files_of
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece, stream_recordings
@@ -48,7 +49,7 @@ class BagSource:
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
         """The bag from its start, in pieces that overlap."""
-        return stream_recordings(self.path, self.robot, piece_s, overlap_s)
+        return at_own_rate(stream_recordings(self.path, self.robot, piece_s, overlap_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ class MemorySource:
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
         """The recording as one piece."""
-        yield Piece.whole(self.recording)
+        yield from at_own_rate([Piece.whole(self.recording)])
 
 
 def bag_source(path: str | Path, robot: Robot) -> BagSource:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import sys
 from pathlib import Path
 
@@ -238,3 +239,38 @@ def test_parquet_without_its_package_says_what_to_install(tmp_path: Path, monkey
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(BagError, match="optional package pyarrow"):
         read_log(tmp_path / "log.parquet")
+
+
+def test_a_difference_of_two_signals_and_a_constant_are_positions(tmp_path: Path) -> None:
+    """Inclinometers give angles against the horizon; a joint that was locked is not recorded."""
+    log = {
+        "t": np.arange(50.0),
+        "z1": np.linspace(10.0, 20.0, 50),
+        "z2": np.linspace(-30, -10, 50),
+    }
+    content = {
+        "robot": "xs031",
+        "time": {"signal": "t", "unit": "ms"},
+        "joints": {
+            "lift": {"constant": 30.0, "unit": "deg"},
+            "tilt": {"signal": "z2", "minus": "z1", "unit": "deg"},
+        },
+    }
+    arguments = [str(write_csv(tmp_path / "log.csv", log)), "--map"]
+    arguments += [str(write_map(tmp_path, content)), "--out", str(tmp_path / "bag")]
+    assert run(arguments) == 0
+    bag = read_bag(tmp_path / "bag").series["/joint_states"]
+    at = {name: bag.fields["position"][:, i] for i, name in enumerate(bag.names)}
+    np.testing.assert_allclose(at["lift"], np.deg2rad(30.0))
+    np.testing.assert_allclose(at["tilt"], np.deg2rad(log["z2"] - log["z1"]), atol=1e-12)
+
+
+def test_a_gzipped_csv_reads_as_the_csv(tmp_path: Path) -> None:
+    plain = write_csv(tmp_path / "log.csv", crane_log())
+    packed = tmp_path / "log.csv.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    for name, column in read_log(plain).columns.items():
+        np.testing.assert_array_equal(read_log(packed).columns[name], column)
+    packed.write_bytes(packed.read_bytes()[:100])
+    with pytest.raises(BagError, match="cannot be read as text"):
+        read_log(packed)

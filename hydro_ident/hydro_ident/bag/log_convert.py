@@ -120,7 +120,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         raise
     steps = np.diff(stamps) * 1e-9
     used = {mapping.time.signal} if mapping.time is not None else set()
-    used |= {s.signal for section in mapping.sections.values() for s in section.values()}
+    used |= {n for section in mapping.sections.values() for s in section.values() for n in s.names}
     used |= {mapping.oil_temperature.signal} if mapping.oil_temperature is not None else set()
     return Conversion(
         path=Path(out),
@@ -220,14 +220,18 @@ def _field(
 def _column(log: Log, signal: LogSignal | None, where: str, count: int) -> FloatArray | None:
     if signal is None:
         return None
-    recorded = log.column(signal.signal, where)
-    if len(recorded) != count:
-        raise BagError(
-            f"{log.path}: expected {count} samples of '{signal.signal}' as of the time,"
-            f" found {len(recorded)}"
-        )
-    if not np.isfinite(recorded).any():
-        raise BagError(f"{log.path}: '{signal.signal}' holds no number")
+    if not signal.names:
+        return np.full(count, signal.offset)
+    columns = [log.column(name, where) for name in signal.names]
+    for name, column in zip(signal.names, columns, strict=True):
+        if len(column) != count:
+            raise BagError(
+                f"{log.path}: expected {count} samples of '{name}' as of the time,"
+                f" found {len(column)}"
+            )
+        if not np.isfinite(column).any():
+            raise BagError(f"{log.path}: '{name}' holds no number")
+    recorded = columns[0] - columns[1] if signal.minus else columns[0]
     return signal.values(recorded)
 
 

@@ -7,10 +7,12 @@ it, and nothing more: what the columns mean is the mapping's (`hydro_ident.bag.l
 from __future__ import annotations
 
 import csv
+import gzip
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from hydro_ident.errors import BagError
 
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_NAMES = 12
+_TEXT = (".csv", ".txt", ".tsv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,8 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     Parameters
     ----------
     path : str or Path
-        `.csv`, `.txt` or `.tsv`; `.mat` (up to version 7.2); `.parquet`.
+        `.csv`, `.txt` or `.tsv`, also with `.gz` behind it; `.mat` (up to version 7.2);
+        `.parquet`.
     layout : CsvLayout, optional
 
     Returns
@@ -97,11 +101,15 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     if not path.is_file():
         raise BagError(f"no log '{path}': expected a CSV, MAT or Parquet file")
     kind = path.suffix.lower()
-    if kind in (".csv", ".txt", ".tsv"):
+    inner = Path(path.stem).suffix.lower() if kind == ".gz" else kind
+    if inner in _TEXT:
         return Log(path, _read_csv(path, layout or CsvLayout()))
     reader = _READERS.get(kind)
     if reader is None:
-        raise BagError(f"{path}: expected .csv, .txt, .tsv, .mat or .parquet, found '{kind}'")
+        raise BagError(
+            f"{path}: expected .csv, .txt, .tsv (or these with .gz), .mat or .parquet,"
+            f" found '{kind}'"
+        )
     columns = reader(path)
     if not columns:
         raise BagError(f"{path}: expected signals, found no column of numbers")
@@ -110,9 +118,9 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
 
 def _read_csv(path: Path, layout: CsvLayout) -> dict[str, FloatArray]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
+        with _opened(path) as stream:
             lines = [(number, line) for number, line in enumerate(stream, 1) if line.strip()]
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise BagError(f"{path}: cannot be read as text: {error}") from error
     if layout.comment:
         lines = [(n, line) for n, line in lines if not line.startswith(layout.comment)]
@@ -132,6 +140,12 @@ def _read_csv(path: Path, layout: CsvLayout) -> dict[str, FloatArray]:
         name: _numbers([row[i] for row in rows[1:]], at, f"{path}, column '{name}'")
         for i, name in enumerate(names)
     }
+
+
+def _opened(path: Path) -> TextIO:
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
+    return path.open(encoding="utf-8-sig", newline="")
 
 
 def _check_names(names: Sequence[str], path: Path) -> None:

@@ -1,7 +1,8 @@
 """The mapping of a log: which signal is which joint, pressure or valve, and in which unit.
 
-``value = sign * scale * (signal in its unit) + offset``, the offset in SI units, as in the
-mapping of a bus. The page `log_map` of hydro_msgs_docs has every key.
+``value = sign * scale * (signal - minus, in its unit) + offset``, the offset in SI units, as in
+the mapping of a bus; `minus` is another signal, where the log has no difference of the two. The
+page `log_map` of hydro_msgs_docs has every key.
 """
 
 from __future__ import annotations
@@ -60,14 +61,22 @@ class LogSignal:
     Attributes
     ----------
     signal : str
-        Name in the log.
+        Name in the log; empty: a constant, `offset`.
     factor, offset : float
-        ``value = factor * recorded + offset``; of a pressure: absolute.
+        ``value = factor * (recorded - minus) + offset``; of a pressure: absolute.
+    minus : str
+        Name in the log of the signal that is taken off first; empty: none is.
     """
 
     signal: str
     factor: float
     offset: float
+    minus: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Signals of the log that it takes."""
+        return tuple(name for name in (self.signal, self.minus) if name)
 
     def values(self, recorded: FloatArray) -> FloatArray:
         """The quantity from the recorded numbers."""
@@ -182,7 +191,10 @@ def _time(fields: Fields) -> tuple[LogSignal | None, float]:
 
 
 def _signal(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
-    allowed = {"signal", "unit", "scale", "offset", "sign"}
+    if "constant" in fields:
+        _no_other_keys(fields, {"constant", "unit"})
+        return LogSignal("", 0.0, fields.number("constant") * _unit(fields, quantity))
+    allowed = {"signal", "minus", "unit", "scale", "offset", "sign"}
     _no_other_keys(fields, allowed | ({"reference"} if quantity == "pressure" else set()))
     sign = fields.number("sign", 1.0)
     if sign not in (1.0, -1.0):
@@ -196,7 +208,8 @@ def _signal(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
             )
         offset += atmosphere_pa if reference == "gauge" else 0.0
     factor = sign * fields.number("scale", 1.0) * _unit(fields, quantity)
-    return LogSignal(fields.text("signal"), factor, offset)
+    minus = fields.text("minus") if "minus" in fields else ""
+    return LogSignal(fields.text("signal"), factor, offset, minus)
 
 
 def _unit(fields: Fields, quantity: str) -> float:

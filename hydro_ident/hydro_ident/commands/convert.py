@@ -28,7 +28,12 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("log", metavar="LOG", type=Path, help=".csv, .txt, .tsv, .mat or .parquet file")
+    p.add_argument(
+        "log",
+        metavar="LOG",
+        type=Path,
+        help=".csv, .txt, .tsv (also gzipped), .mat or .parquet file",
+    )
     p.add_argument(
         "--map", required=True, type=Path, metavar="MAP.yaml", help="mapping of the log's signals"
     )

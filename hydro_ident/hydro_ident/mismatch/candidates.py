@@ -16,6 +16,7 @@ import numpy as np
 from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
 from hydro_model.effects.effect import Effect, Stage
 from hydro_model.effects.law import ParameterSpec
@@ -33,6 +34,8 @@ SCANNED_FACTORS = (0.25, 1.0, 4.0)
 SCANNED = ("velocity_scale", "time_constant")
 #: What the size that a scan suggests is multiplied by for the start of a fit.
 START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
+#: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
+_WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
 #: Places along a range at which positions and times are tried.
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 #: Instants tried for something that begins within a recording: one every so often, in s.
@@ -151,6 +154,11 @@ def untestable(material: Material, effect: Effect) -> str:
         return "no pressures were recorded"
     if not targets(material.robot, effect):
         return "the robot has nothing that it could act on"
+    if effect.start and material.motions < FEW_MOTIONS:
+        return (
+            f"the joints move {material.motions} times: an instant is not told from the position"
+            " at which it falls"
+        )
     for stage, rail in ((Stage.SUPPLY, "supply"), (Stage.TANK, "tank")):
         if stage in stages and stages <= {Stage.SUPPLY, Stage.TANK} and recorded(material, rail):
             return f"the {rail} pressure was recorded: whatever it does is in the data"
@@ -230,6 +238,7 @@ def _grid(
         needed = [p for p in effect.parameters if not (p.linear or p.optional)]
         first = FIRST_FACTORS if effect.linear else SIZE_FACTORS
         factors = first if spec is needed[0] else FURTHER_FACTORS
+    factors += _WIDE.get((effect.name, spec.name), ())
     values = [min(max(f * spec.typical, spec.lower), spec.upper) for f in factors]
     return list(dict.fromkeys(values))
 

@@ -16,7 +16,7 @@ from hydro_ident.mismatch.model import robot_of, summary_of
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import NAMED_SHARE, DiagnosisSettings
+from hydro_ident.mismatch.settings import FEW_MOTIONS, NAMED_SHARE, DiagnosisSettings
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained, not_testable, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.sources import Source, sources_of
@@ -24,6 +24,12 @@ from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import FloatArray, Robot
 
+_FEW = (
+    "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
+    " confirmed within them alone, and position, pressures and time are hard to tell apart"
+)
+#: Searches, each without what the ones before named and held-out rows did not confirm.
+_ROUNDS = 4
 MATCHES, EXPLAINED, PARTLY = "matches", "explained", "partly_explained"
 UNKNOWN, NO_IMPROVEMENT, NOT_ENOUGH = "unknown", "no_improvement", "not_enough_data"
 
@@ -165,13 +171,12 @@ def _diagnosed(
 ) -> Diagnosis:
     base = work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
     located = dependences(work.scan, base)
-    search = Searcher(work.scan, base).run()
-    whole, findings, rejected = _confirmed(work, search)
+    search, whole, findings, rejected = _searched(work, base)
     left = dependences(work.training, whole)
     whole, findings, withdrawn = _withdrawn(work, whole, findings, left)
     if withdrawn:
         left = dependences(work.training, whole)
-    unknown = unexplained(work.training, whole, left)
+    unknown = unexplained(work.training, whole, left, work.noise_floors())
     names = [n for f in findings for n in f.named.names]
     modelled = robot_of(work.training.predictor, whole, work.robot, settings.fixed_base)
     before = modelled
@@ -181,7 +186,10 @@ def _diagnosed(
         before.robot, modelled.robot, work.check_traces, work.split,
         work.training.predictor.material.filters,
     )  # fmt: skip
-    notes = [*modelled.notes, *run.rejected]
+    motions = work.training.predictor.material.motions
+    few = motions < FEW_MOTIONS
+    notes = [_FEW.format(motions)] if few else []
+    notes += [*work.notes, *modelled.notes, *run.rejected]
     notes += [
         f"{f.named.term.effect.name} of {f.named.term.target} was named on the training rows and"
         f" not confirmed: {f.verification.reason}"
@@ -192,9 +200,10 @@ def _diagnosed(
         " on the same channel to be its name: withdrawn"
         for f in withdrawn
     ]
+    notes += [f"not taken: {text}" for text in search.impossible]
     notes.append(f"model: {summary_of(whole.model.terms)}")
     return Diagnosis(
-        _verdict(findings, rejected, unknown),
+        _verdict(findings, rejected, unknown, few),
         work.robot,
         modelled.robot,
         tuple(findings),
@@ -210,6 +219,21 @@ def _diagnosed(
         work,
         whole,
     )
+
+
+def _searched(
+    work: Residuals, base: Fitted
+) -> tuple[Search, Fitted, list[Finding], list[Finding]]:
+    """Search and confirm; what is not confirmed may have stood in another effect's place."""
+    rejected: list[Finding] = []
+    for _ in range(_ROUNDS):
+        excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
+        search = Searcher(work.scan, base, excluded).run()
+        whole, findings, failed = _confirmed(work, search)
+        rejected += failed
+        if not failed:
+            break
+    return search, whole, findings, rejected
 
 
 def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], list[Finding]]:
@@ -236,7 +260,8 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
 
 def _without(work: Residuals, whole: Fitted, named: Named) -> Fitted:
     kept = tuple(t for t in whole.model.terms if not _is_of(named, t.effect.name, t.target))
-    return fit(work.training, replace(whole.model, terms=kept), passes=2)
+    # From the base's own numbers: what a wrong effect has driven the others to may be anything.
+    return fit(work.training, replace(work.base.model, terms=kept), passes=4)
 
 
 def _is_of(named: Named, name: str, target: str) -> bool:
@@ -248,7 +273,7 @@ def _withdrawn(
 ) -> tuple[Fitted, list[Finding], list[Finding]]:
     """Take back names that explain less than what is left in their own channel."""
     material, taken = work.training.predictor.material, list[Finding]()
-    significant = unexplained(work.training, whole, left)
+    significant = unexplained(work.training, whole, left, work.noise_floors())
     remains = {u.channel: u.dependence.gain for u in significant}
     for finding in findings:
         channel = finding.channels[0]
@@ -317,10 +342,13 @@ def _channels(work: Residuals, whole: Fitted) -> tuple[ChannelResult, ...]:
 
 
 def _verdict(
-    findings: Sequence[Finding], rejected: Sequence[Finding], unknown: Sequence[Unexplained]
+    findings: Sequence[Finding],
+    rejected: Sequence[Finding],
+    unknown: Sequence[Unexplained],
+    few: bool,
 ) -> str:
     if findings:
-        return PARTLY if unknown else EXPLAINED
+        return PARTLY if unknown or few else EXPLAINED
     if unknown:
         return UNKNOWN
     return NO_IMPROVEMENT if rejected else MATCHES

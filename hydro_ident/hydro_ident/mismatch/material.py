@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of, window_rows
-from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motion, parallel_filter
+from hydro_ident.estimate.derivatives import (
+    FilterSettings,
+    kept_samples,
+    low_pass,
+    motion,
+    parallel_filter,
+)
 from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
@@ -26,8 +32,10 @@ from hydro_model.robot import FloatArray, Robot
 IndexArray = NDArray[np.intp]
 
 #: A joint rests where it is slower than this share of its usual fast speed for so long; the
-#: filters smear what it does there into some rows before and after.
+#: filters smear what it does there into some rows before and after, at least so many seconds.
 REST_SPEED, REST_S, REST_REACH_S = 0.01, 0.1, 0.1
+#: A motion is one beyond this share of the usual fast speed.
+MOTION_SPEED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +103,9 @@ class Material:
     time_s : (N,) array
     linked : (N,) bool array
         Whether a row follows the one before it without a gap.
+    rest_speed : (n,) array or None
+        Speed of a resting joint by its position's noise alone, behind the parallel filter, where
+        that is to be reckoned with.
     """
 
     robot: Robot
@@ -110,6 +121,7 @@ class Material:
     recordings: tuple[str, ...]
     time_s: FloatArray
     linked: BoolArray
+    rest_speed: FloatArray | None = None
 
     @property
     def size(self) -> int:
@@ -160,7 +172,8 @@ class Material:
         it, and every one that is asked is wrong in its own way.
         """
         result = np.ones(self.size, dtype=np.bool_)
-        speeds = [None if s.moved is None else np.abs(s.moved.qd) for s in self.stretches]
+        reach_s = max(REST_REACH_S, 1.0 / self.filters.parallel_hz)
+        speeds = [self._speed(s) for s in self.stretches]
         for k, _ in enumerate(self.channels):
             if self.is_flow(k):
                 continue
@@ -170,9 +183,43 @@ class Material:
             for place in places:
                 speed, stretch = speeds[place.stretch], self.stretches[place.stretch]
                 if speed is not None:
-                    slow = speed[:, joint] < REST_SPEED * usual
-                    result[place.rows] = ~_lasting(slow, stretch)[stretch.kept]
+                    noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
+                    slow = speed[:, joint] < max(REST_SPEED * usual, noise)
+                    result[place.rows] = ~_lasting(slow, stretch, reach_s)[stretch.kept]
         return result
+
+    @property
+    def motions(self) -> int:
+        """How often the joint that moves most often does so, one way and then the other."""
+        return max((self._motions_of(j) for j in range(self.robot.dof)), default=0)
+
+    def _motions_of(self, joint: int) -> int:
+        speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
+        if not speeds:
+            return 0
+        usual = np.quantile(np.abs(np.concatenate([v for _, v in speeds])), 0.95)
+        noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
+        least = max(MOTION_SPEED * usual, noise)
+        count = 0
+        for stretch, v in speeds:
+            moves = [runs(v > least), runs(v < -least)]
+            count += sum(
+                (end - begin) * stretch.trace.step_s >= REST_S
+                for some in moves
+                for begin, end in some
+            )
+        return count if least > 0.0 else 0
+
+    def _speed(self, stretch: Stretch) -> FloatArray | None:
+        """Speeds of the joints, behind the parallel filter where they are noisy."""
+        velocity = self._velocity(stretch)
+        return None if velocity is None else np.abs(velocity)
+
+    def _velocity(self, stretch: Stretch) -> FloatArray | None:
+        if stretch.moved is None or self.rest_speed is None:
+            return None if stretch.moved is None else stretch.moved.qd
+        filters, step_s = self.filters, stretch.trace.step_s
+        return low_pass(stretch.moved.qd, step_s, filters.parallel_hz, filters.order)
 
     def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
         """Rows to fit and rows to score of a split."""
@@ -198,6 +245,7 @@ def material_of(
     filters: FilterSettings,
     windows: WindowSettings,
     still: Mapping[str, Mapping[int, float]],
+    rest_speed: FloatArray | None = None,
 ) -> Material:
     """Lay out the rows of some traces.
 
@@ -212,6 +260,7 @@ def material_of(
         With the longest delay that a candidate may have.
     still : mapping of str to mapping of int to float
         By recording, where the joints are that stand still.
+    rest_speed : (n,) array, optional
 
     Returns
     -------
@@ -260,14 +309,15 @@ def material_of(
         names,
         np.concatenate([empty, *times]),
         np.concatenate([empty.astype(bool), *linked]),
+        rest_speed,
     )
 
 
-def _lasting(slow: BoolArray, stretch: Stretch) -> BoolArray:
+def _lasting(slow: BoolArray, stretch: Stretch, reach_s: float) -> BoolArray:
     """Samples in rests of some length, and around them as far as the filters reach."""
     step_s = stretch.trace.step_s
     result = np.zeros(slow.size, dtype=np.bool_)
-    reach = round(REST_REACH_S / step_s)
+    reach = round(reach_s / step_s)
     for begin, end in runs(slow):
         if (end - begin) * step_s >= REST_S:
             result[max(begin - reach, 0) : end + reach] = True

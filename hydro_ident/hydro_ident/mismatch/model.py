@@ -74,7 +74,13 @@ def robot_of(
     cylinders, valves = [], []
     for cylinder in robot.cylinders:
         viscous, bulk = f"{cylinder.name}.viscous_friction", f"{cylinder.name}.{INVERSE_BULK}"
-        if viscous in values:
+        if values.get(viscous, 0.0) < 0.0:
+            # No piston pushes itself: the motion did not tell.
+            notes += (
+                f"{viscous} comes out negative ({values[viscous]:.3g} +- {std[viscous]:.2g}): the"
+                " given one stays",
+            )
+        elif viscous in values:
             cylinder = replace(cylinder, viscous_friction=float(values[viscous]))
             deviations[viscous] = float(std[viscous])
         if bulk in values and values[bulk] > 0.0:
@@ -100,7 +106,7 @@ def robot_of(
         cylinders=tuple(cylinders),
         valves=tuple(valves),
         command_delay_s=float(fitted.model.delay_s),
-        standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v)},
+        standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v) and v > 0.0},
         effects=effects,
     )
     return Modelled(whole, notes)

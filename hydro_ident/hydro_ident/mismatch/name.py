@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
-from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, named_of
+from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import Model, shapes
 from hydro_ident.mismatch.scoring import (
     Entry,
@@ -26,6 +26,7 @@ from hydro_ident.mismatch.scoring import (
 from hydro_ident.mismatch.settings import (
     ADDED_SHARE,
     FAMILY_ERROR,
+    FEW_MOTIONS,
     FOLD_BLOCK_S,
     FOLDS,
     LEAST_CYCLES,
@@ -63,12 +64,15 @@ class Search:
     named : tuple of Named
     scanned : tuple of Score
         The last scan, in which nothing more was found.
+    impossible : tuple of str
+        Effects that fitted best at the end of what is possible, and were not taken.
     """
 
     base: Fitted
     fitted: Fitted
     named: tuple[Named, ...]
     scanned: tuple[Score, ...]
+    impossible: tuple[str, ...] = ()
 
 
 class Searcher:
@@ -78,24 +82,41 @@ class Searcher:
     ----------
     training : Training
     base : Fitted
+    excluded : collection of (str, str)
+        Effects and targets that are not tried.
+
+    Attributes
+    ----------
+    few : float
+        Blocks per motion where there are too few motions for a sample; else 1.
     """
 
-    def __init__(self, training: Training, base: Fitted) -> None:
-        self.training, self.base = training, base
+    def __init__(
+        self, training: Training, base: Fitted, excluded: Collection[tuple[str, str]] = ()
+    ) -> None:
+        self.training, self.base, self.excluded = training, base, set(excluded)
+        material = training.predictor.material
+        motions = max(material.motions, 1)
+        self.few = base.bench.blocks / motions if motions < FEW_MOTIONS else 1.0
         self._bank: dict[tuple[object, ...], list[Entry]] = {}
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
-        current, named = self.base, list[Named]()
+        current, named, impossible = self.base, list[Named](), list[str]()
         while len(named) < MOST_EFFECTS:
             found, scanned = self._next(current, named)
             if found is None:
                 break
+            if why := at_a_bound(found.term):
+                # What would have to be impossible is not the cause: another may be.
+                self.excluded.add((found.term.effect.name, found.term.target))
+                impossible.append(f"{found.term.effect.name} of {found.term.target}: {why}")
+                continue
             named.append(found)
             current = found.modelled.fitted
             current = fit(self.training, current.model, passes=2)
         named, current = self._revised(named, current)
-        return Search(self.base, current, tuple(named), tuple(scanned))
+        return Search(self.base, current, tuple(named), tuple(scanned), tuple(impossible))
 
     # One step forward ----------------------------------------------------------------------
 
@@ -137,6 +158,8 @@ class Searcher:
         result: list[Entry] = []
         groups: dict[tuple[str, str], list[Trial]] = {}
         for trial in trials(predictor, model):
+            if (trial.name, trial.target) in self.excluded:
+                continue
             groups.setdefault((trial.name, trial.target), []).append(trial)
         for key, own in groups.items():
             active = own[0].active
@@ -224,7 +247,8 @@ class Searcher:
         terms = [self._start(without, s) for s in chosen]
         contenders = self._fitted(without, terms, noise)
         told = [c for c in contenders if self._resolved(c.term)]
-        return named_of(told or contenders, p, overdispersion(best))
+        members = self._members(told or contenders)
+        return named_of(members, p, overdispersion(best), self.few)
 
     def _start(self, without: Fitted, one: Score) -> ActiveEffect:
         """The size of a trial that explains most as it is: what a fit starts from."""
@@ -253,7 +277,19 @@ class Searcher:
         spread : float
             As `overdispersion`.
         """
-        return named_of(self._fitted(without, terms, noise), 0.0, spread)
+        return named_of(self._fitted(without, terms, noise), 0.0, spread, self.few)
+
+    def _members(self, contenders: list[Contender]) -> list[Contender]:
+        """Contenders that a set may hold: possible ones, if there are any.
+
+        In a few motions a law that has run to the end of its range is not told apart from those
+        that it is known to look like; it stays beside them.
+        """
+        possible = [c for c in contenders if not at_a_bound(c.term)]
+        alike = {name for c in possible for name in c.term.effect.looks_like}
+        few = self.few > 1.0
+        kept = [c for c in contenders if c in possible or (few and c.term.effect.name in alike)]
+        return kept if possible else contenders
 
     def _fitted(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
@@ -313,7 +349,7 @@ class Searcher:
         if not terms:
             return without, None
         again = self._fitted(without, terms, noise)
-        return without, named_of(again, one.p_value, one.spread)
+        return without, named_of(self._members(again), one.p_value, one.spread, self.few)
 
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:

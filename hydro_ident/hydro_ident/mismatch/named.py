@@ -20,6 +20,8 @@ LIMITS = {
 }
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
+#: A parameter is at a bound within this share of it.
+_BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
 _FORM_NATS = 4.0
 
@@ -91,7 +93,8 @@ class Named:
 
         The best name's, unless another predicts better by more than laws' forms are good for.
         """
-        first, best = self.contenders[0], max(self.contenders, key=lambda c: c.held_out)
+        possible = [c for c in self.contenders if not at_a_bound(c.term)] or self.contenders
+        first, best = possible[0], max(possible, key=lambda c: c.held_out)
         margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
         return best if best.held_out - first.held_out > margin else first
 
@@ -119,7 +122,19 @@ class Named:
         return (plain or own)[0]
 
 
-def named_of(contenders: Sequence[Contender], p: float, spread: float) -> Named:
+def at_a_bound(term: ActiveEffect) -> str:
+    """Why an effect that ran to the end of its physical range is none; empty where it did not."""
+    size = 0 if term.effect.name != "base_tilt" else 1
+    for i in term.effect.linear or (size,):
+        spec, value = term.effect.parameters[i], float(term.parameters[i])
+        # None of it and all of it (a share of 1) are no ends of a range.
+        ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
+        if any(abs(value - end) <= _BOUND * abs(end) for end in ends):
+            return f"its {spec.name} ran to the end of what is possible ({value:.3g} {spec.unit})"
+    return ""
+
+
+def named_of(contenders: Sequence[Contender], p: float, spread: float, few: float = 1.0) -> Named:
     """The set of contenders that are not out of reach of the best.
 
     Log-likelihood counts in units of the sums' overdispersion, and of the catalogue's form: laws
@@ -132,14 +147,24 @@ def named_of(contenders: Sequence[Contender], p: float, spread: float) -> Named:
     p : float
     spread : float
         Overdispersion of sums over blocks.
+    few : float
+        Blocks per motion, where there are so few motions that each counts as one observation of
+        the laws' forms.
     """
     form = FORM_TOLERANCE**2 * max(c.gain for c in contenders) / _FORM_NATS
-    own, spread = spread, max(spread, form)
+    own, spread = spread, max(spread, form, few)
 
-    def evidence_of(one: Contender) -> float:
+    def own_evidence(one: Contender) -> float:
         return 0.5 * one.held_out / spread - one.cost
 
-    ranked = sorted(contenders, key=evidence_of, reverse=True)
+    possible = [own_evidence(c) for c in contenders if not at_a_bound(c.term)]
+
+    def evidence_of(one: Contender) -> float:
+        # At the end of its range a law is not told from possible ones, but never before them.
+        limit = max(possible) if possible and at_a_bound(one.term) else np.inf
+        return min(own_evidence(one), limit)
+
+    ranked = sorted(contenders, key=lambda c: (-evidence_of(c), bool(at_a_bound(c.term))))
     evidence = np.array([evidence_of(c) for c in ranked])
     weights = np.exp(evidence - evidence[0])
     weights /= weights.sum()

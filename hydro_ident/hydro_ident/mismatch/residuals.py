@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import WindowSettings, chambers_of
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, start_model
 from hydro_ident.mismatch.material import Material, material_of
 from hydro_ident.mismatch.model import prior_of
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.settings import (
-    LONGEST_DELAY_S,
     LONGEST_SCAN_S,
     SCAN_PARTS,
     DiagnosisSettings,
@@ -53,6 +52,8 @@ class Residuals:
     split : HoldOut
         Which blocks of them took no part.
     signals : SignalSurvey
+    notes : tuple of str
+        What was found about the recordings on the way.
     """
 
     robot: Robot
@@ -63,6 +64,7 @@ class Residuals:
     check_traces: tuple[Trace, ...]
     split: HoldOut
     signals: SignalSurvey
+    notes: tuple[str, ...] = ()
 
     def noise_floors(self) -> dict[str, float]:
         """What the sensors' noise alone leaves, by channel."""
@@ -81,25 +83,6 @@ class Residuals:
                 1.0 / cylinder.bulk_modulus_pa,
             )  # fmt: skip
         return {name: float(floors[name]) for name in material.channels}
-
-
-@dataclass(frozen=True, slots=True)
-class Choices:
-    """Filters and windows of the rows.
-
-    Attributes
-    ----------
-    filters : FilterSettings
-    windows_s : tuple of float
-        Length and hop of the balances' windows.
-    """
-
-    filters: FilterSettings = field(default_factory=FilterSettings)
-    windows_s: tuple[float, float] = (0.04, 0.02)
-
-    def windows(self, step_s: float) -> WindowSettings:
-        """Windows whose rows are the same for every delay that is tried."""
-        return WindowSettings(*self.windows_s, max_delay_cycles=LONGEST_DELAY_S / step_s)
 
 
 def whole_traces(sources: Sequence[Source]) -> tuple[Trace, ...]:
@@ -148,7 +131,10 @@ def residuals(
     traces = whole_traces(sources)
     if not traces:
         return None
-    choices = Choices()
+    choices = choices_of(forces, signals, traces)
+    notes = tuple(
+        dict.fromkeys((*(n for s in surveys for n in s.recording.notes), *choices.notes))
+    )
     material = _material(robot, forces, traces, choices, still)
     every = 0 if others else settings.hold_out_every
     durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
@@ -172,13 +158,13 @@ def residuals(
         scan = Training.of(Predictor(seen), rows, prior)
     if not others:
         check = Check(predictor, check_rows, moving)
-        return Residuals(robot, training, base, scan, check, traces, split, signals)
+        return Residuals(robot, training, base, scan, check, traces, split, signals, notes)
     there = whole_traces(others)
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None
     check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
-    return Residuals(robot, training, base, scan, check, there, HoldOut(every=0), signals)
+    return Residuals(robot, training, base, scan, check, there, HoldOut(every=0), signals, notes)
 
 
 def spread_parts(traces: tuple[Trace, ...]) -> tuple[Trace, ...]:
@@ -227,7 +213,7 @@ def _material(
     still: Mapping[str, Mapping[int, float]],
 ) -> Material:
     windows = choices.windows(traces[0].step_s if traces else 0.002)
-    return material_of(robot, forces, traces, choices.filters, windows, still)
+    return material_of(robot, forces, traces, choices.filters, windows, still, choices.rest_speed)
 
 
 def _enough(material: Material, rows: np.ndarray, parameters: int) -> bool:

@@ -13,6 +13,9 @@ FLIPS = 1999
 BLOCK_S = 1.0
 #: Folds of the cross-validation, and the length of their blocks.
 FOLDS, FOLD_BLOCK_S = 5, 3.0
+#: Fewer motions of the joints than this are no sample: what is held out is of the same motions,
+#: position, pressures and time run together, and each motion counts as one observation.
+FEW_MOTIONS = 4
 #: A catalogue law is an idealisation. Two laws whose predictions differ by less than this share
 #: (rms) of the effect itself are not told apart by their forms.
 FORM_TOLERANCE = 0.05

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,13 @@ from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.
 _SURE = 5.0
+#: What is computed from the same readings as the residuals: noise stands on both sides, and a
+#: dependence no larger than the noise is the noise seen twice.
+_OF_THE_SAME_SENSORS = frozenset(
+    {"piston_velocity", "piston_acceleration", "piston_force", "pressure_a", "pressure_b"}
+)
+#: Noise that is not white stands out of a floor that takes it to be.
+_TWICE = 2.0
 _WORDS = {"": "", "direction": " times the direction of motion", "valve_signal": " times the valve"
           " signal"}  # fmt: skip
 
@@ -63,7 +70,10 @@ class NotTestable:
 
 
 def unexplained(
-    training: Training, fitted: Fitted, found: Sequence[Dependence]
+    training: Training,
+    fitted: Fitted,
+    found: Sequence[Dependence],
+    floors: Mapping[str, float],
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, one entry per channel.
 
@@ -74,6 +84,8 @@ def unexplained(
         With all findings.
     found : sequence of Dependence
         Of its residual, strongest first.
+    floors : mapping of str to float
+        What the sensors' noise alone leaves in each channel.
     """
     material = training.predictor.material
     result: dict[int, Unexplained] = {}
@@ -84,6 +96,8 @@ def unexplained(
         if one.share < LEAST_SHARE or one.size < least[one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
+        if one.variable in _OF_THE_SAME_SENSORS and one.size < _TWICE * floors.get(name, 0.0):
+            continue
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
             f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"

@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, layout_of
-from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import BLOCK_S
@@ -24,6 +24,8 @@ from hydro_model.robot import FloatArray
 
 #: A finding that improves held-out rows by chance more often than this does not stand.
 VERIFIED = 0.05
+#: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
+WORSE = 1.05
 #: Shifts of the placebo, as shares of a recording.
 _SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
 #: Blocks that a p-value needs, and the shortest that still are independent.
@@ -110,14 +112,31 @@ def verify(
     shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in tried]
     share = float(np.median(shares)) / real if tried and real > 0.0 else 0.0
     against = [_chance(_gains(layout, noise, r[used], after[used])) for r in tried]
-    reason = ""
-    if p > VERIFIED:
+    names = check.predictor.material.channels
+    sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
+    acting = _acting(check.predictor, whole.model, terms)
+    worse = max(acting, key=lambda n: sides[1][n] / max(sides[0][n], 1e-300))
+    reason = at_a_bound(mine)
+    if reason:
+        pass
+    elif sides[1][worse] > WORSE * sides[0][worse]:
+        reason = (
+            f"held-out rows of {worse} are predicted worse with it (RMSE {sides[0][worse]:.3g} to"
+            f" {sides[1][worse]:.3g})"
+        )
+    elif p > VERIFIED:
         reason = f"held-out rows are not predicted better with it (p = {p:.2g})"
     elif float(np.median(against or [0.0])) > VERIFIED:
         reason = f"a placebo of equal freedom predicts held-out rows as well ({share:.0%})"
-    names = check.predictor.material.channels
-    sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     return Verification(p, sides[0], sides[1], float(share), not reason, reason)
+
+
+def _acting(predictor: Predictor, model: Model, terms: Sequence[ActiveEffect]) -> list[str]:
+    """Channels whose prediction some terms change; all where none does."""
+    material = predictor.material
+    column = sum((predictor.contribution(model, t) for t in terms), np.zeros(material.size))
+    names = [n for k, n in enumerate(material.channels) if column[material.channel == k].any()]
+    return names or list(material.channels)
 
 
 def _gains(layout: Layout, noise: Noise, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -19,6 +19,8 @@ IndexArray = NDArray[np.intp]
 
 #: Orders of the autoregression that are tried.
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12)
+#: Rows that a channel has to have per order.
+_ROWS_PER_ORDER = 8
 #: Noise is never taken to be below this share of a channel's measured spread: filters,
 #: interpolation and geometry are not better.
 LEAST_NOISE = 1.0e-5
@@ -149,9 +151,11 @@ def noise_of(layout: Layout, residual: FloatArray, floor: FloatArray) -> Noise:
 
 def _autoregression(age: IndexArray, residual: FloatArray) -> tuple[FloatArray, float]:
     """Coefficients and innovation of the order that pays for itself (Schwarz)."""
-    longest = ORDERS[-1]
+    # A short channel's noise depends on its past, too: of as many orders as its rows can carry.
+    carried = [p for p in ORDERS if np.count_nonzero(age >= p) >= _ROWS_PER_ORDER * p]
+    longest = max(carried)
     usable = np.flatnonzero(age >= longest)
-    if usable.size < 8 * longest:
+    if not longest:
         scale = float(np.sqrt(np.mean(residual**2))) if residual.size else 1.0
         return np.zeros(0), scale or 1.0
     lagged = np.stack([residual[usable - lag] for lag in range(1, longest + 1)], axis=1)
@@ -159,7 +163,7 @@ def _autoregression(age: IndexArray, residual: FloatArray) -> tuple[FloatArray, 
     gram, cross = lagged.T @ lagged, lagged.T @ target
     total = float(target @ target)
     best: tuple[float, FloatArray, float] | None = None
-    for order in ORDERS:
+    for order in carried:
         part = gram[:order, :order]
         ridge = 1e-12 * np.trace(part) * np.eye(order)
         phi = np.linalg.solve(part + ridge, cross[:order]) if order and total > 0.0 else cross[:0]

@@ -1,0 +1,94 @@
+"""Interpolated recordings are seen, said and thinned; others stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.own_rate import samples_per_reading
+from hydro_ident.bag.recording import Recording
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.traces import traces_of_piece
+from hydro_ident.health import find_irregularities
+from hydro_ident.mismatch.choices import Choices, choices_of
+from hydro_ident.mismatch.residuals import own_forces
+from hydro_ident.sources import MemorySource
+from hydro_model.robot_files import load_robot
+
+RATE_HZ, SECONDS, EVERY = 1000.0, 20.0, 16
+
+
+def recording(noise_rad: float, every: int = 1, quantum_rad: float = 0.0) -> Recording:
+    """A slow motion of the reference crane, read every so many cycles and interpolated."""
+    robot, random = load_robot("xs031"), np.random.default_rng(7)
+    time = np.arange(0.0, SECONDS, 1.0 / RATE_HZ)
+    taken = time[::every]
+
+    def column(values: np.ndarray, noise: float) -> np.ndarray:
+        return np.interp(time, taken, values + noise * random.standard_normal(taken.size))
+
+    q = np.stack(
+        [column(0.6 + 0.3 * np.sin(0.6 * taken), noise_rad),
+         column(-1.2 + 0.3 * np.sin(0.4 * taken), noise_rad)], axis=1
+    )  # fmt: skip
+    if quantum_rad:
+        q = quantum_rad * np.round(q / quantum_rad)
+    waves = [column(5e6 + 1e5 * np.sin(taken + k), 4e3) for k in range(4)]
+    pressures = np.stack(waves, axis=1)
+    none = dict.fromkeys(
+        ("stroke", "effort", "supply", "tank", "valve_v", "command_v", "spool", "q_ref", "qd_ref",
+         "force_ref", "tip_ref", "temperature_stamp_ns", "temperature_c")
+    )  # fmt: skip
+    return Recording(
+        path=Path("bag"), robot=robot, stamp_ns=np.round(time * 1e9).astype(np.int64),
+        period_s=1.0 / RATE_HZ, q=q, p_a=pressures[:, :2], p_b=pressures[:, 2:],
+        valve_source="", latched=np.zeros(time.size, dtype=bool), losses=(), gaps=(),
+        duplicates={}, notes=(), metadata={}, **none,
+    )  # fmt: skip
+
+
+def test_an_interpolated_recording_is_thinned_and_said() -> None:
+    read = recording(1e-3, EVERY)
+    assert samples_per_reading(read) == EVERY
+    piece = next(MemorySource(read).pieces())
+    assert piece.recording.period_s == pytest.approx(EVERY / RATE_HZ)
+    assert len(piece.recording) == pytest.approx(len(read) / EVERY, abs=1)
+    assert any("62.5 readings per second" in note for note in piece.recording.notes)
+    assert [f.kind for f in find_irregularities(read)] == ["interpolated"]
+
+
+@pytest.mark.parametrize(("noise", "quantum"), [(1e-5, 0.0), (0.0, 0.0), (0.0, 6e-6), (0.0, 1e-3)])
+def test_noisy_smooth_and_quantised_signals_are_not_taken_for_interpolated(
+    noise: float, quantum: float
+) -> None:
+    assert samples_per_reading(recording(noise, 1, quantum)) == 1
+
+
+def test_one_sensor_at_its_full_rate_is_enough() -> None:
+    read = recording(1e-3, EVERY)
+    p_a = read.p_a.copy()
+    p_a[:, 0] += 4e3 * np.random.default_rng(1).standard_normal(len(read))
+    assert samples_per_reading(replace(read, p_a=p_a)) == 1
+
+
+def choices(read: Recording) -> Choices:
+    traces = [t for piece in MemorySource(read).pieces() for t in traces_of_piece(piece)]
+    signals = SignalSurvey.of(read.robot, traces)
+    return choices_of(own_forces(read.robot, torque=False), signals, traces)
+
+
+def test_quiet_positions_keep_the_usual_filters() -> None:
+    assert choices(recording(4e-6)) == Choices()
+
+
+def test_noisy_positions_are_looked_at_slowly() -> None:
+    slow, usual = choices(recording(2e-3)), Choices()
+    assert slow.filters.parallel_hz < usual.filters.parallel_hz
+    assert slow.windows_s[0] > usual.windows_s[0]
+    assert slow.rest_speed is not None
+    assert "noisy beside its motion" in slow.notes[0]
+    slower = choices(recording(8e-3))
+    assert slower.filters.differentiation_hz < slow.filters.differentiation_hz
