@@ -46,7 +46,7 @@ class AxisExtras:
         Part of the load's inertia about the joint that hangs on a spring, kg m^2; its natural
         frequency rad/s; damping ratio.
     underlap : float
-        Both edges open by this at null, and a little beyond it: ``(u + sqrt(u^2 + 4 w^2)) / 2``.
+        Both edges open by this at null; an edge ``w +- u`` shuts over worn rims of 0.3 w.
     bend : float
         Opening ``u (1 + k) / (1 + k |u|)``: above 0 saturating, below progressive.
     hysteresis : float

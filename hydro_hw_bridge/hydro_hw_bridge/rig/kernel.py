@@ -598,8 +598,10 @@ def rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, out):  
             opening *= (1.0 + cyl.bend) / (1.0 + cyl.bend * abs(opening))
             back = -opening
             if cyl.underlap > 0.0:
-                root = np.sqrt(opening * opening + 4.0 * cyl.underlap * cyl.underlap)
-                opening, back = 0.5 * (opening + root), 0.5 * (root - opening)
+                # Both edges stand open at null; worn rims let them shut gradually.
+                near, far, rim = cyl.underlap + opening, cyl.underlap - opening, 0.3 * cyl.underlap
+                opening = 0.5 * (near + np.sqrt(near * near + rim * rim))
+                back = 0.5 * (far + np.sqrt(far * far + rim * rim))
             if cyl.line_inertance > 0.0:
                 h = s + 2 + m + 2 * n + i
                 p_va, p_vb = y[h], y[h + 2 * m]

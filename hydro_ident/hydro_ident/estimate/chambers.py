@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -26,7 +26,6 @@ from hydro_ident.estimate.least_squares import BoolArray, Rows
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
-from hydro_model.valve import edge_flows
 
 Side = Literal["a", "b"]
 
@@ -184,15 +183,13 @@ def _running_sum(steps: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def unit_valve(valve: Valve) -> Valve:
-    """The valve with every edge coefficient 1: its flows are the regressor's columns."""
-    return replace(valve, c_pa=1.0, c_at=1.0, c_pb=1.0, c_bt=1.0)
-
-
 def edge_integrals(
     chamber: Chamber, trace: Trace, delay_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Integrals over each sampling interval of the two edges' flows at unit coefficient.
+
+    The signal changes within the interval, a delay after its sample; each part's flow is that at
+    its middle (`edge_flows`, eqs. 11 to 13, of an edge whose coefficient is 1).
 
     Parameters
     ----------
@@ -205,27 +202,19 @@ def edge_integrals(
     opening, closing : (N - 1,) array
         Into the chamber while u > 0, and while u <= 0.
     """
+    from hydro_ident.estimate.edge_kernels import integrate_edges
+
     i, h = chamber.index, trace.step_s
     u = trace.valve_signal[:, i]
     whole = math.floor(delay_s / h + 1e-9)
-    fraction = delay_s / h - whole
     late, soon = _shifted(u, whole + 1)[:-1], _shifted(u, whole)[:-1]
-    pressures = (trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
-    steps = [(p[:-1], np.diff(p)) for p in pressures]
-    unit = unit_valve(chamber.valve)
-    opening = np.zeros(u.size - 1)
-    closing = np.zeros(u.size - 1)
-    for signal, share, middle in (
-        (late, fraction, fraction / 2.0),
-        (soon, 1.0 - fraction, (1.0 + fraction) / 2.0),
-    ):
-        if share <= 0.0:
-            continue
-        into_a, into_b = edge_flows(unit, signal, *(p + middle * d for p, d in steps))
-        flow = (into_a if chamber.side == "a" else into_b) * (share * h)
-        opening += np.where(signal > 0.0, flow, 0.0)
-        closing += np.where(signal > 0.0, 0.0, flow)
-    return opening, closing
+    pressure = trace.p_a[:, i] if chamber.side == "a" else trace.p_b[:, i]
+    result = np.empty((2, u.size - 1))
+    integrate_edges(
+        np.ascontiguousarray(late), np.ascontiguousarray(soon), delay_s / h - whole, h,
+        np.ascontiguousarray(pressure), trace.supply, trace.tank, chamber.side == "a", result,
+    )  # fmt: skip
+    return result[0], result[1]
 
 
 def _signal_known(signal: FloatArray, delay_cycles: float) -> BoolArray:

@@ -345,7 +345,9 @@ class Searcher:
         others = tuple(t for t in current.model.terms if not _is(t, one.term))
         rest, noise = replace(current.model, terms=others), current.bench.noise
         without = fit(self.training, rest, noise, passes=2)
-        terms = [c.term for c in one.tried if not any(_rival(c.term, t) for t in others)]
+        least = CLOSE_SHARE * max(c.gain for c in one.tried)
+        near = [c.term for c in one.tried if c.gain >= least]
+        terms = [t for t in near if not any(_rival(t, other) for other in others)]
         if not terms:
             return without, None
         again = self._fitted(without, terms, noise)

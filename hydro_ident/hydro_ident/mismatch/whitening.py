@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
@@ -90,16 +91,17 @@ class Noise:
         return np.asarray(layout.age >= order[layout.channel])
 
     def whitened(self, layout: Layout, values: FloatArray) -> FloatArray:
-        """Rows behind the noise's filter in units of its deviation; only `settled` ones hold."""
-        table = np.zeros((len(self.phi), self.longest))
+        """Rows behind the noise's filter in units of its deviation; only `settled` ones hold.
+
+        Rows are sorted by channel.
+        """
+        result = np.empty_like(values)
+        ends = np.searchsorted(layout.channel, np.arange(len(self.phi) + 1))
         for k, phi in enumerate(self.phi):
-            table[k, : phi.size] = phi
-        weights = table[layout.channel]
-        shape = (-1,) + (1,) * (values.ndim - 1)
-        result = values.copy()
-        for lag in range(1, self.longest + 1):
-            result[lag:] -= weights[lag:, lag - 1].reshape(shape) * values[:-lag]
-        return np.asarray(result / self.std[layout.channel].reshape(shape))
+            own = slice(int(ends[k]), int(ends[k + 1]))
+            taps = np.concatenate([[1.0], -phi]) / self.std[k]
+            result[own] = lfilter(taps, [1.0], values[own], axis=0)
+        return result
 
     def adjoint(self, layout: Layout, rows: BoolArray, values: FloatArray) -> FloatArray:
         """The transposed filter: sums of whitened columns with values are sums of columns with it.
