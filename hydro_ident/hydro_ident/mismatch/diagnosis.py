@@ -224,14 +224,14 @@ def _diagnosed(
 def _searched(
     work: Residuals, base: Fitted
 ) -> tuple[Search, Fitted, list[Finding], list[Finding]]:
-    """Search and confirm; what is not confirmed may have stood in another effect's place."""
+    """Search and confirm; where nothing stands, what failed may have stood in another's place."""
     rejected: list[Finding] = []
     for _ in range(_ROUNDS):
         excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
         search = Searcher(work.scan, base, excluded).run()
         whole, findings, failed = _confirmed(work, search)
         rejected += failed
-        if not failed:
+        if findings or not failed:
             break
     return search, whole, findings, rejected
 

@@ -101,7 +101,7 @@ def unexplained(
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
             f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {one.variable} in"
             f" {UNITS[one.variable]} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}); no effect of"
-            " the catalogue does"
+            " the catalogue stands for it"
         )
         on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
         result[one.channel] = Unexplained(
