@@ -58,6 +58,12 @@ def test_coulomb_friction_and_what_is_even_in_velocity_are_found(found: Diagnosi
     assert coulomb.named.first.term.parameters[0] == pytest.approx(20.4, rel=0.1)
 
 
+def test_offset_and_direction_dependent_friction_are_told_apart(found: Diagnosis) -> None:
+    even = next(f.named for f in found.findings if EVEN & set(f.named.names))
+    assert even.names == ("asymmetric_friction",)
+    assert even.first.term.parameters[1] == pytest.approx(-39.3, rel=0.15)
+
+
 def test_held_out_blocks_are_predicted_to_a_few_percent(found: Diagnosis) -> None:
     channel = found.channels[0]
     size = np.linalg.norm(channel.measured)

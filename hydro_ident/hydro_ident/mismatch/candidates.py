@@ -154,10 +154,15 @@ def untestable(material: Material, effect: Effect) -> str:
         return "no pressures were recorded"
     if not targets(material.robot, effect):
         return "the robot has nothing that it could act on"
+    if effect.channel == "force" and material.motions < 2:
+        return (
+            "the joints move one way only: friction, gravity, levers and sensors' errors are one"
+            " curve over the position"
+        )
     if effect.start and material.motions < FEW_MOTIONS:
         return (
-            f"the joints move {material.motions} times: an instant is not told from the position"
-            " at which it falls"
+            f"motions of the joints in all: {material.motions}; an instant is not told from the"
+            " position at which it falls"
         )
     for stage, rail in ((Stage.SUPPLY, "supply"), (Stage.TANK, "tank")):
         if stage in stages and stages <= {Stage.SUPPLY, Stage.TANK} and recorded(material, rail):

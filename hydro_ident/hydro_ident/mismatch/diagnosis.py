@@ -178,6 +178,8 @@ def _diagnosed(
         left = dependences(work.training, whole)
     unknown = unexplained(work.training, whole, left, work.noise_floors())
     names = [n for f in findings for n in f.named.names]
+    # What was tried and not taken was testable.
+    tried = [f.named.term.effect.name for f in rejected] + [n for n, _, _ in search.impossible]
     modelled = robot_of(work.training.predictor, whole, work.robot, settings.fixed_base)
     before = modelled
     if findings:
@@ -200,7 +202,7 @@ def _diagnosed(
         " on the same channel to be its name: withdrawn"
         for f in withdrawn
     ]
-    notes += [f"not taken: {text}" for text in search.impossible]
+    notes += [f"not taken: {name} of {at}: {why}" for name, at, why in search.impossible]
     notes.append(f"model: {summary_of(whole.model.terms)}")
     return Diagnosis(
         _verdict(findings, rejected, unknown, few),
@@ -209,7 +211,7 @@ def _diagnosed(
         tuple(findings),
         tuple(rejected),
         unknown,
-        not_testable(work.scan, search.scanned, names),
+        not_testable(work.scan, search.scanned, [*names, *tried]),
         _channels(work, whole),
         tuple(located),
         run,
@@ -224,14 +226,14 @@ def _diagnosed(
 def _searched(
     work: Residuals, base: Fitted
 ) -> tuple[Search, Fitted, list[Finding], list[Finding]]:
-    """Search and confirm; what is not confirmed may have stood in another effect's place."""
+    """Search and confirm; where nothing stands, what failed may have stood in another's place."""
     rejected: list[Finding] = []
     for _ in range(_ROUNDS):
         excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
         search = Searcher(work.scan, base, excluded).run()
         whole, findings, failed = _confirmed(work, search)
         rejected += failed
-        if not failed:
+        if findings or not failed:
             break
     return search, whole, findings, rejected
 

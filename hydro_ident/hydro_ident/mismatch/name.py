@@ -64,15 +64,16 @@ class Search:
     named : tuple of Named
     scanned : tuple of Score
         The last scan, in which nothing more was found.
-    impossible : tuple of str
-        Effects that fitted best at the end of what is possible, and were not taken.
+    impossible : tuple of (str, str, str)
+        Effects and targets that fitted best at the end of what is possible, and why they were not
+        taken.
     """
 
     base: Fitted
     fitted: Fitted
     named: tuple[Named, ...]
     scanned: tuple[Score, ...]
-    impossible: tuple[str, ...] = ()
+    impossible: tuple[tuple[str, str, str], ...] = ()
 
 
 class Searcher:
@@ -102,7 +103,7 @@ class Searcher:
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
-        current, named, impossible = self.base, list[Named](), list[str]()
+        current, named, impossible = self.base, list[Named](), list[tuple[str, str, str]]()
         while len(named) < MOST_EFFECTS:
             found, scanned = self._next(current, named)
             if found is None:
@@ -110,7 +111,7 @@ class Searcher:
             if why := at_a_bound(found.term):
                 # What would have to be impossible is not the cause: another may be.
                 self.excluded.add((found.term.effect.name, found.term.target))
-                impossible.append(f"{found.term.effect.name} of {found.term.target}: {why}")
+                impossible.append((found.term.effect.name, found.term.target, why))
                 continue
             named.append(found)
             current = found.modelled.fitted

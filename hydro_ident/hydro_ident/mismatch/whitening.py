@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
@@ -95,12 +94,14 @@ class Noise:
 
         Rows are sorted by channel.
         """
-        result = np.empty_like(values)
+        result = values.copy()
         ends = np.searchsorted(layout.channel, np.arange(len(self.phi) + 1))
         for k, phi in enumerate(self.phi):
             own = slice(int(ends[k]), int(ends[k + 1]))
-            taps = np.concatenate([[1.0], -phi]) / self.std[k]
-            result[own] = lfilter(taps, [1.0], values[own], axis=0)
+            plain, mine = values[own], result[own]
+            for lag, weight in enumerate(phi, 1):
+                mine[lag:] -= weight * plain[:-lag]
+            mine /= self.std[k]
         return result
 
     def adjoint(self, layout: Layout, rows: BoolArray, values: FloatArray) -> FloatArray:
