@@ -100,14 +100,8 @@ def unexplained(
             continue
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
-<<<<<<< HEAD
             f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"
-            " catalogue does"
-=======
-            f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {one.variable} in"
-            f" {UNITS[one.variable]} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}); no effect of"
-            " the catalogue stands for it"
->>>>>>> 03eda9b603d697e2e4e7946bd3b5d8592c79bc6d
+            " catalogue stands for it"
         )
         on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
         result[one.channel] = Unexplained(
