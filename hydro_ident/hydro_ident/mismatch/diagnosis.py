@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import Dependence, dependences
 from hydro_ident.mismatch.model import robot_of, summary_of
@@ -176,7 +177,7 @@ def _diagnosed(
     whole, findings, withdrawn = _withdrawn(work, whole, findings, left)
     if withdrawn:
         left = dependences(work.training, whole)
-    unknown = unexplained(work.training, whole, left, work.noise_floors())
+    unknown = unexplained(work.training, whole, left, Confirmer(work.check, whole).holds)
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken was testable.
     tried = [f.named.term.effect.name for f in rejected] + [n for n, _, _ in search.impossible]
@@ -275,7 +276,7 @@ def _withdrawn(
 ) -> tuple[Fitted, list[Finding], list[Finding]]:
     """Take back names that explain less than what is left in their own channel."""
     material, taken = work.training.predictor.material, list[Finding]()
-    significant = unexplained(work.training, whole, left, work.noise_floors())
+    significant = unexplained(work.training, whole, left, Confirmer(work.check, whole).holds)
     remains = {u.channel: u.dependence.gain for u in significant}
     for finding in findings:
         channel = finding.channels[0]

@@ -25,6 +25,10 @@ from hydro_model.robot import FloatArray
 
 #: Knots of the functions, at quantiles of the variable.
 KNOTS = 9
+#: Rows by which a variable is looked at later, and the value from which it is worth looking.
+_AHEAD, _NOTABLE = (2, 3, 5), 3.0
+#: Directions of functions below this share of the strongest are not told.
+_RANK = 1.0e-4
 #: Variable, factor, knots and columns (N, m).
 _Function = tuple[str, str, FloatArray, FloatArray]
 
@@ -53,6 +57,8 @@ class Dependence:
         Rms of the function on these rows, in the channel's unit.
     knots, curve : (m,) array
         The function, less its mean; of one that repeats, a period of it.
+    coefficients : (k,) array
+        Of the straight pieces at the knots; of cosine and sine.
     period : float
         After which it repeats; 0 where it does not.
     """
@@ -68,6 +74,7 @@ class Dependence:
     size: float
     knots: FloatArray
     curve: FloatArray
+    coefficients: FloatArray
     period: float = 0.0
 
 
@@ -87,10 +94,11 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
     found: list[Dependence] = []
     chances: list[FloatArray] = []
     lines: list[Dependence] = []
+    answered = set[tuple[int, str, str]]()
     for channel in range(len(training.predictor.material.channels)):
         first = len(found)
         sums: list[tuple[FloatArray, FloatArray]] = []
-        own, bench = _alone(training, fitted, channel)
+        own, bench = alone(training, fitted, channel)
         if bench is None:
             continue
         functions = _functions(own, fitted, channel)
@@ -98,6 +106,8 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
             what = channel, variable, times
             one = _dependence(own, fitted, bench, what, knots, columns)
             if one is not None:
+                if variable != "time" and _answered(own, bench, one[0], columns):
+                    answered.add((channel, variable, times))
                 found.append(one[0])
                 sums.append(one[1])
         if first == len(found):
@@ -116,10 +126,39 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
     result = [
         replace(d, p_value=float((1 + np.sum(chance >= d.value)) / (1 + chance.size)))
         for d in found
+        if (d.channel, d.variable, d.times) not in answered
     ]
     tried = max(len(lines), 1)
     result += [replace(d, p_value=min(1.0, d.p_value * tried)) for d in lines]
     return sorted(result, key=lambda d: -d.value)
+
+
+def _answered(training: Training, bench: Bench, found: Dependence, columns: FloatArray) -> bool:
+    """Whether it is rather the variable that answers to the residual: through a feedback loop.
+
+    What a controller or the machine itself makes of a disturbance comes after it: the same
+    function of the variable a little later explains more of the residual than now.
+    """
+    if found.value < _NOTABLE:
+        return False
+    seen, ahead = columns[training.mask], np.zeros_like(columns)
+    for rows in _AHEAD:
+        ahead[training.mask] = np.roll(seen, -rows, axis=0)
+        white = bench.beyond(ahead[training.mask])
+        _, inverse = _inverse(white.T @ white)
+        sums = white.T @ bench.residual
+        if float(sums @ inverse @ sums) > found.gain:
+            return True
+    return False
+
+
+def _inverse(gram: FloatArray) -> tuple[int, FloatArray]:
+    """Rank and pseudo-inverse of a Gram matrix, directions that columns hardly have left out."""
+    values, vectors = np.linalg.eigh(gram)
+    kept = values > _RANK * max(float(values[-1]), 1e-300)
+    if values[-1] <= 0.0:
+        return 0, np.zeros_like(gram)
+    return int(kept.sum()), (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
 
 
 def _lines(
@@ -133,7 +172,7 @@ def _lines(
     The rows are not whitened: a strong line is what their autoregression would take away first.
     """
     mask, found = training.mask, []
-    noise = _white(training, fitted)
+    noise = whitened_alike(training, fitted)
     bench = training.bench(noise, fitted.residual, fitted.columns, fitted.offset)
     for variable, times, _, pieces in functions:
         if variable not in VARIABLES:
@@ -153,7 +192,7 @@ def _lines(
     return found
 
 
-def _white(training: Training, fitted: Fitted) -> Noise:
+def whitened_alike(training: Training, fitted: Fitted) -> Noise:
     """Independent noise of the size of each channel's residual on the training rows."""
     channel = training.predictor.material.channel[training.mask]
     residual = fitted.residual[training.mask]
@@ -174,7 +213,7 @@ def _line(
     """A line of a wave number as a dependence."""
     bench, (values, factor) = lines.bench, over
     period = 1.0 / float(lines.numbers[number])
-    columns = _waves(values / period) * factor[:, None]
+    columns = waves(values / period) * factor[:, None]
     one = _dependence(training, fitted, bench, what, np.zeros(2), columns)
     if one is None:
         return None
@@ -182,16 +221,16 @@ def _line(
     theta = inverse @ (white.T @ bench.residual)
     p = lines.p_value(number, bench.residual - white @ theta)
     knots = np.linspace(0.0, period, KNOTS)
-    curve = _waves(knots / period) @ theta
+    curve = waves(knots / period) @ theta
     return replace(one[0], p_value=p, knots=knots, curve=curve, period=period)
 
 
-def _waves(turns: FloatArray) -> FloatArray:
+def waves(turns: FloatArray) -> FloatArray:
     """Cosine and sine of so many turns, (N, 2)."""
     return np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)], axis=1)
 
 
-def _alone(training: Training, fitted: Fitted, channel: int) -> tuple[Training, Bench | None]:
+def alone(training: Training, fitted: Fitted, channel: int) -> tuple[Training, Bench | None]:
     """Training rows of one channel, and their bench: the base is refitted to them alone.
 
     Parameters are shared between channels. What one channel's misfit does to another through
@@ -210,8 +249,7 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Functi
     predictor = training.predictor
     material = predictor.material
     own = (material.channel == channel) & training.mask
-    values = {name: row_values(predictor, fitted.model, channel, name) for name in SIGNALS}
-    values |= _undisturbed(training, fitted, channel, values)
+    values = values_of(training, fitted, channel)
     factor, kind = factor_of(predictor, channel, values, own)
     result = []
     for name, column in values.items():
@@ -227,6 +265,13 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[_Functi
         if np.isfinite(factor[own]).all():
             result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
     return result
+
+
+def values_of(training: Training, fitted: Fitted, channel: int) -> dict[str, FloatArray]:
+    """Every variable of a channel on the rows, (N,) each, free of the channel's own noise."""
+    predictor = training.predictor
+    values = {name: row_values(predictor, fitted.model, channel, name) for name in SIGNALS}
+    return values | _undisturbed(training, fitted, channel, values)
 
 
 def _undisturbed(
@@ -271,15 +316,12 @@ def _dependence(
     channel, variable, times = what
     mask = training.mask
     white = bench.beyond(columns[mask])
-    gram = white.T @ white
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > 1e-4 * max(float(values[-1]), 1e-300)
-    if not kept.any() or values[-1] <= 0.0:
+    freedom, inverse = _inverse(white.T @ white)
+    if not freedom:
         return None
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
     sums = white.T @ bench.residual
     theta = inverse @ sums
-    gain, freedom = float(sums @ theta), int(kept.sum())
+    gain = float(sums @ theta)
     own = (training.predictor.material.channel == channel) & mask
     function = _raw(bench, fitted, columns, theta, mask, channel)
     residual = fitted.residual[own]
@@ -288,7 +330,7 @@ def _dependence(
     found = Dependence(
         channel, variable, times, gain, freedom, (gain - freedom) / np.sqrt(2.0 * freedom), 1.0,
         max(0.0, 1.0 - after / before) if before > 0.0 else 0.0,
-        float(np.sqrt(np.mean(function**2))), knots, theta - theta.mean(),
+        float(np.sqrt(np.mean(function**2))), knots, theta - theta.mean(), theta,
     )  # fmt: skip
     return found, (white, inverse)
 

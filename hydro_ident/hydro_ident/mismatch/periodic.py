@@ -73,7 +73,11 @@ class Lines:
         return tuple(dict.fromkeys(found))
 
     def p_value(self, number: int, rest: FloatArray) -> float:
-        """Chance of so strong a line at any of the wave numbers.
+        """Chance of so strong a line at any of the wave numbers; as `chance`."""
+        return min(1.0, self.numbers.size * self.chance(number, rest))
+
+    def chance(self, number: int, rest: FloatArray) -> float:
+        """Chance of so strong a line at one wave number.
 
         Parameters
         ----------
@@ -86,8 +90,8 @@ class Lines:
         power = self._powers(self.bench.residual)[number]
         ratio = power / _background(self._powers(rest))[number]
         worth = _WORTH * 2.0 * (_REACH - _NEAREST)
-        # The tail of a power over the mean of so many others, times the wave numbers tried.
-        return float(min(1.0, self.numbers.size * (1.0 + ratio / worth) ** -worth))
+        # The tail of a power over the mean of so many others.
+        return float((1.0 + ratio / worth) ** -worth)
 
     def _powers(self, residual: FloatArray) -> FloatArray:
         """Squared Fourier sums of a whitened residual, (K,)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,13 +22,6 @@ from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.
 _SURE = 5.0
-#: What is computed from the same readings as the residuals: noise stands on both sides, and a
-#: dependence no larger than the noise is the noise seen twice.
-_OF_THE_SAME_SENSORS = frozenset(
-    {"piston_velocity", "piston_acceleration", "piston_force", "pressure_a", "pressure_b"}
-)
-#: Noise that is not white stands out of a floor that takes it to be.
-_TWICE = 2.0
 _WORDS = {"": "", "direction": " times the direction of motion", "valve_signal": " times the valve"
           " signal"}  # fmt: skip
 
@@ -73,7 +66,7 @@ def unexplained(
     training: Training,
     fitted: Fitted,
     found: Sequence[Dependence],
-    floors: Mapping[str, float],
+    holds: Callable[[Dependence], bool],
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, one entry per channel.
 
@@ -84,8 +77,8 @@ def unexplained(
         With all findings.
     found : sequence of Dependence
         Of its residual, strongest first.
-    floors : mapping of str to float
-        What the sensors' noise alone leaves in each channel.
+    holds : callable
+        Whether a dependence is there on rows that took no part.
     """
     material = training.predictor.material
     result: dict[int, Unexplained] = {}
@@ -96,7 +89,7 @@ def unexplained(
         if one.share < LEAST_SHARE or one.size < least[one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
-        if one.variable in _OF_THE_SAME_SENSORS and one.size < _TWICE * floors.get(name, 0.0):
+        if not holds(one):
             continue
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"

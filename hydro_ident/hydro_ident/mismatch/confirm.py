@@ -1,0 +1,84 @@
+"""Unnamed dependence put to rows that took no part: it has to be there, too.
+
+The function as found is laid over the other rows' variables, behind a refit of the base to these
+rows. What happens over time at other times is told by what repeats: a line has to be there again,
+with a phase of its own; a slow course of one recording cannot be looked for in another.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.fitting import Fitted, Training, fitted
+from hydro_ident.mismatch.locate import Dependence, alone, values_of, waves, whitened_alike
+from hydro_ident.mismatch.periodic import Lines
+from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.state_space import factor_of, hats
+from hydro_ident.mismatch.verify import VERIFIED, Check
+from hydro_model.robot import FloatArray
+
+
+class Confirmer:
+    """Rows to confirm on, laid out once.
+
+    Parameters
+    ----------
+    check : Check
+    whole : Fitted
+        The final model on the training rows.
+    """
+
+    def __init__(self, check: Check, whole: Fitted) -> None:
+        self._training = Training.of(check.predictor, check.mask & check.moving)
+        self._fitted = fitted(self._training, whole.model, None)
+
+    def holds(self, found: Dependence) -> bool:
+        """Whether a dependence is there on the other rows."""
+        names = self._training.predictor.material.channels
+        if found.channel >= len(names) or (found.variable == "time" and not found.period):
+            return True
+        own, bench = alone(self._training, self._fitted, found.channel)
+        if bench is None:
+            return True
+        values = values_of(own, self._fitted, found.channel)
+        factor = np.ones(own.mask.size)
+        if found.times:
+            factor, _ = factor_of(own.predictor, found.channel, values, own.mask)
+        at = values[found.variable]
+        if not np.isfinite(at[own.mask]).all() or not np.isfinite(factor[own.mask]).all():
+            return True
+        if found.variable == "time":
+            return self._line_is_there(own, found, at, factor)
+        if found.period:
+            pieces = waves(at[own.mask] / found.period)
+        else:
+            pieces = hats(at[own.mask], found.knots)
+        column = np.zeros(own.mask.size)
+        column[own.mask] = pieces @ found.coefficients * factor[own.mask]
+        return _chance(bench, column[own.mask]) <= VERIFIED
+
+    def _line_is_there(
+        self, own: Training, found: Dependence, at: FloatArray, factor: FloatArray
+    ) -> bool:
+        plain = whitened_alike(own, self._fitted)
+        bench = own.bench(plain, self._fitted.residual, self._fitted.columns, self._fitted.offset)
+        lines = Lines.of(bench, at[own.mask], factor[own.mask])
+        if lines is None:
+            return True
+        number = int(np.argmin(np.abs(lines.numbers * found.period - 1.0)))
+        columns = waves(at[own.mask] / found.period) * factor[own.mask][:, None]
+        white = bench.beyond(columns)
+        theta = np.linalg.lstsq(white, bench.residual, rcond=1e-3)[0]
+        return lines.chance(number, bench.residual - white @ theta) <= VERIFIED
+
+
+def _chance(bench: Bench, column: FloatArray) -> float:
+    """Share of sign flips of whole blocks that reach the column's product with the residual."""
+    white = bench.beyond(column[:, None])
+    sums = bench.by_block(white * bench.residual[:, None])[:, 0]
+    total = float(sums.sum())
+    if total <= 0.0:
+        return 1.0
+    drawn = signs(sums.size) @ sums
+    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))
