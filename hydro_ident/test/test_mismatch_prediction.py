@@ -116,6 +116,18 @@ def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Mode
     assert values["dead_volume"] == pytest.approx([9e-4, 1.1e-3], rel=0.1)
 
 
+def test_a_null_bias_finds_its_sign(true_model: tuple[Predictor, Model]) -> None:
+    predictor, model = true_model
+    training = Training.of(predictor, predictor.material.moving())
+    wrong = tuple(
+        replace(t, parameters=-0.3 * t.parameters) if t.effect.name == "valve_null_bias" else t
+        for t in model.terms
+    )
+    found = fit(training, replace(model, terms=wrong), passes=4)
+    bias = next(t for t in found.model.terms if t.effect.name == "valve_null_bias")
+    assert bias.parameters[0] == pytest.approx(0.006, rel=0.03)
+
+
 def test_every_testable_effect_has_finite_columns(true_model: tuple[Predictor, Model]) -> None:
     predictor, model = true_model
     bare = replace(model, terms=())

@@ -23,6 +23,8 @@ from hydro_model.robot import FloatArray, Robot, Valve
 _STEP = 1.0e-3
 #: A shape parameter moves by no more than this factor per pass.
 _FACTOR = 2.0
+#: One that has either sign may always move by this share of its bound.
+_SIGNED_SHARE = 0.1
 #: Parameters that only round a law's corners: fitted, they would turn it into another one.
 ROUNDING = {("valve_rate_limit", "time_constant"), ("valve_hysteresis", "time_constant")}
 #: Halvings of a step that makes things worse, and the share of improvement below which a fit has
@@ -380,13 +382,17 @@ def _moved(training: Training, model: Model, step: FloatArray) -> Model:
 
 
 def _stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:
-    """A term after a step of its free parameters, within bounds; shapes move by factors."""
+    """A term after a step of its free parameters, within bounds; shapes move by factors.
+
+    What can be 0, such as a null bias, has either sign: factors would hold it to its first one.
+    """
     parameters, changes = term.parameters.copy(), iter(step)
     for i, spec in enumerate(term.effect.parameters):
         if not _free(term, i):
             continue
         change = float(next(changes))
-        if not spec.linear and parameters[i] != 0.0:
+        signed = spec.lower < 0.0 < spec.upper
+        if not spec.linear and not signed and parameters[i] != 0.0:
             limit = abs(parameters[i]) * (_FACTOR - 1.0) / _FACTOR
             change = math.copysign(min(abs(change), limit), change)
         parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)

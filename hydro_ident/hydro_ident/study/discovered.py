@@ -32,6 +32,7 @@ from hydro_control.compensation_plan import plan
 from hydro_control.gains import Gains
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.random_truth import random_truth
+from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_viscous_friction
 from hydro_ident.results import CONTROLLER_FILE, RESULT_FILE
@@ -114,40 +115,39 @@ def study_machine(options: Options, machine: tuple[int, float]) -> dict[str, Any
     dict
         An entry of `plants` of the result.
     """
-    seed, margin = machine
-    robot, folder = load_robot(ROBOT), options.work / f"machine_{seed}"
-    folder.mkdir(parents=True, exist_ok=True)
+    (seed, margin), robot = machine, load_robot(ROBOT)
+    folder = options.work / f"machine_{seed}"
     truth, start = random_truth(robot, seed), _start_tip()
     bags = record_runs(robot, truth, options.experiment, start, folder)
     identified = load_robot(model_of("identify", ROBOT, bags, folder / "identified"))
     found_file = model_of("diagnose", ROBOT, bags, folder / "discovered")
-    found, gains = load_robot(found_file), gains_of(found_file.with_name(CONTROLLER_FILE))
+    found = load_robot(found_file)
+    gains, planned = gains_of(found_file.with_name(CONTROLLER_FILE)), plan(found)
     friction = {c.name: c.viscous_friction for c in identified.cylinders}
-    nominal = with_viscous_friction(robot, friction)
-    runs: dict[str, tuple[Robot, Gains]] = {
-        "nominal": (nominal, Gains()),
+    rows = {
+        "nominal": (with_viscous_friction(robot, friction), Gains()),
         "identified": (identified, Gains()),
         "discovered": (found, gains),
     }
-    planned = plan(found)
     names = planned.names if options.ablation else ()
     ablated = {name: (without(found, name), gains) for name in names}
-
-    def driven(cases: dict[str, tuple[Robot, Gains]]) -> dict[str, Row]:
-        return {
-            name: asdict(track(robot, truth, model, tuned, _TRACK_SEED))
-            for name, (model, tuned) in cases.items()
-        }
-
     return {
         "seed": seed,
         "force_margin": margin,
-        "rows": driven(runs),
-        "without": driven(ablated),
+        "rows": driven(robot, truth, rows),
+        "without": driven(robot, truth, ablated),
         "compensated": list(planned.names),
         "left_out": dict(planned.left_out),
         "command_delay_s": found.command_delay_s,
         "diagnosis": _diagnosis(found_file.with_name(RESULT_FILE)),
+    }
+
+
+def driven(robot: Robot, truth: Truth, cases: dict[str, tuple[Robot, Gains]]) -> dict[str, Row]:
+    """Tracking figures of one machine along the path, by model and gains."""
+    return {
+        name: asdict(track(robot, truth, model, gains, _TRACK_SEED))
+        for name, (model, gains) in cases.items()
     }
 
 

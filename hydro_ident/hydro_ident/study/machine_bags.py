@@ -73,6 +73,7 @@ def record_runs(
     tuple of Path
         A bag per run of `RUNS`.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     bags = tuple(folder / run for run in RUNS)
     for noise_seed, bag in enumerate(bags, start=1):
         if bag.is_dir():
