@@ -21,13 +21,13 @@ FEW_MOTIONS = 4
 FORM_TOLERANCE = 0.05
 #: What is left in a channel counts as a further effect only beyond this share (rms) of what the
 #: effects found there explain already.
-ADDED_SHARE = 0.03
+ADDED_SHARE = 0.05
 #: What a description of a machine is good for: in none of its channels does a model claim to be
 #: better than this share (rms) of what is measured.
-PRECISION = 5.0e-4
+PRECISION = 2.0e-4
 #: A shift in time below this many sampling intervals is no finding: when within its interval a
-#: sensor is read is known no better.
-LEAST_CYCLES = 0.5
+#: sensor is read is known no better, and noise that a controller feeds back shifts fits by as much.
+LEAST_CYCLES = 1.0
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005
 #: A name is kept only where it explains at least this share of what any smooth function of the

@@ -23,7 +23,7 @@ from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
 #: A finding that improves held-out rows by chance more often than this does not stand.
-VERIFIED = 0.05
+VERIFIED = 0.1
 #: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
 #: Shifts of the placebo, as shares of a recording.
