@@ -224,6 +224,9 @@ class Searcher:
         alone = self.training.bench(bench.noise, current.residual, base, current.offset)
         total = 0.0
         for term in current.model.terms:
+            if term.effect.change is not None or term.effect.reading is not None:
+                # Geometry, mass and time have one form: nothing of it is left over.
+                continue
             column = predictor.contribution(current.model, term)
             if any(column[material.channel == k].any() for k in acting):
                 total += float(np.sum(alone.beyond(column[self.training.mask][:, None]) ** 2))

@@ -25,8 +25,10 @@ ADDED_SHARE = 0.05
 #: What a description of a machine is good for: in none of its channels does a model claim to be
 #: better than this share (rms) of what is measured.
 PRECISION = 2.0e-4
-#: A shift in time below this many sampling intervals is no finding: when within its interval a
-#: sensor is read is known no better, and noise that a controller feeds back shifts fits by as much.
+#: The same for a dependence without a name: no law says that it is more than the form's flaw.
+PRECISION_UNNAMED = 5.0e-4
+#: A shift in time below this many sampling intervals is no finding: when a sensor is read within
+#: its interval is known no better, and noise that a controller feeds back shifts fits by as much.
 LEAST_CYCLES = 1.0
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005

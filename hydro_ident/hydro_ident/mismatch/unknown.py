@@ -15,7 +15,7 @@ from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
     FORM_TOLERANCE,
     LEAST_SHARE,
-    PRECISION,
+    PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import UNITS
 from hydro_model.effects.catalogue import CATALOGUE
@@ -116,7 +116,7 @@ def least_size(training: Training, fitted: Fitted, channel: int) -> float:
     predictor = training.predictor
     own = (predictor.material.channel == channel) & training.mask
     y, _ = predictor.base(fitted.model)
-    size = PRECISION * float(np.sqrt(np.mean(y[own] ** 2)))
+    size = PRECISION_UNNAMED * float(np.sqrt(np.mean(y[own] ** 2)))
     parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
     squares = sum(float(np.var(part)) for part in parts)
     return max(size, FORM_TOLERANCE * float(np.sqrt(squares)))

@@ -130,7 +130,9 @@ def score_case(
     chosen = _matched(known, findings)
     effects = [_effect_score(effect, chosen.get(k)) for k, effect in enumerate(known)]
     used = list(chosen.values())
-    false = [f["names"][0] for f in findings if f["names"] and not any(f is u for u in used)]
+    everywhere = _of_the_whole_robot(known, result)
+    others = [f["names"][0] for f in findings if f["names"] and not any(f is u for u in used)]
+    false = [name for name in others if name not in everywhere]
     ratios = [float(e["ratio"]) for e in truth["effects"]]
     there = {str(u.get("channel", "")) for u in result.get("unexplained", [])}
     return CaseScore(
@@ -150,6 +152,14 @@ def score_case(
         heldout_ratio=_ratio(truth, result, oracle or {}),
         oracle_set=len(oracle["set"]) if oracle and oracle.get("set") else None,
     )
+
+
+def _of_the_whole_robot(
+    effects: Sequence[Mapping[str, Any]], result: Mapping[str, Any]
+) -> set[str]:
+    """Names of hidden effects that act on every joint: found at several, none is wrong."""
+    joints = {str(channel).split("/")[0] for channel in result.get("channels", {})}
+    return {str(e["name"]) for e in effects if e["target"] not in joints}
 
 
 def _channels(truth: Mapping[str, Any]) -> set[str]:
