@@ -19,9 +19,10 @@ from hydro_model.solver_kernels import scaled_rates
 Array = Any  # numba types the kernels; mypy follows no numba import
 
 #: Fastest rate times step from which a step counts as held short by stability.
-_NEAR_LIMIT = 2.5
-#: So many of them call the implicit method, for so many steps.
-_MOST_SHORT, _IMPLICIT_STEPS = 15, 100
+_NEAR_LIMIT = 2.0
+#: What a short step counts (any other counts -1), the count that calls the implicit method, and
+#: for how many steps. At the limit of stability, short and other steps alternate.
+_SHORT, _ENOUGH, IMPLICIT_STEPS = 4, 40, 100
 
 
 @kernel
@@ -79,6 +80,6 @@ def watch_stiffness(solver: Any, h: float, span: float) -> None:
     """
     price = 1.0 + 0.25 * solver.z.shape[0]
     limited = solver.speed[0] * h > _NEAR_LIMIT and price * h < span
-    solver.stiff[0] = max(0, solver.stiff[0] + (1 if limited else -1))
-    if solver.stiff[0] == _MOST_SHORT:
-        solver.stiff[0], solver.stiff[1] = 0, _IMPLICIT_STEPS
+    solver.stiff[0] = max(0, solver.stiff[0] + (_SHORT if limited else -1))
+    if solver.stiff[0] >= _ENOUGH:
+        solver.stiff[0], solver.stiff[1] = 0, IMPLICIT_STEPS

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hydro_model.dormand_prince import STAGES as EXPLICIT_STAGES
-from hydro_model.explicit_kernels import try_explicit, watch_stiffness
+from hydro_model.explicit_kernels import IMPLICIT_STEPS, try_explicit, watch_stiffness
 from hydro_model.kernel import copy, inlined, kernel
 from hydro_model.rosenbrock_kernels import jacobian, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
@@ -21,7 +21,9 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 FIRST_STEP_S = 1.0e-4
 EXPLICIT_ORDER, IMPLICIT_ORDER = 5.0, 4.0  # of a step's error
 SMALLEST_STEP_S = 1.0e-11
-MOST_STEPS = 100_000  # between two changes of input
+# Between two changes of input: steps after which the implicit method is tried whatever keeps
+# them short (friction that is sharp within the tolerance does not show as a rate), and most steps.
+MANY_STEPS, MOST_STEPS = 50, 100_000
 DONE, NOT_FINITE, STEP_TOO_SMALL, TOO_MANY_STEPS, OUT_OF_STROKE = range(5)
 
 
@@ -85,7 +87,9 @@ def _advance(
     `known`: the right-hand side was evaluated just before.
     """
     span = end - time
-    for _ in range(MOST_STEPS):
+    for count in range(MOST_STEPS):
+        if count == MANY_STEPS:
+            solver.stiff[1] = IMPLICIT_STEPS
         if not known and not scaled_rates(
             model, work, time, inputs, solver.z, solver.f, solver.y, RATES
         ):

@@ -252,3 +252,14 @@ def test_retracting_draws_from_the_supply_too(make_slider) -> None:
     drawn = -out.qd[-1, 0] * robot.cylinders[0].area_b_m2
     assert drawn > 0.0
     assert 19e6 - out.supply[-1] == pytest.approx(4e8 * drawn, rel=2e-2)
+
+
+def test_friction_as_sharp_as_allowed_takes_implicit_steps(make_slider) -> None:
+    """3 kN within 10 um/s on a ton: rates of 3e5 1/s would hold explicit steps to 10 us."""
+    sharp = {"coulomb_friction": {"force": 3e3, "velocity_scale": 1e-5}}
+    robot, times = make_slider(viscous_friction=VISCOUS, effects=sharp), np.arange(251) * 0.004
+    volts = np.where(times > 0.5, 0.0, 2.0)[:, None]
+    out = simulate(robot, times, volts, [0.2])
+    exact = simulate(robot, times, volts, [0.2], tolerance=1e-9)
+    assert out.steps < 5000
+    np.testing.assert_allclose(out.q, exact.q, atol=1e-5)

@@ -1,0 +1,138 @@
+"""`bench`: our work against what a user would take instead, in one process, in turns.
+
+    scripts/bench.sh [--json F] [--rounds 5] [--only TEXT] [--growth MINUTES MINUTES ...]
+
+Peers are optional (requirements-bench.in); those that are not installed are said and skipped.
+That results agree is checked before anything is timed. Ratios are those of medians over rounds;
+the absolute times of a shared machine mean little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from hydro_ident.bag.metadata import write_atomically
+from hydro_ident.bench import bag_jobs, growth, limits, model_jobs
+from hydro_ident.bench.job import Job, Row, run
+from hydro_ident.errors import IdentError
+from hydro_model.command import run_command
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `python -m hydro_ident.bench`."""
+    return run_command("bench", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="bench", description=(__doc__ or "").split("\n\n")[0])
+    parser.add_argument("--json", type=Path, metavar="F", help="write the rows as JSON")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds of each job (default 5)")
+    parser.add_argument(
+        "--only", choices=sorted(_GROUPS), nargs="+", default=list(_GROUPS), help="groups of jobs"
+    )
+    parser.add_argument(
+        "--growth",
+        type=float,
+        nargs="+",
+        metavar="MINUTES",
+        help="also identify from bags of these lengths and print how time and memory grow",
+    )
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    if options.rounds < 1 or (options.growth is not None and len(options.growth) < 2):
+        raise IdentError("bench: expected --rounds of 1 or more and --growth of 2 lengths or more")
+    threads = ", ".join(f"{name}={os.environ.get(name, 'unset')}" for name in _THREADS)
+    _say(f"threads: {threads}")
+    _say(f"cores: {os.cpu_count()}, rounds: {options.rounds}")
+    _say("\n| job | against | ours, s | theirs, s | ratio | goal |\n|---|---|---|---|---|---|")
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in options.only:
+            for row in _GROUPS[name](Path(folder), options.rounds):
+                rows.append(row)
+                _say(_line(row))
+        if options.growth is not None:
+            time, memory = growth.exponents(options.growth, Path(folder))
+            _say(
+                f"\nidentify over {options.growth} minutes: time ^{time:.2f}, memory ^{memory:.2f}"
+            )
+    if options.json is not None:
+        _write(options.json, rows)
+    return 0
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _line(row: Row) -> str:
+    return (
+        f"| {row.job} | {row.peer} | {row.ours:.3g} | {row.theirs:.3g} | {row.ratio:.2f}"
+        f" | {row.goal:g} |"
+    )
+
+
+def _write(path: Path, rows: Sequence[Row]) -> None:
+    try:
+        write_atomically(path, json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+    except OSError as error:
+        raise IdentError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _timed(jobs: Iterator[Job], rounds: int) -> Iterator[Row]:
+    for job in jobs:
+        try:
+            yield run(job, rounds)
+        except AssertionError as error:
+            raise IdentError(f"{job.name}: {job.peer} does not agree: {error}") from error
+
+
+def _dynamics(folder: Path, rounds: int) -> Iterator[Row]:
+    try:
+        pin = importlib.import_module("pinocchio")
+    except ImportError:
+        print("rigid body: pinocchio is not installed, skipped", file=sys.stderr)
+        return
+    yield from _timed(model_jobs.dynamics_jobs(pin), rounds)
+
+
+def _simulation(folder: Path, rounds: int) -> Iterator[Row]:
+    yield from _timed(model_jobs.simulation_jobs(), rounds)
+    yield from model_jobs.real_time_rows(rounds)
+
+
+def _bag(folder: Path, rounds: int) -> Iterator[Row]:
+    def say(text: str) -> None:
+        print(text, file=sys.stderr)
+
+    yield from _timed(bag_jobs.bag_jobs(bag_jobs.write_bag(folder), say), rounds)
+
+
+def _control(folder: Path, rounds: int) -> Iterator[Row]:
+    yield limits.control_tick()
+
+
+def _start(folder: Path, rounds: int) -> Iterator[Row]:
+    yield from limits.command_starts(bag_jobs.write_small(folder), rounds)
+
+
+_GROUPS: dict[str, Callable[[Path, int], Iterator[Row]]] = {
+    "dynamics": _dynamics,
+    "simulation": _simulation,
+    "bag": _bag,
+    "control": _control,
+    "start": _start,
+}

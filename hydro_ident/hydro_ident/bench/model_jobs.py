@@ -1,0 +1,164 @@
+"""Jobs of the model: regressor and inverse dynamics against pinocchio, roll-outs against scipy."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
+from hydro_ident.bench.job import Job, Row, against_limit, seconds_of
+from hydro_model.effects import CATALOGUE
+from hydro_model.rigid_body import inverse_dynamics, regressor
+from hydro_model.robot import EffectSpec, FloatArray, Robot
+from hydro_model.robot_files import load_robot
+from hydro_model.simulate import Model, equilibrium_pressures, simulate
+from hydro_model.simulate_reference import reference_rates
+
+SAMPLES = 100_000
+STEP_S, SIMULATED_S = 0.002, 10.0
+START = np.array([0.8, -1.2])
+#: scipy solves so much of the roll-out: it would take minutes for all of it.
+_SCIPY_S = 0.4
+
+
+def dynamics_jobs(pin: Any) -> Iterator[Job]:
+    """Regressor and inverse dynamics of chains with 2 and 6 joints; `pin` is pinocchio."""
+    for dof in (2, 6):
+        robot = chain(dof)
+        motion = np.random.default_rng(dof).normal(size=(3, SAMPLES, dof))
+        yield _regressor_job(pin, robot, motion)
+        yield _torque_job(pin, robot, motion)
+
+
+def _regressor_job(pin: Any, robot: Robot, motion: FloatArray) -> Job:
+    model = pinocchio_model(pin, robot)
+    data, (q, qd, qdd) = model.createData(), motion
+    compute = pin.computeJointTorqueRegressor
+    columns = [10 * link + p for link in range(robot.dof) for p in PINOCCHIO_ORDER]
+
+    def theirs(count: int = SAMPLES) -> FloatArray:
+        out = np.empty((count, robot.dof, 10 * robot.dof))
+        for k in range(count):
+            out[k] = compute(model, data, q[k], qd[k], qdd[k])
+        return out
+
+    def check() -> None:
+        ours = regressor(robot, q[:100], qd[:100], qdd[:100])
+        np.testing.assert_allclose(ours[:, :, columns], theirs(100), rtol=1e-9, atol=1e-9)
+
+    name = f"torque regressor, {SAMPLES} samples, {robot.dof} joints"
+    peer = f"pinocchio {pin.__version__} in a loop"
+    return Job(name, peer, 4.0, lambda: regressor(robot, q, qd, qdd), theirs, check)
+
+
+def _torque_job(pin: Any, robot: Robot, motion: FloatArray) -> Job:
+    model = pinocchio_model(pin, robot)
+    data, (q, qd, qdd) = model.createData(), motion
+
+    def theirs(count: int = SAMPLES) -> FloatArray:
+        out = np.empty((count, robot.dof))
+        for k in range(count):
+            out[k] = pin.rnea(model, data, q[k], qd[k], qdd[k])
+        return out
+
+    def check() -> None:
+        ours = inverse_dynamics(robot, q[:100], qd[:100], qdd[:100])
+        np.testing.assert_allclose(ours, theirs(100), rtol=1e-9, atol=1e-9)
+
+    name = f"inverse dynamics, {SAMPLES} samples, {robot.dof} joints"
+    peer = f"pinocchio {pin.__version__} in a loop"
+    return Job(name, peer, 4.0, lambda: inverse_dynamics(robot, q, qd, qdd), theirs, check)
+
+
+def base_robot() -> Robot:
+    """The shipped crane without effects."""
+    return replace(load_robot("xs031"), effects=())
+
+
+def with_every_effect(robot: Robot) -> Robot:
+    """The robot with every effect of the catalogue at its typical size."""
+    specs = (
+        EffectSpec(effect.name, robot.name, {p.name: p.typical for p in effect.parameters})
+        for effect in CATALOGUE.values()
+    )
+    return replace(robot, effects=tuple(specs))
+
+
+def _drive(seconds: float) -> tuple[FloatArray, FloatArray]:
+    times = np.asarray(np.arange(round(seconds / STEP_S) + 1) * STEP_S, dtype=np.float64)
+    slow, quick = np.outer(times, [2.0, 1.7]), np.outer(times, [20.0, 31.7])
+    return times, 2.0 * np.sin(slow) + 0.3 * np.sin(quick)
+
+
+def simulation_jobs() -> Iterator[Job]:
+    """A roll-out of the base model against scipy's LSODA, with either right-hand side."""
+    robot = base_robot()
+    times, volts = _drive(_SCIPY_S)
+
+    def ours() -> FloatArray:
+        run = simulate(robot, times, volts, START)
+        return np.column_stack([run.q, run.qd, run.p_a / 1e6, run.p_b / 1e6])
+
+    for text, compiled in (("numpy", False), ("our compiled", True)):
+        exact = _scipy_rollout(robot, times, volts, 1e-10, True)
+
+        def theirs(compiled: bool = compiled) -> FloatArray:
+            return _scipy_rollout(robot, times, volts, 1e-6, compiled)
+
+        def check(theirs: Any = theirs, exact: FloatArray = exact) -> None:
+            for one in (ours(), theirs()):
+                np.testing.assert_allclose(one, exact, rtol=0.0, atol=1e-3)
+
+        name = f"simulation, two joints, {_SCIPY_S:g} s"
+        peer = f"scipy solve_ivp LSODA on {text} right-hand side"
+        yield Job(name, peer, 100.0, ours, theirs, check)
+
+
+def _scipy_rollout(
+    robot: Robot, times: FloatArray, volts: FloatArray, tolerance: float, compiled: bool
+) -> FloatArray:
+    from scipy.integrate import solve_ivp
+
+    model = Model(robot)
+    scale, inputs = model.arrays.scale, model.inputs(volts[0] / 10.0, *_rails(robot))
+    p0 = equilibrium_pressures(model.robot, START)
+    states = [model.rest(START, np.zeros(2), p0, inputs) / scale]
+
+    def rates(t: float, z: FloatArray) -> FloatArray:
+        if compiled:
+            return model.rates(t, z * scale, inputs) / scale
+        return reference_rates(model.robot, model.active, t, inputs, z * scale) / scale
+
+    for k in range(len(times) - 1):
+        inputs = model.inputs(volts[k] / 10.0, *_rails(robot))
+        span = (float(times[k]), float(times[k + 1]))
+        solved = solve_ivp(rates, span, states[-1], "LSODA", rtol=tolerance, atol=tolerance)
+        states.append(solved.y[:, -1])
+    return np.array(states)
+
+
+def _rails(robot: Robot) -> tuple[float, float]:
+    return robot.supply_pressure_pa, robot.tank_pressure_pa
+
+
+def real_time_rows(rounds: int) -> list[Row]:
+    """How many times faster than real time roll-outs are."""
+    times, volts = _drive(SIMULATED_S)
+    rows = []
+    robots = (("base model", base_robot(), 200.0), ("every effect on", _every(), 50.0))
+    for text, robot, goal in robots:
+        simulate(robot, times[:50], volts[:50], START)
+        work = partial(simulate, robot, times, volts, START)
+        spent = statistics.median(seconds_of(work) for _ in range(rounds))
+        name = f"simulation, two joints, {SIMULATED_S:g} s, {text}"
+        rows.append(against_limit(name, "real time", spent, SIMULATED_S, goal))
+    return rows
+
+
+def _every() -> Robot:
+    return with_every_effect(base_robot())
