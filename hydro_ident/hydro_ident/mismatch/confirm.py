@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, Training, fitted
-from hydro_ident.mismatch.locate import Dependence, alone, values_of, waves, whitened_alike
+from hydro_ident.mismatch.lines import independent_noise, waves
 from hydro_ident.mismatch.periodic import Lines
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.state_space import factor_of, hats
@@ -61,7 +62,7 @@ class Confirmer:
     def _line_is_there(
         self, own: Training, found: Dependence, at: FloatArray, factor: FloatArray
     ) -> bool:
-        plain = whitened_alike(own, self._fitted)
+        plain = independent_noise(own, self._fitted)
         bench = own.bench(plain, self._fitted.residual, self._fitted.columns, self._fitted.offset)
         lines = Lines.of(bench, at[own.mask], factor[own.mask])
         if lines is None:

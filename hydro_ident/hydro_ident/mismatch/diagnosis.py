@@ -11,8 +11,9 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import FreeRun, free_run
 from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.locate import Dependence, dependences
+from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.model import robot_of, summary_of
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.estimate.scores import fit_percent
+from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.locate import Dependence
+from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.mismatch.where import where_of
 from hydro_ident.results import Provenance
@@ -107,17 +108,17 @@ def channel_dict(one: ChannelResult) -> dict[str, float | str]:
 def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     """A finding as the contract lists it, with its target and what verified it."""
     named, check = one.named, one.verification
-    best = named.first
+    fitted, term = _as_modelled(found, one)
     place = {"variable": "everywhere", "low": 0.0, "high": 0.0, "text": ""}
     if found.work is not None:
-        where = where_of(found.work.training, best.fitted, best.term, one.channels[0])
+        where = where_of(found.work.training, fitted, term, one.channels[0])
         place = {
             "variable": where.variable,
             "low": where.low,
             "high": where.high,
             "text": where.text,
         }
-    effect = best.term.effect
+    effect = term.effect
     return {
         "channel": one.channels[0],
         "also": list(one.channels[1:]),
@@ -127,8 +128,8 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "probability": list(named.probability),
         "p_value": named.p_value,
         "equation": effect.equation,
-        "parameters": parameters_of(best.fitted, best.term),
-        "covariance": covariance_of(best.fitted, best.term),
+        "parameters": parameters_of(fitted, term),
+        "covariance": covariance_of(fitted, term),
         "heldout_rmse_before": check.before.get(one.channels[0], 0.0),
         "heldout_rmse_after": check.after.get(one.channels[0], 0.0),
         "heldout_p_value": check.p_value,
@@ -136,6 +137,16 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "separating_experiment": effect.separating_experiment,
         "modelled_as": named.term.effect.name,
     }
+
+
+def _as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
+    """The first name's law as it stands in the final model, else as it was weighed."""
+    best = one.named.first
+    if found.whole is not None:
+        for term in found.whole.model.terms:
+            if same(term, best.term):
+                return found.whole, term
+    return best.fitted, best.term
 
 
 def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:

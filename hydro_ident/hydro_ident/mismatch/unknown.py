@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.candidates import untestable
+from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, Training
-from hydro_ident.mismatch.locate import Dependence
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,

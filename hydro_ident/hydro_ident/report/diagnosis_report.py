@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
-from hydro_ident.mismatch.locate import Dependence
 from hydro_ident.mismatch.state_space import UNITS
 from hydro_ident.report.html import bullets, opening, table
 from hydro_ident.report.identification_report import provenance_table

@@ -1,0 +1,87 @@
+"""Lines as dependences: what repeats over time, over the joint's angle or over the stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.dependence import Dependence, Function, dependence_of
+from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.periodic import VARIABLES, Lines
+from hydro_ident.mismatch.state_space import row_values
+from hydro_ident.mismatch.whitening import Noise
+from hydro_model.robot import FloatArray
+
+#: Points of a period that are given.
+_POINTS = 9
+
+
+def lines_of(
+    training: Training,
+    fitted: Fitted,
+    channel: int,
+    functions: Sequence[Function],
+) -> list[Dependence]:
+    """The strongest line of a channel over every variable, each with its own p-value.
+
+    The rows are not whitened: a strong line is what their autoregression would take away first.
+    """
+    mask, found = training.mask, []
+    noise = independent_noise(training, fitted)
+    bench = training.bench(noise, fitted.residual, fitted.columns, fitted.offset)
+    for variable, times, _, pieces in functions:
+        if variable not in VARIABLES:
+            continue
+        values = row_values(training.predictor, fitted.model, channel, variable)
+        # Straight pieces add up to one: their sum is the factor.
+        factor = pieces.sum(axis=1)
+        lines = Lines.of(bench, values[mask], factor[mask])
+        if lines is None:
+            continue
+        what = channel, variable, times
+        tried = [
+            _line(training, fitted, lines, what, (np.where(mask, values, 0.0), factor), number)
+            for number in lines.strongest()
+        ]
+        found += sorted((d for d in tried if d is not None), key=lambda d: -d.value)[:1]
+    return found
+
+
+def _line(
+    training: Training,
+    fitted: Fitted,
+    lines: Lines,
+    what: tuple[int, str, str],
+    over: tuple[FloatArray, FloatArray],
+    number: int,
+) -> Dependence | None:
+    """A line of a wave number as a dependence."""
+    bench, (values, factor) = lines.bench, over
+    period = 1.0 / float(lines.numbers[number])
+    columns = waves(values / period) * factor[:, None]
+    one = dependence_of(training, fitted, bench, what, np.zeros(2), columns)
+    if one is None:
+        return None
+    white, inverse = one[1]
+    theta = inverse @ (white.T @ bench.residual)
+    p = lines.p_value(number, bench.residual - white @ theta)
+    knots = np.linspace(0.0, period, _POINTS)
+    curve = waves(knots / period) @ theta
+    return replace(one[0], p_value=p, knots=knots, curve=curve, period=period)
+
+
+def waves(turns: FloatArray) -> FloatArray:
+    """Cosine and sine of so many turns, (N, 2)."""
+    return np.stack([np.cos(2.0 * np.pi * turns), np.sin(2.0 * np.pi * turns)], axis=1)
+
+
+def independent_noise(training: Training, fitted: Fitted) -> Noise:
+    """Independent noise of the size of each channel's residual on the training rows."""
+    channel = training.predictor.material.channel[training.mask]
+    residual = fitted.residual[training.mask]
+    std = training.floor.copy()
+    for k in np.unique(channel):
+        std[k] = max(float(std[k]), float(np.std(residual[channel == k])))
+    return Noise(tuple(np.zeros(0) for _ in std), std)
