@@ -19,6 +19,9 @@ from hydro_ident.mismatch.state_space import factor_of, hats
 from hydro_ident.mismatch.verify import VERIFIED, Check
 from hydro_model.robot import FloatArray
 
+#: Blocks below which held-out rows can tell nothing.
+_LEAST_BLOCKS = 20
+
 
 class Confirmer:
     """Rows to confirm on, laid out once.
@@ -78,6 +81,8 @@ def _chance(bench: Bench, column: FloatArray) -> float:
     """Share of sign flips of whole blocks that reach the column's product with the residual."""
     white = bench.beyond(column[:, None])
     sums = bench.by_block(white * bench.residual[:, None])[:, 0]
+    if sums.size < _LEAST_BLOCKS:
+        return 0.0  # Too few to speak against it.
     total = float(sums.sum())
     if total <= 0.0:
         return 1.0

@@ -248,22 +248,34 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         whole = fit(work.training, model, passes=4)
     rejected: list[Finding] = []
     while named:
-        found = [
-            Finding(n, verify(work.training, whole, n, work.check), _acting(work, whole, n))
-            for n in named
-        ]
+        found = [_checked(work, whole, n) for n in named]
         failed = [f for f in found if not f.verification.stands]
         if not failed:
             return whole, found, rejected
-        worst = max(failed, key=lambda f: (f.verification.p_value, -f.named.gain))
-        rejected.append(worst)
-        named = [n for n in named if n is not worst.named]
-        whole = _without(work, whole, worst.named)
+        # The worse half at a time: what fails beside a wrong effect may stand without it.
+        failed.sort(key=lambda f: (-f.verification.p_value, f.named.gain))
+        worst = failed[: (len(failed) + 1) // 2]
+        rejected += worst
+        named = [n for n in named if not any(n is f.named for f in worst)]
+        whole = _without(work, whole, *(f.named for f in worst))
     return whole, [], rejected
 
 
-def _without(work: Residuals, whole: Fitted, named: Named) -> Fitted:
-    kept = tuple(t for t in whole.model.terms if not _is_of(named, t.effect.name, t.target))
+def _checked(work: Residuals, whole: Fitted, named: Named) -> Finding:
+    """A finding with what held-out rows say of it."""
+    channels = _acting(work, whole, named)
+    if channels:
+        return Finding(named, verify(work.training, whole, named, work.check), channels)
+    reason = "it does nothing once everything is fitted together"
+    return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())
+
+
+def _without(work: Residuals, whole: Fitted, *without: Named) -> Fitted:
+    kept = tuple(
+        t
+        for t in whole.model.terms
+        if not any(_is_of(named, t.effect.name, t.target) for named in without)
+    )
     # From the base's own numbers: what a wrong effect has driven the others to may be anything.
     return fit(work.training, replace(work.base.model, terms=kept), passes=4)
 
@@ -281,40 +293,39 @@ def _withdrawn(
     remains = {u.channel: u.dependence.gain for u in significant}
     for finding in findings:
         channel = finding.channels[0]
-        total = _gain_in(work, whole, finding.named, material.channels.index(channel))
+        total = _gains(work, whole, finding.named)[material.channels.index(channel)]
         if remains.get(channel, 0.0) > (1.0 - NAMED_SHARE) / NAMED_SHARE * total:
             taken.append(finding)
-    for finding in taken:
-        whole = _without(work, whole, finding.named)
+    if taken:
+        whole = _without(work, whole, *(f.named for f in taken))
     return whole, [f for f in findings if f not in taken], taken
 
 
-def _contributions(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
-    """Whitened contribution of a finding beyond a refit of the base, on the training rows."""
+def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
+    """What a finding explains beyond a refit of the base, by channel of the training rows."""
     training = work.training
     terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
     base = whole.columns[:, : len(training.predictor.names)]
     alone = training.bench(whole.bench.noise, whole.residual, base, whole.offset)
-    column = sum(training.predictor.contribution(whole.model, t) for t in terms)
-    return alone.beyond(np.asarray(column)[training.mask][:, None])[:, 0]
-
-
-def _gain_in(work: Residuals, whole: Fitted, named: Named, channel: int) -> float:
-    own = _contributions(work, whole, named)
-    rows = whole.bench.channel == channel
-    return float(np.sum(own[rows] ** 2))
+    column = np.zeros(training.mask.size)
+    for term in terms:
+        column += training.predictor.contribution(whole.model, term)
+    own = alone.beyond(column[training.mask][:, None])[:, 0]
+    channels = training.predictor.material.channels
+    acting = [column[training.predictor.material.channel == k].any() for k in range(len(channels))]
+    squares = [float(np.sum(own[alone.channel == k] ** 2)) for k in range(len(channels))]
+    return np.where(acting, squares, 0.0)
 
 
 def _acting(work: Residuals, whole: Fitted, named: Named) -> tuple[str, ...]:
-    """Channels in which a finding shows beyond a refit, strongest first."""
-    material = work.training.predictor.material
-    terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
-    column = sum(work.training.predictor.contribution(whole.model, t) for t in terms)
-    gains = {
-        name: _gain_in(work, whole, named, k)
-        for k, name in enumerate(material.channels)
-        if np.any(np.asarray(column)[material.channel == k])
-    }
+    """Channels in which a finding shows beyond a refit, strongest first; none if it is idle."""
+    gains = dict(
+        zip(
+            work.training.predictor.material.channels,
+            _gains(work, whole, named).tolist(),
+            strict=True,
+        )
+    )
     strongest = max(gains.values())
     # A finding shows in a channel where it would have been found from that channel alone.
     shown = [n for n, g in gains.items() if g > 0.0 and g >= min(_SHOWN, strongest)]
