@@ -45,7 +45,7 @@ _TIMES_DIRECTION = ("pressure_a", "pressure_b", "piston_force")
 #: Directions of functions below this share of the largest are the same as others.
 _RANK = 1.0e-4
 #: Functions take no more than one direction per so many rows.
-_ROWS_EACH = 12
+_ROWS_EACH = 4
 
 
 def row_values(predictor: Predictor, model: Model, channel: int, variable: str) -> FloatArray:
