@@ -1,4 +1,4 @@
-"""The sabotages of the diagnosis: the list fits the sources, the page the list; misses are told."""
+"""Sabotages of the diagnosis: the list fits the sources, the page the list; misses are told."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from hydro_ident.errors import IdentError
 from hydro_ident.study.sabotage.listed import SABOTAGES, Sabotage
 from hydro_ident.study.sabotage.page import with_table
-from hydro_ident.study.sabotage.trial import checked, copied, outcomes, tested
+from hydro_ident.study.sabotage.trial import Court, checked, copied, outcomes
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "hydro_msgs_docs"
@@ -74,12 +74,12 @@ def test_the_sources_stay_as_they_are_and_the_copy_is_what_runs() -> None:
 
 
 def test_other_sources_than_the_copys_end_the_run(tmp_path: Path) -> None:
-    with pytest.raises(IdentError, match="to import"):
-        tested(ROOT, tmp_path, QUICK.test, [QUICK.module])
+    with Court(ROOT) as court, pytest.raises(IdentError, match="imported from"):
+        court.tested(tmp_path, [QUICK.test], [QUICK.module])
 
 
 def test_what_is_noticed_is_caught_and_what_is_not_is_missed() -> None:
-    """A real fault, one without consequence, and one that breaks more than the test's assertion."""
+    """A real fault, one without consequence, and one that breaks the test itself."""
     harmless = replace(QUICK, name="harmless", replacement=f"{QUICK.text}  # as it was")
     broken = replace(QUICK, name="broken", replacement="raise ValueError('broken')")
     found = list(outcomes(ROOT, [QUICK, harmless, broken]))

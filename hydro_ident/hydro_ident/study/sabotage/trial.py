@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -19,8 +18,6 @@ from hydro_ident.study.sabotage.listed import Sabotage
 
 #: The package that is copied and changed, from the repository's top.
 PACKAGE = Path("hydro_ident/hydro_ident")
-#: Far longer than any of the tests takes, cold caches included.
-_PATIENCE_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,61 +126,81 @@ def copied(root: Path, one: Sabotage | None = None) -> Iterator[Path]:
         yield copy
 
 
-def tested(root: Path, copy: Path, test: str, modules: Sequence[str]) -> End:
-    """Run a test on a copy of the package.
+class Court:
+    """A judge at work in a process of its own (see `judge`); ends with its `with` block.
 
     Parameters
     ----------
     root : Path
-    copy : Path
-        Folder that holds the package.
-    test : str
-    modules : sequence of str
-        Those that have to come from the copy.
-
-    Raises
-    ------
-    IdentError
-        The test did not run, ran too long, or ran other sources than the copy's.
+        Top of the repository.
     """
-    out = copy / "report.json"
-    behind = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(copy), *([behind] if behind else [])])
-    command = [sys.executable, "-m", "hydro_ident.study.sabotage.judge", test, str(out), *modules]
-    try:
-        done = subprocess.run(
-            command, cwd=root, env={**os.environ, "PYTHONPATH": path}, capture_output=True,
-            text=True, timeout=_PATIENCE_S, check=False,
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def __enter__(self) -> Court:
+        self._process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).with_name("judge.py"))],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise IdentError(f"expected {test} to end within {_PATIENCE_S:.0f} s") from None
-    if not out.is_file():
-        raise IdentError(f"expected a report of {test}, found none: {done.stderr.strip()[-400:]}")
-    report = json.loads(out.read_text(encoding="utf-8"))
-    for name in modules if report["end"] in (PASSED, ASSERTION) else ():
-        file = Path(report["imported"][name])
-        if copy not in file.resolve().parents:
-            raise IdentError(f"expected {test} to import {name} from {copy}, found '{file}'")
-    return End(report["end"], report["message"])
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def tested(self, copy: Path, tests: Sequence[str], modules: Sequence[str]) -> dict[str, End]:
+        """Run tests on a copy of the package.
+
+        Parameters
+        ----------
+        copy : Path
+            Folder that holds the package.
+        tests : sequence of str
+        modules : sequence of str
+            Those that have to come from the copy.
+
+        Raises
+        ------
+        IdentError
+            The tests did not end, or ran other sources than the copy's.
+        """
+        out = copy / "report.json"
+        job = {"copy": str(copy), "root": str(self.root), "tests": list(tests)}
+        job |= {"modules": list(modules), "out": str(out)}
+        if self._process.stdin is None or self._process.stdout is None:
+            raise IdentError("expected pipes to the judge's process, found none")
+        self._process.stdin.write(json.dumps(job) + "\n")
+        self._process.stdin.flush()
+        self._process.stdout.readline()
+        if not out.is_file():
+            raise IdentError(f"expected a report of {', '.join(tests)}, found none")
+        report = json.loads(out.read_text(encoding="utf-8"))
+        ends = {test: End(*end) for test, end in report["ends"].items()}
+        judging = all(end.end in (PASSED, ASSERTION) for end in ends.values())
+        for name in modules if judging else ():
+            file = Path(report["imported"][name])
+            if copy not in file.resolve().parents:
+                raise IdentError(f"expected {name} to be imported from {copy}, found '{file}'")
+        return ends
 
 
 def outcomes(root: Path, chosen: Sequence[Sabotage]) -> Iterator[Outcome]:
-    """Every sabotage's outcome, one after the other; a test is run unchanged once.
+    """Every sabotage's outcome, one after the other; every test is run unchanged once, before.
 
     Raises
     ------
     IdentError
-        As `checked` and `tested`.
+        As `checked` and `Court.tested`.
     """
     checked(root, chosen)
-    before: dict[str, End] = {}
-    for one in chosen:
-        if one.test not in before:
-            modules = sorted({o.module for o in chosen if o.test == one.test})
-            with copied(root) as copy:
-                before[one.test] = tested(root, copy, one.test, modules)
-        after = None
-        if before[one.test].end == PASSED:
-            with copied(root, one) as copy:
-                after = tested(root, copy, one.test, [one.module])
-        yield Outcome(one, before[one.test], after)
+    tests = list(dict.fromkeys(one.test for one in chosen))
+    with Court(root) as court:
+        with copied(root) as copy:
+            before = court.tested(copy, tests, sorted({one.module for one in chosen}))
+        for one in chosen:
+            after = None
+            if before[one.test].end == PASSED:
+                with copied(root, one) as copy:
+                    after = court.tested(copy, [one.test], [one.module])[one.test]
+            yield Outcome(one, before[one.test], after)
