@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, layout_of
+from hydro_ident.mismatch.fitting import Fitted, Training, fit, layout_of, linearised
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.scoring import signs
@@ -183,8 +183,13 @@ def _placebo(
     column = _rolled(training.predictor, own, shift)
     columns = np.concatenate([without.columns, column[:, None]], axis=1)
     bench = training.bench(without.bench.noise, without.residual, columns, without.offset)
+    *rest, own_step = bench.solve()
+    steps = dict(zip(without.names, rest, strict=True))
+    # Everything else is refitted around the placebo, as it is around the finding.
+    residual, others, names = linearised(check.predictor, without.model)
     there = _rolled(check.predictor, check.predictor.contribution(model, term), shift)
-    return np.asarray(check.residual(without.model) - bench.solve()[-1] * there)
+    moved = others @ np.array([steps.get(name, 0.0) for name in names])
+    return np.asarray(residual - moved - own_step * there)
 
 
 def _rolled(predictor: Predictor, values: FloatArray, shift: float) -> FloatArray:

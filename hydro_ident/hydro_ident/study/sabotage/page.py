@@ -1,0 +1,87 @@
+"""The table of the sabotages in the documentation, made from the list and a committed run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydro_ident.errors import IdentError
+from hydro_ident.study.sabotage.listed import SABOTAGES
+from hydro_ident.study.sabotage.trial import Outcome
+
+SCHEMA = "hydro_ident/sabotage/1"
+#: Of the results folder, and the page beside it.
+RESULT, PAGE = "sabotage.json", "sabotage.md"
+BEGIN, END = "<!-- sabotages: begin -->", "<!-- sabotages: end -->"
+
+
+def result_of(date: str, found: Sequence[Outcome]) -> dict[str, Any]:
+    """A run as it is written.
+
+    Parameters
+    ----------
+    date : str
+    found : sequence of Outcome
+    """
+    return {
+        "schema": SCHEMA,
+        "date": date,
+        "caught": sum(one.caught for one in found),
+        "of": len(found),
+        "sabotages": [
+            {
+                "name": one.sabotage.name,
+                "file": f"hydro_ident/{one.sabotage.file}",
+                "test": one.sabotage.test,
+                "before": one.before.end,
+                "after": one.after.end if one.after else "not run",
+                "message": one.after.message if one.after else one.before.message,
+                "caught": one.caught,
+            }
+            for one in found
+        ],
+    }
+
+
+def table(folder: Path) -> str:
+    """The table as Markdown.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    """
+    path = folder / RESULT
+    run: Mapping[str, Any] = {"sabotages": ()}
+    lines = ["No run has been published yet.", ""]
+    if path.is_file():
+        run = json.loads(path.read_text(encoding="utf-8"))
+        lines = [
+            f"Run of {run['date']}: {run['caught']} of {run['of']} turned their test red.",
+            "",
+        ]
+    caught = {row["name"]: "red" if row["caught"] else "missed" for row in run["sabotages"]}
+    lines += ["| sabotage | what is wrong then | file | test | |", "|---|---|---|---|---|"]
+    for one in SABOTAGES:
+        test = one.test.rpartition("::")[2].replace("_", " ")
+        test = f"[{test}](../{one.test.partition('::')[0]})"
+        verdict = caught.get(one.name, "not run")
+        lines.append(f"| {one.name} | {one.breaks} | `{one.file}` | {test} | {verdict} |")
+    return "\n".join(lines) + "\n"
+
+
+def with_table(text: str, folder: Path) -> str:
+    """The page with its table made anew.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for it.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise IdentError(f"expected '{BEGIN}' and '{END}' in {PAGE}, found neither")
+    return f"{before}{BEGIN}\n\n{table(folder)}\n{END}{after}"

@@ -1,0 +1,99 @@
+"""What chance is allowed: over many candidates, dependent rows and laws that predict alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.candidates import Trial
+from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.scoring import Entry, chance_of, p_value, score, signs
+from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import EffectSpec, Robot
+
+ROWS, STEP_S, BLOCK_S, LEVEL = 1200, 0.05, 2.0, 0.05
+WHITE = Noise((np.zeros(0),), np.ones(1))
+LAWS = (
+    EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1500.0}),
+    EffectSpec("asymmetric_friction", "lift_cylinder", {"force": 500.0, "viscous": 1000.0}),
+)
+
+
+@pytest.fixture(scope="module")
+def laws(robot: Robot) -> list[ActiveEffect]:
+    return list(resolve(replace(robot, effects=LAWS)))
+
+
+def _layout() -> Layout:
+    linked = np.arange(ROWS) > 0
+    zeros = np.zeros(ROWS, dtype=np.intp)
+    return Layout(zeros, zeros, np.arange(ROWS) * STEP_S, linked)
+
+
+def _slow(rng: np.random.Generator, size: int) -> np.ndarray:
+    """Columns that hang together over about a third of a block."""
+    white = rng.normal(size=(ROWS + 200, size))
+    return np.asarray(lfilter([1.0], [1.0, -0.9], white, axis=0)[200:])
+
+
+def _p_value(residual: np.ndarray, candidates: np.ndarray, one: ActiveEffect) -> float:
+    """Chance of the best of some candidates, as the search asks for it."""
+    bench = Bench(_layout(), WHITE, residual, np.ones((ROWS, 1)), BLOCK_S)
+    rows = np.arange(ROWS)
+    mask = np.ones(ROWS, dtype=bool)
+    trial = Trial(one, (one.parameters,), (-1,), (True,))
+    entries = [Entry(trial, rows, column[:, None]) for column in candidates.T]
+    scores = [found for e in entries if (found := score(bench, e, mask)) is not None]
+    flips = signs(bench.blocks)[:399]
+    best = max(found.value for found in scores)
+    return p_value(best, chance_of(scores, flips))
+
+
+def _most(draws: int) -> float:
+    """Findings by chance that are no surprise at the level."""
+    return LEVEL * draws + 3.0 * float(np.sqrt(LEVEL * (1.0 - LEVEL) * draws))
+
+
+def test_the_best_of_many_candidates_is_found_by_chance_as_seldom_as_said(
+    laws: list[ActiveEffect],
+) -> None:
+    rng, draws = np.random.default_rng(11), 120
+    found = sum(
+        _p_value(rng.normal(size=ROWS), rng.normal(size=(ROWS, 15)), laws[0]) <= LEVEL
+        for _ in range(draws)
+    )
+    assert found <= _most(draws)
+
+
+def test_rows_that_hang_together_are_not_taken_for_independent(
+    laws: list[ActiveEffect],
+) -> None:
+    """Where the noise model leaves dependence in the rows, whole blocks still hold the level."""
+    rng, draws = np.random.default_rng(12), 150
+    found = sum(
+        _p_value(_slow(rng, 1)[:, 0], _slow(rng, 1), laws[0]) <= LEVEL for _ in range(draws)
+    )
+    assert found <= _most(draws)
+
+
+def _contender(term: ActiveEffect, held_out: float) -> Contender:
+    return Contender(term, None, 400.0, held_out, 3.0)  # type: ignore[arg-type]
+
+
+def test_laws_that_predict_alike_come_together(laws: list[ActiveEffect]) -> None:
+    same = named_of([_contender(law, 380.0) for law in laws], 0.001, 1.0)
+    assert set(same.names) == {law.effect.name for law in laws}
+    assert same.probability == pytest.approx((0.5, 0.5))
+
+
+def test_a_law_that_predicts_far_worse_is_not_in_the_set(laws: list[ActiveEffect]) -> None:
+    pairs = zip(laws, (380.0, 100.0), strict=True)
+    told = named_of([_contender(law, held) for law, held in pairs], 0.001, 1.0)
+    assert told.names == (laws[0].effect.name,)
+    assert told.probability[0] > 0.99

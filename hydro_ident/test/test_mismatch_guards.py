@@ -1,0 +1,214 @@
+"""What keeps a diagnosis honest, on simulated machines: its rows, its base, its checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.locate import dependences
+from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.unknown import unexplained
+from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
+from hydro_model.cylinder import stroke
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+SECONDS = 18.0
+COULOMB = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the sensors of a machine recorded; gauge pressures."""
+
+    robot: Robot
+    q: np.ndarray
+    p_a: np.ndarray
+    p_b: np.ndarray
+    voltage: np.ndarray
+
+    def pushed(self, force: np.ndarray) -> Seen:
+        """The same motion against another force (N,) on the lift cylinder's piston."""
+        p_a = self.p_a.copy()
+        p_a[:, 0] += force / self.robot.cylinders[0].area_a_m2
+        return replace(self, p_a=p_a)
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Of the lift joint, (N,), turning over within some mrad/s."""
+        speed = np.gradient(np.convolve(self.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
+        return np.tanh(speed / 0.01)
+
+
+def _recording(run: Seen, name: str = "run") -> Recording:
+    count = len(run.q)
+    rail = np.ones(count)
+    return Recording(
+        path=Path(name), robot=load_robot("xs031"), stamp_ns=10**18 + np.arange(count) * 2_000_000,
+        period_s=0.002, q=run.q, stroke=None, effort=None, p_a=run.p_a, p_b=run.p_b,
+        supply=run.robot.supply_pressure_pa * rail, tank=run.robot.tank_pressure_pa * rail,
+        valve_v=run.voltage, valve_source="/valve_state", command_v=run.voltage, spool=None,
+        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
+        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
+        duplicates={}, notes=(), metadata={},
+    )  # fmt: skip
+
+
+def _work(run: Seen, others: Sequence[Seen] = ()) -> Residuals:
+    """Rows and refitted base of the datasheet's structure, as a diagnosis starts with."""
+    robot = load_robot("xs031")
+    sources = sources_of([_recording(run)])
+    checked = sources_of([_recording(one, f"check{k}") for k, one in enumerate(others)])
+    surveys = [survey_source(source, robot) for source in (*sources, *checked)]
+    work = residuals(robot, sources, checked, surveys, DiagnosisSettings())
+    assert work is not None
+    return work
+
+
+def _seen(run: object) -> Seen:
+    return Seen(run.robot, run.q, run.p_a, run.p_b, run.voltage)
+
+
+@pytest.fixture(scope="module")
+def plain(crane_run: object) -> Seen:
+    """A machine that has the datasheet's structure."""
+    return _seen(crane_run)
+
+
+@pytest.fixture(scope="module")
+def clean(plain: Seen) -> Residuals:
+    return _work(plain)
+
+
+@pytest.fixture(scope="module")
+def rubbing(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Residuals:
+    """A machine with dry friction in its lift cylinder."""
+    true_crane, simulated_run = make_run
+    return _work(_seen(simulated_run(replace(true_crane(), effects=(COULOMB,)), SECONDS)))
+
+
+def _named(work: Residuals, start_n: float = 1500.0) -> tuple[Fitted, Named]:
+    """Coulomb friction fitted on the training rows, as a search would hand it on."""
+    spec = replace(COULOMB, parameters={"force": start_n})
+    one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+    whole = fit(work.training, work.base.model.with_term(one))
+    gain = work.base.squares - whole.squares
+    fitted_ = Contender(whole.model.terms[-1], whole, gain, gain, 4.0)
+    return whole, named_of([fitted_], 0.001, 1.0)
+
+
+def _verified(work: Residuals) -> Verification:
+    return verify(work.training, *_named(work), work.check)
+
+
+# Rows -----------------------------------------------------------------------------------------
+
+
+def test_what_is_checked_on_took_no_part_in_the_fit(clean: Residuals) -> None:
+    """Not a row in common, and none nearer than the filters reach."""
+    material, fitted_, check = clean.training.predictor.material, clean.training, clean.check
+    assert fitted_.mask.any()
+    assert check.mask.any()
+    assert not (fitted_.mask & check.mask).any()
+    for k in range(len(material.channels)):
+        times = [np.unique(material.time_s[m & (material.channel == k)])
+                 for m in (fitted_.mask, check.mask)]  # fmt: skip
+        after = np.clip(np.searchsorted(*times), 1, times[0].size - 1)
+        near = [np.abs(times[1] - times[0][at]).min() for at in (after - 1, after)]
+        assert min(near) > 0.9 * clean.split.guard_s
+
+
+def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Seen, clean: Residuals) -> None:
+    split = clean.split
+    number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
+    held = number % split.every == split.every - 1
+    other = _work(plain.pushed(np.where(held, 3000.0 * plain.direction, 0.0)))
+    old, new = clean.base.model, other.base.model
+    assert new.theta == pytest.approx(old.theta, rel=0.05, abs=0.02 * np.abs(old.theta).max())
+    for one, same in zip(old.robot.cylinders, new.robot.cylinders, strict=True):
+        assert same.bulk_modulus_pa == pytest.approx(one.bulk_modulus_pa, rel=0.02)
+
+
+# The base -------------------------------------------------------------------------------------
+
+
+def test_the_refitted_base_is_the_machines(plain: Seen, clean: Residuals) -> None:
+    model, truth = clean.base.model, plain.robot
+    fitted_ = dict(zip(clean.training.predictor.material.forces.names, model.theta, strict=True))
+    for one, true in zip(model.robot.cylinders, truth.cylinders, strict=True):
+        friction = fitted_[f"{one.name}.viscous_friction"]
+        assert friction == pytest.approx(true.viscous_friction, rel=0.1), one.name
+        assert one.bulk_modulus_pa == pytest.approx(true.bulk_modulus_pa, rel=0.05), one.name
+    for valve, real in zip(model.robot.valves, truth.valves, strict=True):
+        for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
+            assert getattr(valve, edge) == pytest.approx(getattr(real, edge), rel=0.02)
+    assert model.delay_s == pytest.approx(truth.command_delay_s, abs=2.0e-4)
+
+
+def test_a_clean_machine_leaves_the_noise_of_its_sensors(clean: Residuals) -> None:
+    material, floors = clean.training.predictor.material, clean.noise_floors()
+    for k, name in enumerate(material.channels):
+        own = (material.channel == k) & clean.training.mask
+        left = float(np.std(clean.base.residual[own]))
+        assert 0.5 < left / floors[name] < 2.0, name
+
+
+@pytest.mark.parametrize("cylinder", [0, 1])
+def test_an_effect_acts_in_the_channel_of_its_own_joint_alone(
+    clean: Residuals, cylinder: int
+) -> None:
+    predictor, model = clean.training.predictor, clean.base.model
+    material = predictor.material
+    target = model.robot.cylinders[cylinder]
+    spec = EffectSpec("coulomb_friction", target.name, {"force": 1000.0})
+    one = resolve(replace(model.robot, effects=(spec,)))[0]
+    column = predictor.contribution(model, one)
+    acting = [n for k, n in enumerate(material.channels) if column[material.channel == k].any()]
+    assert acting == [f"{target.joint}/force"]
+
+
+# Checks ---------------------------------------------------------------------------------------
+
+
+def test_an_effect_of_the_machine_stands_and_its_placebo_does_not(rubbing: Residuals) -> None:
+    found = _verified(rubbing)
+    assert found.stands
+    assert found.p_value < 0.05
+    assert found.placebo < 0.5
+    assert found.after["lift/force"] < 0.5 * found.before["lift/force"]
+
+
+def test_what_held_for_the_training_blocks_alone_does_not_stand(
+    plain: Seen, clean: Residuals
+) -> None:
+    """Friction that is gone whenever a block is held out: only unseen rows can tell."""
+    split = clean.split
+    number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
+    held = number % split.every == split.every - 1
+    work = _work(plain.pushed(np.where(held, 0.0, 2500.0 * plain.direction)))
+    whole, named = _named(work)
+    assert named.term.parameters[0] == pytest.approx(2500.0, rel=0.2)
+    found = verify(work.training, whole, named, work.check)
+    assert not found.stands
+
+
+def test_what_no_law_explains_is_reported(plain: Seen) -> None:
+    """A force that ripples over the stroke, like nothing in the catalogue."""
+    cylinder = plain.robot.cylinders[0]
+    x = stroke(cylinder, plain.q[:, 0])
+    work = _work(plain.pushed(1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
+    left = dependences(work.training, work.base)
+    found = unexplained(work.training, work.base, left, work.noise_floors())
+    assert "lift/force" in {one.channel for one in found}
+    assert not unexplained(work.training, work.base, [], work.noise_floors())
