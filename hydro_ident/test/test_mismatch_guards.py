@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of
@@ -209,6 +210,7 @@ def test_what_no_law_explains_is_reported(plain: Seen) -> None:
     x = stroke(cylinder, plain.q[:, 0])
     work = _work(plain.pushed(1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
     left = dependences(work.training, work.base)
-    found = unexplained(work.training, work.base, left, work.noise_floors())
+    holds = Confirmer(work.check, work.base).holds
+    found = unexplained(work.training, work.base, left, holds)
     assert "lift/force" in {one.channel for one in found}
-    assert not unexplained(work.training, work.base, [], work.noise_floors())
+    assert not unexplained(work.training, work.base, [], holds)

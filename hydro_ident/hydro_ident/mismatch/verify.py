@@ -28,6 +28,8 @@ VERIFIED = 0.1
 WORSE = 1.05
 #: Shifts of the placebo, as shares of a recording.
 _SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
+#: Correlation with the finding from which a shifted one is the same.
+_ALIKE = 0.7
 #: Blocks that a p-value needs, and the shortest that still are independent.
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
 #: Parts of a recording's time that are looked at for rows.
@@ -104,13 +106,10 @@ def verify(
     gains = _gains(layout, noise, before[used], after[used])
     p = _chance(gains)
     real = float(gains.sum())
-    tried = [
-        _placebo(training, without, check, shift, whole.model, terms[0])
-        for shift in _SHIFTS
-        if terms
-    ]
+    tried = _placebos(training, without, check, whole.model, terms)
     shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in tried]
-    share = float(np.median(shares)) / real if tried and real > 0.0 else 0.0
+    # What is the same at all times has no placebo.
+    share = float(np.median(shares)) / real if tried and real > 0.0 else float(real > 0.0)
     against = [_chance(_gains(layout, noise, r[used], after[used])) for r in tried]
     names = check.predictor.material.channels
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
@@ -170,26 +169,39 @@ def _chance(gains: FloatArray) -> float:
     return float((1 + np.sum(drawn >= gains.sum())) / (1 + drawn.size))
 
 
-def _placebo(
+def _placebos(
     training: Training,
     without: Fitted,
     check: Check,
-    shift: float,
     model: Model,
-    term: ActiveEffect,
-) -> FloatArray:
-    """Residual on all rows with the finding's contribution at other times in its place."""
-    own = training.predictor.contribution(model, term)
-    column = _rolled(training.predictor, own, shift)
-    columns = np.concatenate([without.columns, column[:, None]], axis=1)
-    bench = training.bench(without.bench.noise, without.residual, columns, without.offset)
-    *rest, own_step = bench.solve()
-    steps = dict(zip(without.names, rest, strict=True))
-    # Everything else is refitted around the placebo, as it is around the finding.
+    terms: Sequence[ActiveEffect],
+) -> list[FloatArray]:
+    """Residuals on all rows with a finding's contribution at other times in its place.
+
+    Shifts after which it is still much the same are no placebo.
+    """
+    if not terms:
+        return []
+    own = training.predictor.contribution(model, terms[0])
+    there = check.predictor.contribution(model, terms[0])
+    mask = training.mask
+    real = without.bench.beyond(own[mask][:, None])[:, 0]
     residual, others, names = linearised(check.predictor, without.model)
-    there = _rolled(check.predictor, check.predictor.contribution(model, term), shift)
-    moved = others @ np.array([steps.get(name, 0.0) for name in names])
-    return np.asarray(residual - moved - own_step * there)
+    result = []
+    for shift in _SHIFTS:
+        column = _rolled(training.predictor, own, shift)
+        moved = without.bench.beyond(column[mask][:, None])[:, 0]
+        sizes = float(np.linalg.norm(moved) * np.linalg.norm(real))
+        if abs(float(moved @ real)) > _ALIKE * sizes:
+            continue
+        columns = np.concatenate([without.columns, column[:, None]], axis=1)
+        bench = training.bench(without.bench.noise, without.residual, columns, without.offset)
+        *rest, step = bench.solve()
+        steps = dict(zip(without.names, rest, strict=True))
+        # Everything else is refitted around the placebo, as it is around the finding.
+        around = others @ np.array([steps.get(name, 0.0) for name in names])
+        result.append(residual - around - step * _rolled(check.predictor, there, shift))
+    return result
 
 
 def _rolled(predictor: Predictor, values: FloatArray, shift: float) -> FloatArray:

@@ -144,8 +144,8 @@ SABOTAGES = (
         "whitening_left_out",
         "rows count as independent whatever they owe to the rows before them",
         "mismatch/whitening.py",
-        "weights[lag:, lag - 1].reshape(shape) * values[:-lag]",
-        "0.0 * weights[lag:, lag - 1].reshape(shape) * values[:-lag]",
+        "mine[lag:] -= weight * plain[:-lag]",
+        "mine[lag:] -= 0.0 * weight * plain[:-lag]",
         f"{_STATISTICS}::test_the_noise_model_finds_an_autoregression_and_whitens_with_it",
     ),
     Sabotage(
