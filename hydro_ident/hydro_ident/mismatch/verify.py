@@ -186,7 +186,9 @@ def _placebos(
     there = check.predictor.contribution(model, terms[0])
     mask = training.mask
     real = without.bench.beyond(own[mask][:, None])[:, 0]
-    residual, others, names = linearised(check.predictor, without.model)
+    before, others, names = linearised(check.predictor, without.model)
+    # A last linear step that the fit without the finding did not take is no merit of a placebo.
+    plain = dict(zip(without.names, without.bench.solve(), strict=True))
     result = []
     for shift in _SHIFTS:
         column = _rolled(training.predictor, own, shift)
@@ -199,8 +201,9 @@ def _placebos(
         *rest, step = bench.solve()
         steps = dict(zip(without.names, rest, strict=True))
         # Everything else is refitted around the placebo, as it is around the finding.
-        around = others @ np.array([steps.get(name, 0.0) for name in names])
-        result.append(residual - around - step * _rolled(check.predictor, there, shift))
+        moves = [steps.get(name, 0.0) - plain.get(name, 0.0) for name in names]
+        around = others @ np.array(moves)
+        result.append(before - around - step * _rolled(check.predictor, there, shift))
     return result
 
 
@@ -216,10 +219,3 @@ def _rolled(predictor: Predictor, values: FloatArray, shift: float) -> FloatArra
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
-
-
-def all_verified(
-    training: Training, whole: Fitted, named: Sequence[Named], check: Check
-) -> list[Verification]:
-    """Verify every finding with the others in place."""
-    return [verify(training, whole, one, check) for one in named]
