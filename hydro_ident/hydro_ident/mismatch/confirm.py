@@ -1,8 +1,7 @@
 """Unnamed dependence put to rows that took no part: it has to be there, too.
 
 The function as found is laid over the other rows' variables, behind a refit of the base to these
-rows. What happens over time at other times is told by what repeats: a line has to be there again,
-with a phase of its own; a slow course of one recording cannot be looked for in another.
+rows. What follows time cannot be looked for at other times: it is left to its own chance level.
 """
 
 from __future__ import annotations
@@ -12,8 +11,7 @@ import numpy as np
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, Training, fitted
-from hydro_ident.mismatch.lines import independent_noise, waves
-from hydro_ident.mismatch.periodic import Lines
+from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.state_space import factor_of, hats
 from hydro_ident.mismatch.verify import VERIFIED, Check
@@ -40,7 +38,7 @@ class Confirmer:
     def holds(self, found: Dependence) -> bool:
         """Whether a dependence is there on the other rows."""
         names = self._training.predictor.material.channels
-        if found.channel >= len(names) or (found.variable == "time" and not found.period):
+        if found.channel >= len(names) or found.variable == "time":
             return True
         own, bench = alone(self._training, self._fitted, found.channel)
         if bench is None:
@@ -52,8 +50,6 @@ class Confirmer:
         at = values[found.variable]
         if not np.isfinite(at[own.mask]).all() or not np.isfinite(factor[own.mask]).all():
             return True
-        if found.variable == "time":
-            return self._line_is_there(own, found, at, factor)
         if found.period:
             pieces = waves(at[own.mask] / found.period)
         else:
@@ -61,20 +57,6 @@ class Confirmer:
         column = np.zeros(own.mask.size)
         column[own.mask] = pieces @ found.coefficients * factor[own.mask]
         return _chance(bench, column[own.mask]) <= VERIFIED
-
-    def _line_is_there(
-        self, own: Training, found: Dependence, at: FloatArray, factor: FloatArray
-    ) -> bool:
-        plain = independent_noise(own, self._fitted)
-        bench = own.bench(plain, self._fitted.residual, self._fitted.columns, self._fitted.offset)
-        lines = Lines.of(bench, at[own.mask], factor[own.mask])
-        if lines is None:
-            return True
-        number = int(np.argmin(np.abs(lines.numbers * found.period - 1.0)))
-        columns = waves(at[own.mask] / found.period) * factor[own.mask][:, None]
-        white = bench.beyond(columns)
-        theta = np.linalg.lstsq(white, bench.residual, rcond=1e-3)[0]
-        return lines.chance(number, bench.residual - white @ theta) <= VERIFIED
 
 
 def _chance(bench: Bench, column: FloatArray) -> float:
