@@ -163,11 +163,14 @@ class JointPath(Path):
 
 
 def shipped_paths() -> dict[str, FilePath]:
-    """Path files inside the package: `<robot>/<path>` -> file."""
+    """Path files inside the package: `<robot>/<path>` -> file.
+
+    Files of two endings (`*.hydraulics.yaml`, `*.map.yaml`) are no paths.
+    """
     found = {}
     for name, robot_file in shipped_robots().items():
         for file in sorted(robot_file.parent.glob("*.yaml")):
-            if file != robot_file:
+            if file.suffixes == [".yaml"]:
                 found[f"{name}/{file.stem}"] = file
     return found
 
