@@ -25,6 +25,8 @@ from hydro_model.valve import edge_flows
 _KEPT_STRETCHES = 6
 #: Sets of laws on the valve signal whose outcome is kept at a time.
 _KEPT_SHAPES = 6
+#: Valve signals behind laws that are kept at a time, per stretch.
+_KEPT_SPOOLS = 16
 #: Motions of a stretch whose filtered regressor is kept at a time.
 _KEPT_MOTIONS = 3
 
@@ -70,6 +72,8 @@ class Signals:
         default_factory=dict
     )
     _shaped: dict[tuple[object, ...], tuple[Trace, Trace]] = field(default_factory=dict)
+    _spools: dict[tuple[object, ...], tuple[Trace, FloatArray]] = field(default_factory=dict)
+    _scratch: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
@@ -209,18 +213,44 @@ class Signals:
         laws.sort(key=lambda t: list(CATALOGUE).index(t.effect.name))
         if laws:
             result = trace.valve_signal.copy()
-            for one in laws:
-                i = one.cylinder or 0
-                signals = self._plain(model.robot, stretch, i).copy()
-                known = np.isfinite(result[:, i])
-                signals[:, VALVE_SIGNAL] = np.where(known, result[:, i], 0.0)
-                law = _mean_signal(one, signals, trace.step_s)
-                result[:, i] = np.where(known, law, np.nan)
+            for i in {t.cylinder or 0 for t in laws}:
+                own = tuple(t for t in laws if (t.cylinder or 0) == i)
+                result[:, i] = self._spool(model, stretch, i, own)
             trace = replace(trace, valve_signal=result)
         rails = [t for t in model.terms if {Stage.SUPPLY, Stage.TANK} & set(t.effect.stages)]
         if rails:
             trace = self._railed(model, stretch, trace, rails)
         return trace
+
+    def _spool(
+        self, model: Model, stretch: Stretch, cylinder: int, laws: tuple[ActiveEffect, ...]
+    ) -> FloatArray:
+        """A valve's signal behind some laws, (N,); kept law by law: most fits move the last."""
+        trace = stretch.trace
+        if not laws:
+            return np.asarray(trace.valve_signal[:, cylinder])
+        names = tuple((t.effect.name, tuple(t.parameters)) for t in laws)
+        key = stretch.number, cylinder, names
+        kept = self._spools.pop(key, None)
+        if kept is None or kept[0] is not trace:
+            before = self._spool(model, stretch, cylinder, laws[:-1])
+            signals, known = self._own_rows(model, stretch, cylinder), np.isfinite(before)
+            signals[:, VALVE_SIGNAL] = np.where(known, before, 0.0)
+            law = _mean_signal(laws[-1], signals, trace.step_s)
+            kept = trace, np.where(known, law, np.nan)
+        if len(self._spools) >= _KEPT_SPOOLS * max(len(self.material.stretches), 1):
+            self._spools.pop(next(iter(self._spools)))
+        self._spools[key] = kept
+        return kept[1]
+
+    def _own_rows(self, model: Model, stretch: Stretch, cylinder: int) -> FloatArray:
+        """A copy of a cylinder's signals to write valve signals into; their laws see no edge."""
+        key = stretch.number, cylinder
+        kept = self._scratch.get(key)
+        if kept is None or kept[0] is not stretch.trace:
+            rows = self._plain(model.robot, stretch, cylinder).copy()
+            kept = self._scratch[key] = stretch.trace, rows
+        return kept[1]
 
     def _railed(
         self, model: Model, stretch: Stretch, trace: Trace, laws: Sequence[ActiveEffect]
