@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.fitting import Fitted, Training
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.scoring import Entry, Score, bank_of, score
+from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import MOST_EFFECTS
 from hydro_ident.mismatch.whitening import Noise
 
@@ -53,11 +52,7 @@ def greedy_bic(work: Residuals) -> tuple[BaselineFinding, ...]:
     training, fitted = work.scan, work.base
     columns = _base_columns(training, fitted)
     residual = _residual(training, fitted)
-    entries = bank_of(
-        training.predictor,
-        fitted.model,
-        list(trials(training.predictor, fitted.model)),
-    )
+    entries = work.bank.entries(fitted.model)
     found: list[BaselineFinding] = []
     while len(found) < MOST_EFFECTS:
         noise = _white(training, residual, columns)

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
 from hydro_model.effects.effect import Effect, Stage
 from hydro_model.effects.law import ParameterSpec
+from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
 from hydro_model.robot import FloatArray
 from hydro_model.signals import PRESSURE_A, PRESSURE_B, TIP_HEIGHT
@@ -179,11 +180,15 @@ def recorded(material: Material, rail: str) -> bool:
 
 def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
     robot = material.robot
-    return [
+    result = [
         ActiveEffect(effect, p.cylinder, effect.typical.copy(), p.joint, p.name, p.index, p.side)
         for target in targets(robot, effect)
         for p in places(robot, effect, target, robot.name)
     ]
+    if effect.shared:
+        everywhere = ActiveEffect(effect, None, effect.typical.copy(), target=robot.name)
+        result.append(replace(everywhere, index=EVERY_CHAMBER))
+    return result
 
 
 def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[Trial]:

@@ -13,7 +13,7 @@ from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, Training, fitted
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.scoring import signs
-from hydro_ident.mismatch.state_space import factor_of, hats
+from hydro_ident.mismatch.state_space import factors_of, hats
 from hydro_ident.mismatch.verify import VERIFIED, Check
 from hydro_model.robot import FloatArray
 
@@ -46,7 +46,8 @@ class Confirmer:
         values = values_of(own, self._fitted, found.channel)
         factor = np.ones(own.mask.size)
         if found.times:
-            factor, _ = factor_of(own.predictor, found.channel, values, own.mask)
+            model = self._fitted.model
+            factor = factors_of(own.predictor, model, found.channel, values, own.mask)[found.times]
         at = values[found.variable]
         if not np.isfinite(at[own.mask]).all() or not np.isfinite(factor[own.mask]).all():
             return True

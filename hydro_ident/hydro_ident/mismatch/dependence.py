@@ -29,7 +29,7 @@ class Dependence:
     channel : int
     variable : str
     times : str
-        What the function is multiplied by: empty, `direction` or `valve_signal`.
+        What the function is multiplied by: empty, `direction`, `valve_signal` or `compression`.
     gain : float
         Reduction of the sum of squares, in units of the noise's variance.
     freedom : int

@@ -232,7 +232,7 @@ def _searched(
     rejected: list[Finding] = []
     for _ in range(_ROUNDS):
         excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
-        search = Searcher(work.scan, base, excluded).run()
+        search = Searcher(work.scan, base, excluded, work.bank).run()
         whole, findings, failed = _confirmed(work, search)
         rejected += failed
         if findings or not failed:

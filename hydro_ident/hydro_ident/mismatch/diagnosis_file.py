@@ -12,6 +12,7 @@ from hydro_ident.estimate.scores import fit_percent
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.mismatch.where import where_of
@@ -150,8 +151,12 @@ def _as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
 
 
 def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
-    """Parameters of an effect with their deviations, robust against dependence in blocks."""
-    std = np.sqrt(np.maximum(np.diag(fitted.bench.covariance()), 0.0))
+    """Parameters of an effect with their deviations.
+
+    These are robust against dependence in blocks, and hold what the form of a law, which is an
+    idealisation, is off by.
+    """
+    std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
     result = []
     for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
@@ -175,7 +180,7 @@ def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
     dict
         `names` as in `parameters_of`, and `values`, (k, k) rows; none that are not finite.
     """
-    matrix, at, names = fitted.bench.covariance(), list[int](), list[str]()
+    matrix, at, names = _covariance(fitted, term), list[int](), list[str]()
     for spec in term.effect.parameters:
         name = f"{term.target}.{term.effect.name}.{spec.name}"
         if name in fitted.names:
@@ -184,6 +189,16 @@ def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
                 at.append(k)
                 names.append(f"{term.effect.name}.{spec.name}")
     return {"names": names, "values": matrix[np.ix_(at, at)].tolist()}
+
+
+def _covariance(fitted: Fitted, term: ActiveEffect) -> FloatArray:
+    matrix = fitted.bench.covariance().copy()
+    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        if name in fitted.names:
+            k = fitted.names.index(name)
+            matrix[k, k] += (FORM_TOLERANCE * float(value)) ** 2
+    return matrix
 
 
 def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:

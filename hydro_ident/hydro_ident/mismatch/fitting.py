@@ -30,7 +30,8 @@ ROUNDING = {("valve_rate_limit", "time_constant"), ("valve_hysteresis", "time_co
 #: Halvings of a step that makes things worse, and the share of improvement below which a fit has
 #: settled.
 _HALVINGS, _SETTLED = 4, 1.0e-7
-#: Cycles of command delay that are the base's own: one, and what fits err by.
+#: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
+#: the effect of the same name is in the model.
 _CYCLES = 1.1
 #: Steps of the delay below this change nothing that could be measured.
 _LEAST_DELAY_S = 1.0e-7
@@ -279,7 +280,22 @@ def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)
+    if DELAY in names and _at_longest(training, model, bench.solve()[names.index(DELAY)]):
+        # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
+        columns[:, names.index(DELAY)] = 0.0
+        bench = training.bench(noise, residual, columns, offset)
     return Fitted(model, residual, columns, names, bench, offset)
+
+
+def _at_longest(training: Training, model: Model, step_s: float) -> bool:
+    """Whether the base's delay can take no step: at its bound, or beside one that is listed."""
+    if _listed_delay(model):
+        return True
+    return step_s > 0.0 and model.delay_s >= _CYCLES * training.cycle_s - _LEAST_DELAY_S
+
+
+def _listed_delay(model: Model) -> bool:
+    return any(t.effect.name == DELAY for t in model.terms)
 
 
 def _refitted(
@@ -371,6 +387,8 @@ def _moved(training: Training, model: Model, step: FloatArray) -> Model:
     theta = np.array([values.get(n, t) for n, t in zip(forces, model.theta, strict=True)])
     robot = _with_inertia(predictor, robot, theta)
     delay = float(np.clip(model.delay_s + values.get(DELAY, 0.0), 0.0, _CYCLES * training.cycle_s))
+    if _listed_delay(model):
+        delay = training.cycle_s  # The effect is what goes beyond one cycle.
     if abs(delay - model.delay_s) < _LEAST_DELAY_S:
         delay = model.delay_s
     terms, at = [], count

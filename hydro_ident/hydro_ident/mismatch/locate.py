@@ -25,11 +25,15 @@ from hydro_ident.mismatch.dependence import (
 from hydro_ident.mismatch.fitting import Fitted, Training
 from hydro_ident.mismatch.lines import lines_of
 from hydro_ident.mismatch.scoring import signs
-from hydro_ident.mismatch.state_space import factor_of, hats, knots_of
+from hydro_ident.mismatch.state_space import factors_of, hats, knots_of
 from hydro_model.robot import FloatArray
 
 #: Knots of the functions, at quantiles of the variable.
 KNOTS = 9
+#: Variables over which the stiffness of a chamber may change.
+SOFTENING = ("piston_position", "joint_angle", "pressure_a", "pressure_b", "time")
+#: Blocks that flip together where time is the variable.
+TIME_BLOCKS = 3
 #: Rows by which a variable is looked at later, and the value from which it is worth looking.
 _AHEAD, _NOTABLE = (2, 3, 5), 3.0
 
@@ -91,9 +95,14 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     if not found:
         return
     left = _without(own, bench, functions, found)
-    flips = signs(bench.blocks)
-    for white, inverse in sums:
-        drawn = flips @ bench.by_block(white * left[:, None])
+    # No other recording can confirm what follows time: of it, slow noise is no evidence either.
+    slow = -(-bench.blocks // TIME_BLOCKS)
+    flips = {
+        True: np.repeat(signs(slow), TIME_BLOCKS, axis=1)[:, : bench.blocks],
+        False: signs(bench.blocks),
+    }
+    for seen, (white, inverse) in zip(found, sums, strict=True):
+        drawn = flips[seen.variable == "time"] @ bench.by_block(white * left[:, None])
         gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
         count = round(float(np.trace(inverse @ (white.T @ white))))
         into.chances.append((gains - count) / np.sqrt(2.0 * count))
@@ -126,7 +135,7 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[Functio
     material = predictor.material
     own = (material.channel == channel) & training.mask
     values = values_of(training, fitted, channel)
-    factor, kind = factor_of(predictor, channel, values, own)
+    factors = factors_of(predictor, fitted.model, channel, values, own)
     result = []
     for name, column in values.items():
         seen = column[own]
@@ -138,8 +147,11 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[Functio
         columns = np.zeros((material.size, knots.size))
         columns[own] = hats(seen, knots)
         result.append((name, "", knots, columns))
-        if np.isfinite(factor[own]).all():
-            result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
+        for kind, factor in factors.items():
+            if kind == "compression" and name not in SOFTENING:
+                continue
+            if np.isfinite(factor[own]).all():
+                result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
     return result
 
 

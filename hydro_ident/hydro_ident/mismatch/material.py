@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
+Value = TypeVar("Value", bound=np.generic)
 
 #: A joint rests where it is slower than this share of its usual fast speed for so long; the
 #: filters smear what it does there into some rows before and after, at least so many seconds.
@@ -165,27 +167,36 @@ class Material:
         step_s = stretch.trace.step_s
         return np.asarray((total[start + stretch.span] - total[start]) / (stretch.span * step_s))
 
+    def on_rows(self, stretch: Stretch, channel: int, values: NDArray[Value]) -> NDArray[Value]:
+        """Samples (T, ...) of a stretch at the middles of a channel's rows."""
+        if not self.is_flow(channel):
+            return values[stretch.kept]
+        return values[stretch.starts[self.chamber_index(channel)] + stretch.span // 2]
+
     def moving(self) -> BoolArray:
-        """Rows whose joint moves; those of flows all do.
+        """Rows whose joint moves.
 
         At rest dry friction is whatever holds the load: no law of velocity says anything about
-        it, and every one that is asked is wrong in its own way.
+        it, and every one that is asked is wrong in its own way. And a valve's signal is then what
+        the controller makes of the disturbances in the same row: held against it, they look like
+        a law of the valve near its middle.
         """
         result = np.ones(self.size, dtype=np.bool_)
         reach_s = max(REST_REACH_S, 1.0 / self.filters.parallel_hz)
         speeds = [self._speed(s) for s in self.stretches]
         for k, _ in enumerate(self.channels):
-            if self.is_flow(k):
-                continue
             joint, places = self.joint_of(k), self.of_channels([k])
             own = [v for p in places if (v := speeds[p.stretch]) is not None]
+            if not own:
+                continue
             usual = np.quantile(np.concatenate([v[:, joint] for v in own]), 0.95)
             for place in places:
                 speed, stretch = speeds[place.stretch], self.stretches[place.stretch]
                 if speed is not None:
                     noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
                     slow = speed[:, joint] < max(REST_SPEED * usual, noise)
-                    result[place.rows] = ~_lasting(slow, stretch, reach_s)[stretch.kept]
+                    resting = _lasting(slow, stretch, reach_s)
+                    result[place.rows] = ~self.on_rows(stretch, k, resting)
         return result
 
     @property

@@ -10,14 +10,13 @@ import numpy as np
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.candidates import Trial, trials
+from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
 from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.prediction import Model, shapes
+from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import (
-    Entry,
+    Bank,
     Score,
-    bank_of,
     chance_of,
     p_value,
     score,
@@ -30,6 +29,7 @@ from hydro_ident.mismatch.settings import (
     FOLD_BLOCK_S,
     FOLDS,
     LEAST_CYCLES,
+    LEAST_EXCESS,
     MOST_EFFECTS,
     PRECISION,
 )
@@ -45,8 +45,10 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: how many get it.
 _ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
-#: Parameters that are times, by effect.
-_TIMES = {"pressure_delay": "delay", "command_delay": "delay"}
+#: Effects that, where small, are a delay of a valve's signal or of its flow.
+_LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
+#: Share of an effect's gain from which a mere delay says the same.
+_SAME_AS_DELAY = 0.9
 #: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
 _CONTESTS = 3
 
@@ -85,6 +87,8 @@ class Searcher:
     base : Fitted
     excluded : collection of (str, str)
         Effects and targets that are not tried.
+    bank : Bank, optional
+        Of an earlier search on the same rows.
 
     Attributes
     ----------
@@ -93,13 +97,17 @@ class Searcher:
     """
 
     def __init__(
-        self, training: Training, base: Fitted, excluded: Collection[tuple[str, str]] = ()
+        self,
+        training: Training,
+        base: Fitted,
+        excluded: Collection[tuple[str, str]] = (),
+        bank: Bank | None = None,
     ) -> None:
         self.training, self.base, self.excluded = training, base, set(excluded)
+        self.bank = bank or Bank(training.predictor)
         material = training.predictor.material
         motions = max(material.motions, 1)
         self.few = base.bench.blocks / motions if motions < FEW_MOTIONS else 1.0
-        self._bank: dict[tuple[object, ...], list[Entry]] = {}
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
@@ -122,7 +130,8 @@ class Searcher:
     # One step forward ----------------------------------------------------------------------
 
     def _next(self, current: Fitted, named: Sequence[Named]) -> tuple[Named | None, list[Score]]:
-        entries = [e for e in self._entries(current.model) if not _sibling(e.trial, named)]
+        bank = self.bank.entries(current.model, self.excluded)
+        entries = [e for e in bank if not _sibling(e.trial, named)]
         mask = self.training.mask
         scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
         if not scores:
@@ -146,35 +155,12 @@ class Searcher:
                 fresh = [
                     s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
                 ]
-                found = self._contest(current, noise, fresh, candidate, p)
-                if found.pays and self._resolved(found.term):
+                found, told = self._contest(current, noise, fresh, candidate, p)
+                if found.pays and told:
                     return found, scores
                 weighed += [c.term for c in found.tried]
                 contests += 1
         return None, scores
-
-    def _entries(self, model: Model) -> list[Entry]:
-        """Columns of everything that is not in the model; those that shaping changed anew."""
-        predictor = self.training.predictor
-        result: list[Entry] = []
-        groups: dict[tuple[str, str], list[Trial]] = {}
-        for trial in trials(predictor, model):
-            if (trial.name, trial.target) in self.excluded:
-                continue
-            groups.setdefault((trial.name, trial.target), []).append(trial)
-        for key, own in groups.items():
-            active = own[0].active
-            shaping = tuple(
-                (t.effect.name, t.target)
-                for t in model.terms
-                if shapes(t) and active.cylinder in (None, t.cylinder)
-            )
-            if active.effect.channel == "force":
-                shaping = ()
-            if (*key, *shaping) not in self._bank:
-                self._bank[(*key, *shaping)] = bank_of(predictor, model, own)
-            result += self._bank[(*key, *shaping)]
-        return result
 
     def _joined(self, current: Fitted, best: Score) -> FloatArray:
         used = best.coefficients != 0.0
@@ -209,13 +195,30 @@ class Searcher:
             return False
         return candidate.value >= ADDED_SHARE**2 * self._explained(current, bench, acting)
 
-    def _resolved(self, term: ActiveEffect) -> bool:
-        """Whether an effect's time is longer than what sampling can tell."""
-        name = _TIMES.get(term.effect.name)
-        if name is None:
+    def _resolved(self, without: Fitted, one: Contender) -> bool:
+        """Whether a contender is more than a shift in time that sampling cannot tell."""
+        cycle_s, term = self.training.cycle_s, one.term
+        if term.effect.name == "pressure_delay":
+            return bool(term.parameters[0] >= LEAST_CYCLES * cycle_s)
+        if term.effect.name == DELAY:
+            excess = term.parameters[0] + one.fitted.model.delay_s - cycle_s
+            return bool(excess >= LEAST_EXCESS * cycle_s)
+        if term.effect.name not in _LAGS:
             return True
-        at = [p.name for p in term.effect.parameters].index(name)
-        return bool(term.parameters[at] >= LEAST_CYCLES * self.training.cycle_s)
+        gain, shift_s = self._as_delay(without, term)
+        return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_CYCLES * cycle_s
+
+    def _as_delay(self, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
+        """What a mere delay of the signals that an effect acts on gains, and the delay in s."""
+        predictor, mask = self.training.predictor, self.training.mask
+        material = predictor.material
+        column = predictor.contribution(without.model, term)
+        acting = [k for k in np.unique(material.channel) if column[material.channel == k].any()]
+        _, base = predictor.base(without.model)
+        slope = base[:, predictor.names.index(DELAY)] * np.isin(material.channel, acting)
+        own = without.bench.beyond(slope[mask][:, None])[:, 0]
+        square, product = float(own @ own), float(own @ without.bench.residual)
+        return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
 
     def _explained(self, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:
         """Sum of squares that the effects found so far explain in some channels."""
@@ -242,17 +245,25 @@ class Searcher:
 
     def _contest(
         self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
-    ) -> Named:
-        """Refine the best trials and weigh them against each other on held-out blocks."""
+    ) -> tuple[Named, bool]:
+        """Refine the best trials and weigh them against each other on held-out blocks.
+
+        Returns
+        -------
+        named : Named
+        told : bool
+            Whether what fits best is more than sampling can tell.
+        """
         chosen = [
             s for s in _firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
         terms = [self._start(without, s) for s in chosen]
         contenders = self._fitted(without, terms, noise)
-        told = [c for c in contenders if self._resolved(c.term)]
+        told = [c for c in contenders if self._resolved(without, c)]
         members = self._members(told or contenders)
-        return named_of(members, p, overdispersion(best), self.few)
+        leading = max(contenders, key=lambda c: c.held_out)
+        return named_of(members, p, overdispersion(best), self.few), leading in told
 
     def _start(self, without: Fitted, one: Score) -> ActiveEffect:
         """The size of a trial that explains most as it is: what a fit starts from."""

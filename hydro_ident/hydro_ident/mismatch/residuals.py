@@ -18,6 +18,7 @@ from hydro_ident.mismatch.fitting import Fitted, Training, fit, start_model
 from hydro_ident.mismatch.material import Material, material_of
 from hydro_ident.mismatch.model import prior_of
 from hydro_ident.mismatch.prediction import Predictor
+from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import (
     LONGEST_SCAN_S,
     SCAN_PARTS,
@@ -54,6 +55,8 @@ class Residuals:
     signals : SignalSurvey
     notes : tuple of str
         What was found about the recordings on the way.
+    bank : Bank
+        What effects would look like in the rows of `scan`.
     """
 
     robot: Robot
@@ -64,7 +67,8 @@ class Residuals:
     check_traces: tuple[Trace, ...]
     split: HoldOut
     signals: SignalSurvey
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    bank: Bank
 
     def noise_floors(self) -> dict[str, float]:
         """What the sensors' noise alone leaves, by channel."""
@@ -156,15 +160,19 @@ def residuals(
         seen = _material(robot, forces, parts, choices, still)
         rows = seen.masks(split)[0] & seen.moving()
         scan = Training.of(Predictor(seen), rows, prior)
+    bank = Bank(scan.predictor)
     if not others:
         check = Check(predictor, check_rows, moving)
-        return Residuals(robot, training, base, scan, check, traces, split, signals, notes)
+        return Residuals(
+            robot, training, base, scan, check, traces, split, signals, notes, bank
+        )  # fmt: skip
     there = whole_traces(others)
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None
     check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
-    return Residuals(robot, training, base, scan, check, there, HoldOut(every=0), signals, notes)
+    whole = HoldOut(every=0)
+    return Residuals(robot, training, base, scan, check, there, whole, signals, notes, bank)
 
 
 def spread_parts(traces: tuple[Trace, ...]) -> tuple[Trace, ...]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench, Partial
-from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.candidates import Trial, trials
+from hydro_ident.mismatch.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.settings import FLIPS, SEED
 from hydro_model.robot import FloatArray
 
@@ -57,6 +57,52 @@ def bank_of(predictor: Predictor, model: Model, chosen: Sequence[Trial]) -> list
         rows = np.isin(channel, acting)
         entries.append(Entry(trial, rows, columns[rows].astype(np.float32)))
     return entries
+
+
+class Bank:
+    """Columns of every trial, evaluated once for all that look at them.
+
+    They are those beside the model that asked first: what a refit moves changes them little. Laws
+    that act beside one that shapes the same cylinder's valve signal are evaluated anew.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    """
+
+    def __init__(self, predictor: Predictor) -> None:
+        self._predictor = predictor
+        self._kept: dict[tuple[object, ...], list[Entry]] = {}
+
+    def entries(
+        self, model: Model, excluded: Collection[tuple[str, str]] = frozenset()
+    ) -> list[Entry]:
+        """Columns of everything that is not in a model.
+
+        Parameters
+        ----------
+        model : Model
+        excluded : collection of (str, str)
+            Effects and targets that are left out.
+        """
+        result: list[Entry] = []
+        groups: dict[tuple[str, str], list[Trial]] = {}
+        for trial in trials(self._predictor, model):
+            if (trial.name, trial.target) not in excluded:
+                groups.setdefault((trial.name, trial.target), []).append(trial)
+        for key, own in groups.items():
+            active = own[0].active
+            shaping = tuple(
+                (t.effect.name, t.target)
+                for t in model.terms
+                if shapes(t) and active.cylinder in (None, t.cylinder)
+            )
+            if active.effect.channel == "force":
+                shaping = ()
+            if (*key, *shaping) not in self._kept:
+                self._kept[(*key, *shaping)] = bank_of(self._predictor, model, own)
+            result += self._kept[(*key, *shaping)]
+        return result
 
 
 @dataclass(frozen=True, slots=True, eq=False)

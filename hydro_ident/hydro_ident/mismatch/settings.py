@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Chance that anything at all is found on a recording whose model lacks nothing, per question
-#: (known effects; unknown dependence). All candidates, channels, joints and shapes share it.
+#: Chance that anything at all is found on a recording whose model lacks nothing, per question.
+#: All candidates, channels, joints and shapes share it.
 FAMILY_ERROR = 0.005
+#: The same for dependence without a name, which no law speaks for: no flip may reach it.
+FAMILY_ERROR_UNNAMED = 0.0007
 #: Sign flips of whole blocks behind every p-value.
 FLIPS = 1999
 #: Length of the blocks whose signs are flipped: far beyond what the noise model leaves.
@@ -29,7 +31,9 @@ PRECISION = 2.0e-4
 PRECISION_UNNAMED = 5.0e-4
 #: A shift in time below this many sampling intervals is no finding: when a sensor is read within
 #: its interval is known no better, and noise that a controller feeds back shifts fits by as much.
-LEAST_CYCLES = 1.0
+LEAST_CYCLES = 0.5
+#: Of the command's delay one cycle is granted to every machine; so much more is a finding.
+LEAST_EXCESS = 0.25
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005
 #: A name is kept only where it explains at least this share of what any smooth function of the

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import qr
 
+from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model import signals as sig
 from hydro_model.robot import FloatArray
@@ -55,23 +56,39 @@ def row_values(predictor: Predictor, model: Model, channel: int, variable: str) 
     for place in material.of_channels([channel]):
         stretch = predictor.signals.stretches(model)[place.stretch]
         rows = _signals(predictor, model, stretch, channel)[:, SIGNALS[variable]]
-        result[place.rows] = _on_rows(material, stretch, channel, rows)
+        result[place.rows] = material.on_rows(stretch, channel, rows)
     return result
 
 
-def factor_of(
-    predictor: Predictor, channel: int, values: Mapping[str, FloatArray], own: BoolArray
-) -> tuple[FloatArray, str]:
-    """What functions of a channel are multiplied by, (N,), and its name.
+def factors_of(
+    predictor: Predictor,
+    model: Model,
+    channel: int,
+    values: Mapping[str, FloatArray],
+    own: BoolArray,
+) -> dict[str, FloatArray]:
+    """What functions of a channel are multiplied by, (N,) each, by name.
 
-    The direction of motion for forces, the valve's signal for flows.
+    The direction of motion for forces; for flows the valve's signal, and the compression of the
+    chamber at a unit modulus.
     """
-    if predictor.material.is_flow(channel):
-        signal = values["valve_signal"]
-        return signal / (float(np.nanstd(signal[own])) or 1.0), "valve_signal"
-    speed = values["piston_velocity"]
-    usual = float(np.nanstd(speed[own])) or 1.0
-    return np.tanh(speed / (_ROUNDED * usual)), "direction"
+    if not predictor.material.is_flow(channel):
+        speed = values["piston_velocity"]
+        usual = float(np.nanstd(speed[own])) or 1.0
+        return {"direction": np.tanh(speed / (_ROUNDED * usual))}
+    found = {
+        "valve_signal": values["valve_signal"],
+        "compression": compression(predictor, model, channel),
+    }
+    return {name: f / (float(np.nanstd(f[own])) or 1.0) for name, f in found.items()}
+
+
+def compression(predictor: Predictor, model: Model, channel: int) -> FloatArray:
+    """Base column of a flow channel's inverse bulk modulus, (N,)."""
+    material = predictor.material
+    cylinder = material.chambers[material.chamber_index(channel)].cylinder
+    _, x = predictor.base(model)
+    return x[:, predictor.names.index(f"{cylinder.name}.{INVERSE_BULK}")]
 
 
 def knots_of(seen: FloatArray, count: int) -> FloatArray:
@@ -102,7 +119,7 @@ def smooth_basis(predictor: Predictor, model: Model, channel: int, own: BoolArra
     times = plain if flow else (*plain, *_TIMES_DIRECTION)
     names = {*plain, *times, "piston_velocity", "valve_signal"}
     values = {name: row_values(predictor, model, channel, name) for name in names}
-    factor, _ = factor_of(predictor, channel, values, own)
+    factor = next(iter(factors_of(predictor, model, channel, values, own).values()))
     columns = [np.ones((int(own.sum()), 1))]
     for name in (n for n in dict.fromkeys((*plain, *times)) if np.isfinite(values[n][own]).all()):
         knots = knots_of(values[name][own], NUISANCE_KNOTS)
@@ -125,10 +142,3 @@ def _signals(predictor: Predictor, model: Model, stretch: Stretch, channel: int)
     if wet and not (material.forces.torque and not material.is_flow(channel)):
         return predictor.signals.wet(model, stretch, wet[0])
     return predictor.signals.dry(stretch, material.joint_of(channel))
-
-
-def _on_rows(material: Material, stretch: Stretch, channel: int, values: FloatArray) -> FloatArray:
-    if not material.is_flow(channel):
-        return values[stretch.kept]
-    start = stretch.starts[material.chamber_index(channel)]
-    return np.asarray(values[start + stretch.span // 2])

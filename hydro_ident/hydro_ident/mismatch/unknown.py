@@ -12,7 +12,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, Training
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
-    FAMILY_ERROR,
+    FAMILY_ERROR_UNNAMED,
     FORM_TOLERANCE,
     LEAST_SHARE,
     PRECISION_UNNAMED,
@@ -22,8 +22,12 @@ from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.
 _SURE = 5.0
-_WORDS = {"": "", "direction": " times the direction of motion", "valve_signal": " times the valve"
-          " signal"}  # fmt: skip
+_WORDS = {
+    "": "",
+    "direction": " times the direction of motion",
+    "valve_signal": " times the valve signal",
+    "compression": " times the compression of the chamber",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +88,7 @@ def unexplained(
     result: dict[int, Unexplained] = {}
     least = [least_size(training, fitted, k) for k in range(len(material.channels))]
     for one in found:
-        if one.p_value > FAMILY_ERROR or one.channel in result:
+        if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result:
             continue
         if one.share < LEAST_SHARE or one.size < least[one.channel]:
             continue

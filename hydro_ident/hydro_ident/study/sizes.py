@@ -108,7 +108,7 @@ READINGS: dict[str, Reading] = {
     "end_cushion": _plain("strength"),
     "line_dynamics": _line,
     "pressure_delay": _plain("delay"),
-    "command_delay": lambda p, at: max(p["delay"] - at["cycle_s"], 0.0),
+    "command_delay": lambda p, at: p["delay"],
 }
 
 

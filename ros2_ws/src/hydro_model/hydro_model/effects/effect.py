@@ -93,6 +93,8 @@ class Effect:
         recording's time axis; empty where it always does.
     needs_other_joint : bool
         Looks at another joint: not for a robot with a single one.
+    shared : bool
+        All its targets may have it from one cause, by the same amount: tried together, too.
     needs_valve : bool
         Looks at the edges' flows or coefficients, in proportion to which it acts.
     needs_tip : bool
@@ -117,6 +119,7 @@ class Effect:
     reading: ReadingChange | None = None
     start: str = ""
     needs_other_joint: bool = False
+    shared: bool = False
     needs_valve: bool = False
     needs_tip: bool = False
     limits: str = ""

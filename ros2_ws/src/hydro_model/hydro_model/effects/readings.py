@@ -8,6 +8,9 @@ import numpy as np
 
 from hydro_model.robot import FloatArray
 
+#: Index of all chambers' pressures together, for an effect that they share.
+EVERY_CHAMBER = -1
+
 
 @dataclass(frozen=True, slots=True)
 class Readings:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec
-from hydro_model.effects.readings import Readings, delayed
+from hydro_model.effects.readings import EVERY_CHAMBER, Readings, delayed
 from hydro_model.robot import FloatArray, Robot
 
 _DELAYS = ("timing", "force", "flow_a", "flow_b")
@@ -27,7 +27,10 @@ def _stretched(r: Readings, index: int, p: FloatArray) -> Readings:
 
 
 def _late(r: Readings, index: int, p: FloatArray) -> Readings:
-    return r.with_pressure(index, delayed(r.pressure(index), float(p[0]), r.step_s))
+    every = range(2 * r.p_a.shape[1]) if index == EVERY_CHAMBER else (index,)
+    for one in every:
+        r = r.with_pressure(one, delayed(r.pressure(one), float(p[0]), r.step_s))
+    return r
 
 
 def _early_command(r: Readings, index: int, p: FloatArray) -> Readings:
@@ -94,6 +97,7 @@ PRESSURE_DELAY = Effect(
     looks_like=("valve_spool_lag", "line_dynamics", "command_delay"),
     separating_experiment="a chirp: force and motion lag by a phase that grows with frequency",
     limits="of chambers; delays of supply and tank do not show in motion",
+    shared=True,
 )
 
 COMMAND_DELAY = Effect(
