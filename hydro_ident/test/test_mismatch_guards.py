@@ -154,7 +154,8 @@ def test_the_refitted_base_is_the_machines(plain: Seen, clean: Residuals) -> Non
     for valve, real in zip(model.robot.valves, truth.valves, strict=True):
         for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
             assert getattr(valve, edge) == pytest.approx(getattr(real, edge), rel=0.02)
-    assert model.delay_s == pytest.approx(truth.command_delay_s, abs=2.0e-4)
+    for delay_s in model.delays_s:
+        assert delay_s == pytest.approx(truth.command_delay_s, abs=2.0e-4)
 
 
 def test_a_clean_machine_leaves_the_noise_of_its_sensors(clean: Residuals) -> None:

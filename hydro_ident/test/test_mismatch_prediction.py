@@ -59,7 +59,8 @@ def true_model(make_run: tuple) -> tuple[Predictor, Model]:
     given = recording(simulated_run(truth, 12.0), load_robot("xs031"))
     predictor = Predictor(_material(truth, given))
     start = start_model(truth, predictor, resolve(truth))
-    return predictor, replace(start, delay_s=truth.command_delay_s)
+    delays = (truth.command_delay_s,) * len(truth.cylinders)
+    return predictor, replace(start, delays_s=delays)
 
 
 def test_the_true_model_leaves_noise_alone(true_model: tuple[Predictor, Model]) -> None:

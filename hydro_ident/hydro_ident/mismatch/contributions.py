@@ -101,7 +101,9 @@ def _plain_residual(signals: Signals, model: Model) -> FloatArray:
                 chamber = material.chambers[index]
                 volume, squeezed = compressed(chamber, stretch.trace)
                 inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
-                flow = _edges_at(model.robot, chamber, stretch.trace, model.delay_s)
+                flow = _edges_at(
+                    model.robot, chamber, stretch.trace, model.delays_s[chamber.index]
+                )
                 steps = np.diff(volume) + inverse * squeezed - flow
                 result[place.rows] = material.windowed(stretch, index, steps)
     return result
@@ -173,7 +175,7 @@ def _add_shaping(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
     whole = model.with_term(one)
     for place, stretch, chamber in _balances(signals, model, one):
         without, with_it = (
-            _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delay_s)
+            _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delays_s[chamber.index])
             for m in (model, whole)
         )
         index = signals.material.chamber_index(place.channel)

@@ -185,7 +185,8 @@ def start_model(robot: Robot, predictor: Predictor, terms: Sequence[ActiveEffect
     friction = [c.viscous_friction for c in robot.cylinders]
     friction += [robot.joints[j].viscous_friction for j in robot.dry_joints]
     theta = np.array([*base, *friction])
-    return Model(replace(robot, effects=()), theta, robot.command_delay_s, tuple(terms))
+    delays = (robot.command_delay_s,) * len(robot.cylinders)
+    return Model(replace(robot, effects=()), theta, delays, tuple(terms))
 
 
 def fit(training: Training, model: Model, noise: Noise | None = None, passes: int = 3) -> Fitted:
@@ -280,18 +281,21 @@ def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)
-    if DELAY in names and _at_longest(training, model, bench.solve()[names.index(DELAY)]):
+    if held := _held_delays(training, model, bench.solve()):
         # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
-        columns[:, names.index(DELAY)] = 0.0
+        columns[:, held] = 0.0
         bench = training.bench(noise, residual, columns, offset)
     return Fitted(model, residual, columns, names, bench, offset)
 
 
-def _at_longest(training: Training, model: Model, step_s: float) -> bool:
-    """Whether the base's delay can take no step: at its bound, or beside one that is listed."""
-    if _listed_delay(model):
-        return True
-    return step_s > 0.0 and model.delay_s >= _CYCLES * training.cycle_s - _LEAST_DELAY_S
+def _held_delays(training: Training, model: Model, step: FloatArray) -> list[int]:
+    """Columns of delays that can take no step: at their bound, or beside one that is listed."""
+    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
+    return [
+        at
+        for index, at in training.predictor.delay_columns.items()
+        if _listed_delay(model) or (step[at] > 0.0 and model.delays_s[index] >= longest)
+    ]
 
 
 def _listed_delay(model: Model) -> bool:
@@ -386,17 +390,25 @@ def _moved(training: Training, model: Model, step: FloatArray) -> Model:
     forces = predictor.material.forces.names
     theta = np.array([values.get(n, t) for n, t in zip(forces, model.theta, strict=True)])
     robot = _with_inertia(predictor, robot, theta)
-    delay = float(np.clip(model.delay_s + values.get(DELAY, 0.0), 0.0, _CYCLES * training.cycle_s))
-    if _listed_delay(model):
-        delay = training.cycle_s  # The effect is what goes beyond one cycle.
-    if abs(delay - model.delay_s) < _LEAST_DELAY_S:
-        delay = model.delay_s
+    delays = _delays(training, model, step)
     terms, at = [], count
     for term in model.terms:
         width = sum(_free(term, i) for i in range(len(term.effect.parameters)))
         terms.append(_stepped(term, step[at : at + width]))
         at += width
-    return Model(robot, theta, delay, tuple(terms))
+    return Model(robot, theta, delays, tuple(terms))
+
+
+def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
+    """Delays of the valves after a step, of up to a cycle and what fits err by."""
+    result = list(model.delays_s)
+    for index, at in training.predictor.delay_columns.items():
+        moved = min(max(result[index] + float(step[at]), 0.0), _CYCLES * training.cycle_s)
+        if _listed_delay(model):
+            moved = training.cycle_s  # The effect is what goes beyond one cycle.
+        if abs(moved - result[index]) >= _LEAST_DELAY_S:
+            result[index] = moved
+    return tuple(result)
 
 
 def _stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:

@@ -14,6 +14,8 @@ from hydro_ident.mismatch.state_space import row_values
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.robot import FloatArray
 
+#: Rows that carry a line: where a few do, its neighbours are no measure of chance.
+LEAST_ROWS = 400.0
 #: Points of a period that are given.
 _POINTS = 9
 
@@ -38,7 +40,7 @@ def lines_of(
         # Straight pieces add up to one: their sum is the factor.
         factor = pieces.sum(axis=1)
         lines = Lines.of(bench, values[mask], factor[mask])
-        if lines is None:
+        if lines is None or _worth(factor[mask]) < LEAST_ROWS:
             continue
         what = channel, variable, times
         tried = [
@@ -47,6 +49,13 @@ def lines_of(
         ]
         found += sorted((d for d in tried if d is not None), key=lambda d: -d.value)[:1]
     return found
+
+
+def _worth(factor: FloatArray) -> float:
+    """How many rows of one size a factor is worth."""
+    squares = factor**2
+    total = float(np.sum(squares**2))
+    return float(np.sum(squares)) ** 2 / total if total > 0.0 else 0.0
 
 
 def _line(

@@ -20,6 +20,9 @@ from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
 #: Parameters without a known deviation are held to this share of their size.
 _HELD = 1.0e-6
 
+#: Difference between valves' delays that is worth a note.
+_SAME_DELAY_S = 3.0e-4
+
 
 @dataclass(frozen=True, slots=True)
 class Modelled:
@@ -97,15 +100,21 @@ def robot_of(
                                                      j.viscous_friction)))
         for j in robot.joints
     )  # fmt: skip
-    if DELAY in values:
-        deviations[DELAY] = float(std[DELAY])
+    delay_s = given.command_delay_s
+    if at := predictor.delay_columns:
+        own = [fitted.model.delays_s[index] for index in at]
+        delay_s = float(np.mean(own))
+        deviations[DELAY] = float(max(std[names[column]] for column in at.values()))
+        if max(own) - min(own) > _SAME_DELAY_S:
+            found = ", ".join(f"{1e3 * value:.2g}" for value in own)
+            notes += (f"the valves' command delays differ ({found} ms): the model has their mean",)
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
         joints=joints,
         cylinders=tuple(cylinders),
         valves=tuple(valves),
-        command_delay_s=float(fitted.model.delay_s),
+        command_delay_s=delay_s,
         standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v) and v > 0.0},
         effects=effects,
     )

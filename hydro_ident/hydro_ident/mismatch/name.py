@@ -201,12 +201,12 @@ class Searcher:
         if term.effect.name == "pressure_delay":
             return bool(term.parameters[0] >= LEAST_CYCLES * cycle_s)
         if term.effect.name == DELAY:
-            excess = term.parameters[0] + one.fitted.model.delay_s - cycle_s
+            excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
             return bool(excess >= LEAST_EXCESS * cycle_s)
         if term.effect.name not in _LAGS:
             return True
         gain, shift_s = self._as_delay(without, term)
-        return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_CYCLES * cycle_s
+        return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_EXCESS * cycle_s
 
     def _as_delay(self, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
         """What a mere delay of the signals that an effect acts on gains, and the delay in s."""
@@ -215,7 +215,8 @@ class Searcher:
         column = predictor.contribution(without.model, term)
         acting = [k for k in np.unique(material.channel) if column[material.channel == k].any()]
         _, base = predictor.base(without.model)
-        slope = base[:, predictor.names.index(DELAY)] * np.isin(material.channel, acting)
+        slopes = base[:, list(predictor.delay_columns.values())].sum(axis=1)
+        slope = slopes * np.isin(material.channel, acting)
         own = without.bench.beyond(slope[mask][:, None])[:, 0]
         square, product = float(own @ own), float(own @ without.bench.residual)
         return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)

@@ -22,6 +22,11 @@ _KEPT_FLOWS = 64
 _KEPT_FORCES = 4
 
 
+def delay_name(chamber: Chamber) -> str:
+    """What the delay of a chamber's valve is called."""
+    return f"{chamber.valve.name}.{DELAY}"
+
+
 @dataclass(slots=True)
 class Predictor:
     """Evaluates models on the rows of some material.
@@ -42,15 +47,22 @@ class Predictor:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The base parameters: forces, then by cylinder bulk and edges, then the delay."""
+        """The base parameters: forces, then by cylinder bulk and edges, then valves' delays."""
         material = self.material
         forces = any(not material.is_flow(k) for k in range(len(material.channels)))
         names = list(material.forces.names) if forces else []
-        for chamber in self._flow_chambers():
+        chambers = self._flow_chambers()
+        for chamber in chambers:
             own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
             own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
             names += [name for name in own if name not in names]
-        return (*names, DELAY) if self._flow_chambers() else tuple(names)
+        return (*names, *dict.fromkeys(delay_name(chamber) for chamber in chambers))
+
+    @property
+    def delay_columns(self) -> dict[int, int]:
+        """Where among `names` the delay of each cylinder's valve is, by cylinder."""
+        at = {c.index: delay_name(c) for c in self._flow_chambers()}
+        return {index: self.names.index(name) for index, name in at.items()}
 
     def base(self, model: Model) -> tuple[FloatArray, FloatArray]:
         """Measured values (N,) and base columns (N, p) at a model's signals and delay."""
@@ -153,7 +165,7 @@ class Predictor:
         into[0][rows] = means[:, 0]
         for k, name in enumerate(own):
             into[1][rows, names.index(name)] = means[:, 1 + k]
-        into[1][rows, names.index(DELAY)] = slope
+        into[1][rows, names.index(delay_name(chamber))] = slope
 
     def _flow_rows(self, model: Model, stretch: Stretch, channel: int) -> FloatArray:
         """Rate of volume, compression, both edges and their slopes in the delay, (W, 6).
@@ -161,19 +173,20 @@ class Predictor:
         At unit coefficients: they change with delay and shaping alone, and are kept for those.
         """
         material = self.material
-        key = (model.delay_s, shape_key(model), channel, stretch.number)
-        if key in self._flows:
-            return self._flows[key]
         index = material.chamber_index(channel)
         chamber = material.chambers[index]
+        delay_s = model.delays_s[chamber.index]
+        key = (delay_s, shape_key(model), channel, stretch.number)
+        if key in self._flows:
+            return self._flows[key]
         trace = self.signals.shaped(model, stretch)
         volume, squeezed = compressed(chamber, trace)
         step = 0.1 * trace.step_s
-        early = max(model.delay_s - step, 0.0)
+        early = max(delay_s - step, 0.0)
         now, late, soon = (
-            edge_integrals(chamber, trace, d) for d in (model.delay_s, model.delay_s + step, early)
+            edge_integrals(chamber, trace, d) for d in (delay_s, delay_s + step, early)
         )
-        width = model.delay_s + step - early
+        width = delay_s + step - early
         slopes = [(a - b) / width for a, b in zip(late, soon, strict=True)]
         steps = np.stack([np.diff(volume), -squeezed, *now, *slopes], axis=1)
         if len(self._flows) >= _KEPT_FLOWS * max(len(material.stretches), 1):

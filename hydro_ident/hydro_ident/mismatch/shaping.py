@@ -41,14 +41,15 @@ class Model:
         Edges and bulk moduli are current; its own list of effects is not looked at.
     theta : (p,) array
         Force parameters by `ForceModel.names`.
-    delay_s : float
+    delays_s : tuple of float
+        Command delay of each cylinder's valve.
     terms : tuple of ActiveEffect
         Effects at work, at their current parameters.
     """
 
     robot: Robot
     theta: FloatArray
-    delay_s: float
+    delays_s: tuple[float, ...]
     terms: tuple[ActiveEffect, ...] = ()
 
     def with_term(self, term: ActiveEffect) -> Model:
@@ -299,7 +300,7 @@ def reading_key(model: Model) -> tuple[object, ...]:
 def _same_base(one: Model, other: Model) -> bool:
     if one.robot is not other.robot or one.theta is not other.theta:
         return False
-    return one.delay_s == other.delay_s and _identical(one, other)
+    return one.delays_s == other.delays_s and _identical(one, other)
 
 
 def _identical(one: Model, other: Model) -> bool:
