@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import MOST_EFFECTS
+from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 
 #: What "always Coulomb" answers.

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.dependence import Dependence, Function, dependence_of
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.state_space import row_values
+from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.robot import FloatArray
 

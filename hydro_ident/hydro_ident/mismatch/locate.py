@@ -22,10 +22,11 @@ from hydro_ident.mismatch.dependence import (
     inverse_of,
     values_of,
 )
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import lines_of
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.state_space import factors_of, hats, knots_of
+from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
 
 #: Knots of the functions, at quantiles of the variable.

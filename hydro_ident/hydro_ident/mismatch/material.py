@@ -8,23 +8,21 @@ filters onto the same rows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.grid import runs
-from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of, window_rows
+from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
-    kept_samples,
     low_pass,
-    motion,
     parallel_filter,
 )
-from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
+from hydro_ident.estimate.force_rows import ForceModel, Motion
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
@@ -249,81 +247,6 @@ class Material:
         return fit, score
 
 
-def material_of(
-    robot: Robot,
-    forces: ForceModel,
-    traces: Sequence[Trace],
-    filters: FilterSettings,
-    windows: WindowSettings,
-    still: Mapping[str, Mapping[int, float]],
-    rest_speed: FloatArray | None = None,
-) -> Material:
-    """Lay out the rows of some traces.
-
-    Parameters
-    ----------
-    robot : Robot
-    forces : ForceModel
-    traces : sequence of Trace
-        Whole recordings, in order.
-    filters : FilterSettings
-    windows : WindowSettings
-        With the longest delay that a candidate may have.
-    still : mapping of str to mapping of int to float
-        By recording, where the joints are that stand still.
-    rest_speed : (n,) array, optional
-
-    Returns
-    -------
-    Material
-    """
-    stretches = tuple(
-        replace(_stretch(robot, t, filters, windows, still), number=k)
-        for k, t in enumerate(traces)
-    )
-    kinds = [*_force_kinds(forces, stretches), *_flow_kinds(robot, stretches)]
-    places: list[Place] = []
-    times: list[FloatArray] = []
-    numbers: list[IndexArray] = []
-    names = tuple(dict.fromkeys(t.recording for t in traces))
-    recordings: list[IndexArray] = []
-    linked: list[BoolArray] = []
-    count = 0
-    for k, (_, _, index) in enumerate(kinds):
-        for s, stretch in enumerate(stretches):
-            kept = stretch.kept if index < 0 else stretch.starts[index]
-            if index < 0 and not _force_known(forces, stretch)[-index - 1]:
-                continue
-            if not kept.size:
-                continue
-            places.append(Place(s, k, slice(count, count + kept.size)))
-            count += kept.size
-            times.append(stretch.trace.time_s[kept])
-            numbers.append(np.full(kept.size, k))
-            recordings.append(np.full(kept.size, names.index(stretch.trace.recording)))
-            step = np.diff(kept, prepend=kept[0] - 1)
-            follows = step == (np.min(step[1:]) if kept.size > 1 else 1)
-            follows[0] = False
-            linked.append(follows)
-    empty = np.zeros(0)
-    return Material(
-        robot,
-        forces,
-        filters,
-        windows,
-        stretches,
-        tuple(name for name, _, _ in kinds),
-        tuple(unit for _, unit, _ in kinds),
-        tuple(places),
-        np.concatenate([empty, *numbers]).astype(np.intp),
-        np.concatenate([empty, *recordings]).astype(np.intp),
-        names,
-        np.concatenate([empty, *times]),
-        np.concatenate([empty.astype(bool), *linked]),
-        rest_speed,
-    )
-
-
 def _lasting(slow: BoolArray, stretch: Stretch, reach_s: float) -> BoolArray:
     """Samples in rests of some length, and around them as far as the filters reach."""
     step_s = stretch.trace.step_s
@@ -333,56 +256,3 @@ def _lasting(slow: BoolArray, stretch: Stretch, reach_s: float) -> BoolArray:
         if (end - begin) * step_s >= REST_S:
             result[max(begin - reach, 0) : end + reach] = True
     return result
-
-
-def _stretch(
-    robot: Robot,
-    trace: Trace,
-    filters: FilterSettings,
-    windows: WindowSettings,
-    still: Mapping[str, Mapping[int, float]],
-) -> Stretch:
-    kept: IndexArray = np.zeros(0, dtype=np.intp)
-    moved = None
-    if np.isfinite(trace.q).all():
-        kept = kept_samples(trace.samples, trace.step_s, filters, trace.cycle, trace.core)
-        q = held_still(trace.q, still.get(trace.recording, {}))
-        if trace.samples > 3 * filters.order:
-            moved = Motion(*motion(q, trace.step_s, filters))
-    starts = tuple(_starts(trace, chamber, windows) for chamber in chambers_of(robot))
-    span = max(1, round(windows.length_s / trace.step_s))
-    return Stretch(trace, moved, kept if moved is not None else kept[:0], starts, span)
-
-
-def _starts(trace: Trace, chamber: Chamber, windows: WindowSettings) -> IndexArray:
-    i = chamber.index
-    signals = (trace.stroke[:, i], trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
-    known: BoolArray = np.asarray(np.isfinite(np.stack(signals)).all(axis=0))
-    steps = np.where(known[1:] & known[:-1], 0.0, np.nan)[:, None]
-    rows = window_rows(steps, trace, trace.valve_signal[:, i], windows)
-    return np.searchsorted(trace.time_s, rows.time_s - 0.25 * trace.step_s).astype(np.intp)
-
-
-def _force_known(forces: ForceModel, stretch: Stretch) -> list[bool]:
-    """Which joints' forces were measured throughout."""
-    force = measured_force(forces, stretch.trace)
-    return [bool(np.isfinite(column).all()) for column in force.T]
-
-
-def _force_kinds(forces: ForceModel, stretches: Sequence[Stretch]) -> list[tuple[str, str, int]]:
-    """Name, unit and minus one minus the joint of every force channel that was measured."""
-    usable = [s for s in stretches if s.kept.size]
-    if not usable:
-        return []
-    known = [
-        any(column) for column in zip(*(_force_known(forces, s) for s in usable), strict=True)
-    ]
-    return [(name, forces.units[j], -1 - j) for j, name in enumerate(forces.channels) if known[j]]
-
-
-def _flow_kinds(robot: Robot, stretches: Sequence[Stretch]) -> list[tuple[str, str, int]]:
-    return [
-        (chamber.channel, "m^3/s", k)
-        for k, chamber in enumerate(chambers_of(robot))
-        if any(s.starts[k].size for s in stretches)
-    ]

@@ -11,8 +11,10 @@ import numpy as np
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.inertial import parameter_scales
 from hydro_ident.identified_robot import has_definite_mass
-from hydro_ident.mismatch.fitting import Fitted, Prior, with_edges
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY, Predictor
+from hydro_ident.mismatch.stepping import with_edges
+from hydro_ident.mismatch.training import Prior
 from hydro_model.closed_chain import with_parameters
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot

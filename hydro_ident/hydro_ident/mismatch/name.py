@@ -9,11 +9,9 @@ import numpy as np
 
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.scores import GUARD_PERIODS
-from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
+from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import (
     Bank,
     Score,
@@ -23,17 +21,15 @@ from hydro_ident.mismatch.scoring import (
     signs,
 )
 from hydro_ident.mismatch.settings import (
-    ADDED_SHARE,
     FAMILY_ERROR,
     FEW_MOTIONS,
     FOLD_BLOCK_S,
     FOLDS,
-    LEAST_CYCLES,
-    LEAST_EXCESS,
     MOST_EFFECTS,
-    PRECISION,
 )
+from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.mismatch.worth import resolved, worth
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -45,10 +41,6 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: how many get it.
 _ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
-#: Effects that, where small, are a delay of a valve's signal or of its flow.
-_LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
-#: Share of an effect's gain from which a mere delay says the same.
-_SAME_AS_DELAY = 0.9
 #: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
 _CONTESTS = 3
 
@@ -151,7 +143,7 @@ class Searcher:
             active = candidate.entry.trial.active
             if any(_is(active, one) for one in weighed):
                 continue
-            if self._worth(current, bench, candidate):
+            if worth(self.training, self.base, current, bench, candidate):
                 fresh = [
                     s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
                 ]
@@ -178,70 +170,6 @@ class Searcher:
         joined = self._joined(current, best)
         return self.training.bench(noise, current.residual, joined, current.offset).residual
 
-    def _worth(self, current: Fitted, bench: Bench, candidate: Score) -> bool:
-        """Whether an effect is more than a flaw of the model's form and precision."""
-        material = self.training.predictor.material
-        mask = self.training.mask
-        whole = candidate.entry.columns(material.size) @ candidate.coefficients
-        # What a refit of everything else leaves of it, in the channel's own unit.
-        own = self.training.bench(current.bench.noise, whole, current.columns)
-        fresh = (whole - current.columns @ own.solve())[mask]
-        channel = material.channel[mask]
-        acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
-        share = max(
-            float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / self._size(k) for k in acting
-        )
-        if share < PRECISION:
-            return False
-        return candidate.value >= ADDED_SHARE**2 * self._explained(current, bench, acting)
-
-    def _resolved(self, without: Fitted, one: Contender) -> bool:
-        """Whether a contender is more than a shift in time that sampling cannot tell."""
-        cycle_s, term = self.training.cycle_s, one.term
-        if term.effect.name == "pressure_delay":
-            return bool(term.parameters[0] >= LEAST_CYCLES * cycle_s)
-        if term.effect.name == DELAY:
-            excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
-            return bool(excess >= LEAST_EXCESS * cycle_s)
-        if term.effect.name not in _LAGS:
-            return True
-        gain, shift_s = self._as_delay(without, term)
-        return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_EXCESS * cycle_s
-
-    def _as_delay(self, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
-        """What a mere delay of the signals that an effect acts on gains, and the delay in s."""
-        predictor, mask = self.training.predictor, self.training.mask
-        material = predictor.material
-        column = predictor.contribution(without.model, term)
-        acting = [k for k in np.unique(material.channel) if column[material.channel == k].any()]
-        _, base = predictor.base(without.model)
-        slopes = base[:, list(predictor.delay_columns.values())].sum(axis=1)
-        slope = slopes * np.isin(material.channel, acting)
-        own = without.bench.beyond(slope[mask][:, None])[:, 0]
-        square, product = float(own @ own), float(own @ without.bench.residual)
-        return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
-
-    def _explained(self, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:
-        """Sum of squares that the effects found so far explain in some channels."""
-        material, predictor = self.training.predictor.material, self.training.predictor
-        base = current.columns[:, : len(predictor.names)]
-        alone = self.training.bench(bench.noise, current.residual, base, current.offset)
-        total = 0.0
-        for term in current.model.terms:
-            if term.effect.change is not None or term.effect.reading is not None:
-                # Geometry, mass and time have one form: nothing of it is left over.
-                continue
-            column = predictor.contribution(current.model, term)
-            if any(column[material.channel == k].any() for k in acting):
-                total += float(np.sum(alone.beyond(column[self.training.mask][:, None]) ** 2))
-        return total
-
-    def _size(self, channel: int) -> float:
-        material = self.training.predictor.material
-        y, _ = self.training.predictor.base(self.base.model)
-        values = y[(material.channel == channel) & self.training.mask]
-        return float(np.sqrt(np.mean(values**2))) or 1.0
-
     # The set -------------------------------------------------------------------------------
 
     def _contest(
@@ -261,7 +189,7 @@ class Searcher:
         without = fitted(self.training, current.model, noise)
         terms = [self._start(without, s) for s in chosen]
         contenders = self._fitted(without, terms, noise)
-        told = [c for c in contenders if self._resolved(without, c)]
+        told = [c for c in contenders if resolved(self.training, without, c)]
         members = self._members(told or contenders)
         leading = max(contenders, key=lambda c: c.held_out)
         return named_of(members, p, overdispersion(best), self.few), leading in told

@@ -14,8 +14,9 @@ from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
 from hydro_ident.mismatch.choices import Choices, choices_of
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, start_model
-from hydro_ident.mismatch.material import Material, material_of
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.laying import material_of
+from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.model import prior_of
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import Bank
@@ -24,6 +25,7 @@ from hydro_ident.mismatch.settings import (
     SCAN_PARTS,
     DiagnosisSettings,
 )
+from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.mismatch.verify import Check
 from hydro_ident.sources import Source
 from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.candidates import untestable
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
@@ -18,6 +18,7 @@ from hydro_ident.mismatch.settings import (
     PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import UNITS
+from hydro_ident.mismatch.training import Training
 from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, layout_of, linearised
+from hydro_ident.mismatch.fitting import Fitted, fit, linearised
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.training import Training, layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, row_values
+from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 
 #: The variable of the contract that each effect is best seen against.

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.mismatch.candidates import Trial, trials
-from hydro_ident.mismatch.fitting import Fitted, Training, fit, fit_term, fitted
+from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.name import CONTENDER_SHARE, CONTENDERS, Searcher, overdispersion
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.sources import bag_source
 from hydro_ident.study.summary import STRONG

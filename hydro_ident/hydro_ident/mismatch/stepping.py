@@ -1,0 +1,133 @@
+"""Steps of a fit: a model's numbers moved within their physical bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.training import Training
+from hydro_model.closed_chain import with_parameters
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot, Valve
+
+#: A shape parameter moves by no more than this factor per pass.
+_FACTOR = 2.0
+#: Parameters that only round a law's corners: fitted, they would turn it into another one.
+ROUNDING = {("valve_rate_limit", "time_constant"), ("valve_hysteresis", "time_constant")}
+#: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
+#: the effect of the same name is in the model.
+_CYCLES = 1.1
+#: Steps of the delay below this change nothing that could be measured.
+_LEAST_DELAY_S = 1.0e-7
+_BULK_BOUNDS = (1.0e-10, 1.0e-7)
+
+
+def moved(training: Training, model: Model, step: FloatArray) -> Model:
+    """The model after a Gauss-Newton step, within physical bounds."""
+    predictor = training.predictor
+    values = dict(zip(predictor.names, predictor.parameters(model), strict=True))
+    count = len(values)
+    for name, change in zip(predictor.names, step[:count], strict=True):
+        values[name] += float(change)
+    robot = with_values(model.robot, values)
+    forces = predictor.material.forces.names
+    theta = np.array([values.get(n, t) for n, t in zip(forces, model.theta, strict=True)])
+    robot = _with_inertia(predictor, robot, theta)
+    delays = _delays(training, model, step)
+    terms, at = [], count
+    for term in model.terms:
+        width = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
+        terms.append(stepped(term, step[at : at + width]))
+        at += width
+    return Model(robot, theta, delays, tuple(terms))
+
+
+def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
+    """Delays of the valves after a step, of up to a cycle and what fits err by."""
+    result = list(model.delays_s)
+    for index, at in training.predictor.delay_columns.items():
+        fresh = min(max(result[index] + float(step[at]), 0.0), _CYCLES * training.cycle_s)
+        if _listed_delay(model):
+            fresh = training.cycle_s  # The effect is what goes beyond one cycle.
+        if abs(fresh - result[index]) >= _LEAST_DELAY_S:
+            result[index] = fresh
+    return tuple(result)
+
+
+def stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:
+    """A term after a step of its free parameters, within bounds; shapes move by factors.
+
+    What can be 0, such as a null bias, has either sign: factors would hold it to its first one.
+    """
+    parameters, changes = term.parameters.copy(), iter(step)
+    for i, spec in enumerate(term.effect.parameters):
+        if not is_free(term, i):
+            continue
+        change = float(next(changes))
+        signed = spec.lower < 0.0 < spec.upper
+        if not spec.linear and not signed and parameters[i] != 0.0:
+            limit = abs(parameters[i]) * (_FACTOR - 1.0) / _FACTOR
+            change = math.copysign(min(abs(change), limit), change)
+        parameters[i] = min(max(parameters[i] + change, spec.lower), spec.upper)
+    return replace(term, parameters=parameters)
+
+
+def _with_inertia(predictor: Predictor, robot: Robot, theta: FloatArray) -> Robot:
+    """A robot whose links carry the base parameters: changes of it start from there."""
+    base = predictor.material.forces.base
+    vector = np.zeros(len(robot.parameter_names))
+    vector[base.leading] = theta[: len(base.names)]
+    return with_parameters(robot, vector)
+
+
+def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """A robot with fitted bulk moduli and edges; impossible ones stay as they were."""
+    cylinders = []
+    for cylinder in robot.cylinders:
+        inverse = values.get(f"{cylinder.name}.{INVERSE_BULK}", 0.0)
+        if _BULK_BOUNDS[0] < inverse < _BULK_BOUNDS[1]:
+            cylinder = replace(cylinder, bulk_modulus_pa=1.0 / inverse)
+        cylinders.append(cylinder)
+    valves = []
+    for valve in robot.valves:
+        valves.append(with_edges(valve, values))
+    return replace(robot, cylinders=tuple(cylinders), valves=tuple(valves))
+
+
+def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
+    """A valve with fitted edges; impossible ones stay as they were."""
+    c_pa, c_at, c_pb, c_bt = (
+        value if (value := values.get(f"{valve.name}.{edge}", 0.0)) > 0.0 else own
+        for edge, own in (
+            ("c_pa", valve.c_pa),
+            ("c_at", valve.c_at),
+            ("c_pb", valve.c_pb),
+            ("c_bt", valve.c_bt),
+        )
+    )
+    return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
+
+
+def held_delays(training: Training, model: Model, step: FloatArray) -> list[int]:
+    """Columns of delays that can take no step: at their bound, or beside one that is listed."""
+    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
+    return [
+        at
+        for index, at in training.predictor.delay_columns.items()
+        if _listed_delay(model) or (step[at] > 0.0 and model.delays_s[index] >= longest)
+    ]
+
+
+def _listed_delay(model: Model) -> bool:
+    return any(t.effect.name == DELAY for t in model.terms)
+
+
+def is_free(term: ActiveEffect, index: int) -> bool:
+    """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
+    name = term.effect.parameters[index].name
+    return name != term.effect.start and (term.effect.name, name) not in ROUNDING

@@ -1,0 +1,132 @@
+"""Training rows: which rows are fitted, and how they are weighed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.state_space import smooth_basis
+from hydro_ident.mismatch.whitening import LEAST_NOISE, Layout, Noise, noise_of
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of the base before: values and an inverse square root of the covariance.
+
+    Attributes
+    ----------
+    root : (m, p) array
+        ``root (theta - values)`` has unit variance.
+    values : (p,) array
+    """
+
+    root: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """Which rows are fitted, and how they are weighed.
+
+    Attributes
+    ----------
+    predictor : Predictor
+    mask : (N,) bool array
+    layout : Layout
+        Of the rows in the mask.
+    floor : (k,) array
+        Least noise of every channel.
+    prior : Prior or None
+    cycle_s : float
+        Sampling interval: the longest command delay that is the base's.
+    smooth : tuple of (n_k, m_k) array
+        Orthonormal smooth functions of each channel's state on its rows in the mask.
+    """
+
+    predictor: Predictor
+    mask: BoolArray
+    layout: Layout
+    floor: FloatArray
+    prior: Prior | None
+    cycle_s: float
+    smooth: tuple[FloatArray, ...] = ()
+
+    @staticmethod
+    def of(predictor: Predictor, mask: BoolArray, prior: Prior | None = None) -> Training:
+        """Training on some rows of the predictor's material."""
+        material = predictor.material
+        layout = layout_of(predictor).take(mask)
+        floor = np.ones(len(material.channels))
+        start = start_model(material.robot, predictor)
+        y, _ = predictor.base(start)
+        for k in range(floor.size):
+            own = y[(material.channel == k) & mask]
+            floor[k] = LEAST_NOISE * float(np.std(own)) if own.size else 1.0
+        floor[floor <= 0.0] = 1e-300
+        steps = [s.trace.step_s for s in material.stretches]
+        smooth = tuple(
+            smooth_basis(predictor, start, k, (material.channel == k) & mask)
+            for k in range(floor.size)
+        )
+        cycle_s = max(steps, default=0.002)
+        return Training(predictor, mask, layout, floor, prior, cycle_s, smooth)
+
+    def noise(self, residual: FloatArray) -> Noise:
+        """Noise of a residual on the training rows: what no smooth function of the state tells.
+
+        Physics that the model still lacks is no noise; taken for it, it would be whitened away.
+        """
+        left = residual[self.mask].copy()
+        for k, basis in enumerate(self.smooth):
+            own = self.layout.channel == k
+            if basis.size:
+                rest = left[own] - basis @ (basis.T @ left[own])
+                left[own] = rest * np.sqrt(basis.shape[0] / (basis.shape[0] - basis.shape[1]))
+        return noise_of(self.layout, left, self.floor)
+
+    def offset(self, model: Model) -> FloatArray:
+        """How far a model's base is from what was known of it, in deviations."""
+        if self.prior is None:
+            return np.zeros(0)
+        now = self.predictor.parameters(model)
+        return np.asarray(self.prior.root @ (self.prior.values - now))
+
+    def bench(
+        self,
+        noise: Noise,
+        residual: FloatArray,
+        columns: FloatArray,
+        offset: FloatArray | None = None,
+    ) -> Bench:
+        """Whitened training rows of a residual."""
+        prior = None
+        if self.prior is not None:
+            extra = columns.shape[1] - self.prior.values.size
+            root = np.pad(self.prior.root, ((0, 0), (0, extra)))
+            prior = root, np.zeros(root.shape[0]) if offset is None else offset
+        return Bench(self.layout, noise, residual[self.mask], columns[self.mask], BLOCK_S, prior)
+
+
+def layout_of(predictor: Predictor) -> Layout:
+    """Layout of all rows of a predictor's material."""
+    m = predictor.material
+    return Layout(m.channel, m.recording, m.time_s, m.linked)
+
+
+def start_model(robot: Robot, predictor: Predictor, terms: Sequence[ActiveEffect] = ()) -> Model:
+    """The robot's own numbers, without effects but those given."""
+    forces = predictor.material.forces
+    base = forces.base.combination @ robot.parameter_vector
+    friction = [c.viscous_friction for c in robot.cylinders]
+    friction += [robot.joints[j].viscous_friction for j in robot.dry_joints]
+    theta = np.array([*base, *friction])
+    delays = (robot.command_delay_s,) * len(robot.cylinders)
+    return Model(replace(robot, effects=()), theta, delays, tuple(terms))

@@ -1,0 +1,114 @@
+"""What an effect has to be before it counts: more than form, precision and sampling leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.prediction import DELAY
+from hydro_ident.mismatch.scoring import Score
+from hydro_ident.mismatch.settings import ADDED_SHARE, LEAST_CYCLES, LEAST_EXCESS, PRECISION
+from hydro_ident.mismatch.training import Training
+from hydro_model.effects.targets import ActiveEffect
+
+#: Effects that, where small, are a delay of a valve's signal or of its flow.
+_LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
+#: Share of an effect's gain from which a mere delay says the same.
+_SAME_AS_DELAY = 0.9
+
+
+def worth(
+    training: Training, start: Fitted, current: Fitted, bench: Bench, candidate: Score
+) -> bool:
+    """Whether an effect is more than a flaw of the model's form and precision.
+
+    Parameters
+    ----------
+    training : Training
+    start : Fitted
+        The base alone.
+    current : Fitted
+        With what was found so far.
+    bench : Bench
+        Of it, with the noise that the effect would leave.
+    candidate : Score
+        Of the effect.
+    """
+    material = training.predictor.material
+    mask = training.mask
+    whole = candidate.entry.columns(material.size) @ candidate.coefficients
+    # What a refit of everything else leaves of it, in the channel's own unit.
+    own = training.bench(current.bench.noise, whole, current.columns)
+    fresh = (whole - current.columns @ own.solve())[mask]
+    channel = material.channel[mask]
+    acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
+    share = max(
+        float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / _size(training, start, k)
+        for k in acting
+    )
+    if share < PRECISION:
+        return False
+    return candidate.value >= ADDED_SHARE**2 * _explained(training, current, bench, acting)
+
+
+def resolved(training: Training, without: Fitted, one: Contender) -> bool:
+    """Whether a contender is more than a shift in time that sampling cannot tell.
+
+    Parameters
+    ----------
+    training : Training
+    without : Fitted
+        The model that it was added to.
+    one : Contender
+    """
+    cycle_s, term = training.cycle_s, one.term
+    if term.effect.name == "pressure_delay":
+        return bool(term.parameters[0] >= LEAST_CYCLES * cycle_s)
+    if term.effect.name == DELAY:
+        excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
+        return bool(excess >= LEAST_EXCESS * cycle_s)
+    if term.effect.name not in _LAGS:
+        return True
+    gain, shift_s = _as_delay(training, without, term)
+    return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_EXCESS * cycle_s
+
+
+def _as_delay(training: Training, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
+    """What a mere delay of the signals that an effect acts on gains, and the delay in s."""
+    predictor, mask = training.predictor, training.mask
+    material = predictor.material
+    column = predictor.contribution(without.model, term)
+    acting = [k for k in np.unique(material.channel) if column[material.channel == k].any()]
+    _, base = predictor.base(without.model)
+    slopes = base[:, list(predictor.delay_columns.values())].sum(axis=1)
+    slope = slopes * np.isin(material.channel, acting)
+    own = without.bench.beyond(slope[mask][:, None])[:, 0]
+    square, product = float(own @ own), float(own @ without.bench.residual)
+    return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
+
+
+def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:
+    """Sum of squares that the effects found so far explain in some channels."""
+    material, predictor = training.predictor.material, training.predictor
+    base = current.columns[:, : len(predictor.names)]
+    alone = training.bench(bench.noise, current.residual, base, current.offset)
+    total = 0.0
+    for term in current.model.terms:
+        if term.effect.change is not None or term.effect.reading is not None:
+            # Geometry, mass and time have one form: nothing of it is left over.
+            continue
+        column = predictor.contribution(current.model, term)
+        if any(column[material.channel == k].any() for k in acting):
+            total += float(np.sum(alone.beyond(column[training.mask][:, None]) ** 2))
+    return total
+
+
+def _size(training: Training, start: Fitted, channel: int) -> float:
+    material = training.predictor.material
+    y, _ = training.predictor.base(start.model)
+    values = y[(material.channel == channel) & training.mask]
+    return float(np.sqrt(np.mean(values**2))) or 1.0
