@@ -92,7 +92,7 @@ class Trial:
             elif effect.name in _INVERSE_SIZE:
                 values[0] = unit[0] / np.clip(c, 0.2, 5.0)
             else:
-                size = _size_index(effect)
+                size = effect.sizes[0]
                 values[size] = unit[size] * c
         low = np.array([p.lower for p in effect.parameters])
         high = np.array([p.upper for p in effect.parameters])
@@ -107,11 +107,6 @@ class Trial:
 
 #: Effects whose first parameter shrinks as the effect grows.
 _INVERSE_SIZE = ("valve_spool_lag", "line_dynamics", "valve_rate_limit")
-
-
-def _size_index(effect: Effect) -> int:
-    """The parameter that an effect without linear ones grows with."""
-    return 1 if effect.name == "base_tilt" else 0
 
 
 def trials(
@@ -218,7 +213,7 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
 
 
 def _signed(effect: Effect) -> bool:
-    return effect.parameters[_size_index(effect)].lower < 0.0
+    return effect.parameters[effect.sizes[0]].lower < 0.0
 
 
 def _grid(
@@ -236,7 +231,7 @@ def _grid(
         return [high[0], high[2], high[4], high[6], high[8], 2.0 * high[8]]
     if spec.typical == 0.0:
         return [0.0]
-    if not effect.linear and spec is effect.parameters[_size_index(effect)] and _signed(effect):
+    if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):
         return [spec.typical]
     if effect.name == "command_delay" or effect.reading is not None:
         return [spec.typical]

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -248,7 +249,8 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         whole = fit(work.training, model, passes=4)
     rejected: list[Finding] = []
     while named:
-        found = [_checked(work, whole, n) for n in named]
+        there = fitted_there(work.check, whole)
+        found = [_checked(work, whole, there, n) for n in named]
         failed = [f for f in found if not f.verification.stands]
         if not failed:
             return whole, found, rejected
@@ -261,11 +263,11 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
     return whole, [], rejected
 
 
-def _checked(work: Residuals, whole: Fitted, named: Named) -> Finding:
+def _checked(work: Residuals, whole: Fitted, there: Fitted | None, named: Named) -> Finding:
     """A finding with what held-out rows say of it."""
     channels = _acting(work, whole, named)
     if channels:
-        return Finding(named, verify(work.training, whole, named, work.check), channels)
+        return Finding(named, verify(work.training, whole, named, work.check, there), channels)
     reason = "it does nothing once everything is fitted together"
     return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())
 

@@ -135,6 +135,16 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "heldout_rmse_after": check.after.get(one.channels[0], 0.0),
         "heldout_p_value": check.p_value,
         "placebo_share": check.placebo,
+        "agreement": [
+            {
+                "name": a.name,
+                "unit": a.unit,
+                "training": a.training,
+                "held_out": a.held_out,
+                "std": a.std,
+            }
+            for a in check.agreement
+        ],
         "separating_experiment": effect.separating_experiment,
         "modelled_as": named.term.effect.name,
     }

@@ -124,8 +124,7 @@ class Named:
 
 def at_a_bound(term: ActiveEffect) -> str:
     """Why an effect that ran to the end of its physical range is none; empty where it did not."""
-    size = 0 if term.effect.name != "base_tilt" else 1
-    for i in term.effect.linear or (size,):
+    for i in term.effect.sizes:
         spec, value = term.effect.parameters[i], float(term.parameters[i])
         # None of it and all of it (a share of 1) are no ends of a range.
         ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]

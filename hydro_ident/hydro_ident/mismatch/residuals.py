@@ -13,6 +13,7 @@ from hydro_ident.estimate.noise import flow_noise, force_noise
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
@@ -26,7 +27,6 @@ from hydro_ident.mismatch.settings import (
     DiagnosisSettings,
 )
 from hydro_ident.mismatch.training import Training, start_model
-from hydro_ident.mismatch.verify import Check
 from hydro_ident.sources import Source
 from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions
 from hydro_model.effects.catalogue import resolve

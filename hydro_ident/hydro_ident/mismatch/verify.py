@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.agreement import Agreement, agreements
+from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit, linearised
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
@@ -38,34 +39,6 @@ _PARTS = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
-    """Rows that took no part in fitting or selecting.
-
-    Attributes
-    ----------
-    predictor : Predictor
-        Of the training material, or of other recordings.
-    mask : (N,) bool array
-    moving : (N,) bool array
-        Rows on which friction laws can be judged.
-    """
-
-    predictor: Predictor
-    mask: BoolArray
-    moving: BoolArray
-
-    def residual(self, model: Model) -> FloatArray:
-        """Residual of a model on all rows of the material."""
-        return self.predictor.residual(model)
-
-    def rows(self, channel: int, name: str) -> BoolArray:
-        """The check's rows of a channel, by its name."""
-        material = self.predictor.material
-        at = material.channels.index(name) if name in material.channels else -1
-        return np.asarray(self.mask & (material.channel == at))
-
-
-@dataclass(frozen=True, slots=True)
 class Verification:
     """How a finding did on rows that it never saw.
 
@@ -79,6 +52,8 @@ class Verification:
     stands : bool
     reason : str
         Why it does not.
+    agreement : tuple of Agreement
+        Its sizes here and there.
     """
 
     p_value: float
@@ -87,12 +62,31 @@ class Verification:
     placebo: float
     stands: bool
     reason: str
+    agreement: tuple[Agreement, ...] = ()
 
 
 def verify(
-    training: Training, whole: Fitted, named: Named, check: Check, passes: int = 2
+    training: Training,
+    whole: Fitted,
+    named: Named,
+    check: Check,
+    there: Fitted | None = None,
+    passes: int = 2,
 ) -> Verification:
-    """Put one finding to the check."""
+    """Put one finding to the check.
+
+    Parameters
+    ----------
+    training : Training
+    whole : Fitted
+        The final model.
+    named : Named
+    check : Check
+    there : Fitted or None
+        The final model, fitted anew to the check's rows.
+    passes : int
+        Of the fit without the finding.
+    """
     mine = named.term
     rest = tuple(
         t
@@ -116,6 +110,8 @@ def verify(
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     acting = _acting(check.predictor, whole.model, terms)
     worse = max(acting, key=lambda n: sides[1][n] / max(sides[0][n], 1e-300))
+    agreement = agreements(whole, there, terms)
+    apart = [one for one in agreement if not one.agrees]
     reason = at_a_bound(mine)
     if reason:
         pass
@@ -128,7 +124,13 @@ def verify(
         reason = f"held-out rows are not predicted better with it (p = {p:.2g})"
     elif float(np.median(against or [0.0])) > VERIFIED:
         reason = f"a placebo of equal freedom predicts held-out rows as well ({share:.0%})"
-    return Verification(p, sides[0], sides[1], float(share), not reason, reason)
+    elif apart:
+        one = apart[0]
+        reason = (
+            f"its {one.name} is {one.training:.3g} {one.unit} on the training rows and"
+            f" {one.held_out:.3g} +- {one.std:.2g} on held-out ones"
+        )
+    return Verification(p, sides[0], sides[1], float(share), not reason, reason, agreement)
 
 
 def _acting(predictor: Predictor, model: Model, terms: Sequence[ActiveEffect]) -> list[str]:

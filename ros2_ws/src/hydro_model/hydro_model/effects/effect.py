@@ -125,6 +125,11 @@ class Effect:
     limits: str = ""
 
     @property
+    def sizes(self) -> tuple[int, ...]:
+        """Parameters that say how large it is: the linear ones, else one that it grows with."""
+        return self.linear or (1 if self.name == "base_tilt" else 0,)
+
+    @property
     def robot_wide(self) -> bool:
         """Acts once for the robot instead of once per cylinder."""
         return self.acts_on == "robot"

@@ -1,0 +1,102 @@
+"""Whether recordings that took no part give an effect the same size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.settings import FORM_TOLERANCE
+from hydro_ident.mismatch.shaping import same
+from hydro_ident.mismatch.training import Training
+from hydro_model.effects.targets import ActiveEffect
+
+#: Two sizes differ beyond so many deviations and this share of the larger one.
+DEVIATIONS, SHARE = 4.0, 0.25
+#: Passes of the fit to the other recordings, from the values found.
+_PASSES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """One parameter, fitted to the training rows and to others.
+
+    Attributes
+    ----------
+    name, unit : str
+        The name within the effect.
+    training, held_out : float
+    std : float
+        Of their difference, with what a law's form is off by.
+    """
+
+    name: str
+    unit: str
+    training: float
+    held_out: float
+    std: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether both may be the same."""
+        apart = abs(self.training - self.held_out)
+        larger = max(abs(self.training), abs(self.held_out))
+        return apart <= max(DEVIATIONS * self.std, SHARE * larger)
+
+
+def fitted_there(check: Check, whole: Fitted) -> Fitted | None:
+    """A model fitted anew to rows that took no part; None where they are too few."""
+    rows = check.mask & check.moving
+    if np.count_nonzero(rows) < 10 * whole.columns.shape[1]:
+        return None
+    return fit(Training.of(check.predictor, rows), whole.model, passes=_PASSES)
+
+
+def agreements(
+    whole: Fitted, there: Fitted | None, terms: Sequence[ActiveEffect]
+) -> tuple[Agreement, ...]:
+    """The sizes of some effects here and there.
+
+    Parameters
+    ----------
+    whole : Fitted
+        To the training rows.
+    there : Fitted or None
+        The same model, fitted to others.
+    terms : sequence of ActiveEffect
+        Of it. Shapes are left out, and whatever has its own history in every recording: what
+        begins at an instant, and what follows the oil's temperature.
+    """
+    if there is None:
+        return ()
+    return tuple(
+        one
+        for term in terms
+        if not (term.effect.start or term.effect.name == "temperature_drift")
+        for one in _of_term(whole, there, term)
+    )
+
+
+def _of_term(whole: Fitted, there: Fitted, term: ActiveEffect) -> Iterator[Agreement]:
+    for i in term.effect.sizes:
+        spec = term.effect.parameters[i]
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        if name in whole.names and name in there.names:
+            here, other = _value(whole, term, i), _value(there, term, i)
+            form = FORM_TOLERANCE * max(abs(here), abs(other))
+            std = math.hypot(_std(whole, name), _std(there, name), form)
+            yield Agreement(spec.name, spec.unit, here, other, std)
+
+
+def _value(one: Fitted, term: ActiveEffect, index: int) -> float:
+    return next(float(t.parameters[index]) for t in one.model.terms if same(t, term))
+
+
+def _std(one: Fitted, name: str) -> float:
+    k = one.names.index(name)
+    variance = float(one.bench.covariance()[k, k])
+    return math.sqrt(max(variance, 0.0)) if math.isfinite(variance) else math.inf
