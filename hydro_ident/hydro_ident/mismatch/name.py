@@ -12,6 +12,8 @@ from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.pairs import best_pair
+from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import (
     Bank,
     Score,
@@ -22,6 +24,7 @@ from hydro_ident.mismatch.scoring import (
 )
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
+    FAMILY_ERROR_UNNAMED,
     FEW_MOTIONS,
     FOLD_BLOCK_S,
     FOLDS,
@@ -70,6 +73,15 @@ class Search:
     impossible: tuple[tuple[str, str, str], ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """What one step forward came to: a finding, all scores, and those that do not stand out."""
+
+    found: Named | None
+    scores: tuple[Score, ...]
+    quiet: tuple[Score, ...]
+
+
 class Searcher:
     """Adds effects to a model until nothing significant is left.
 
@@ -105,9 +117,14 @@ class Searcher:
         """Forward, then every finding again with the others in place."""
         current, named, impossible = self.base, list[Named](), list[tuple[str, str, str]]()
         while len(named) < MOST_EFFECTS:
-            found, scanned = self._next(current, named)
+            step = self._next(current, named)
+            found = step.found
             if found is None:
-                break
+                both, current = self._pair(current, step.quiet)
+                named += both
+                if not both:
+                    break
+                continue
             if why := at_a_bound(found.term):
                 # What would have to be impossible is not the cause: another may be.
                 self.excluded.add((found.term.effect.name, found.term.target))
@@ -117,17 +134,18 @@ class Searcher:
             current = found.modelled.fitted
             current = fit(self.training, current.model, passes=2)
         named, current = self._revised(named, current)
-        return Search(self.base, current, tuple(named), tuple(scanned), tuple(impossible))
+        return Search(self.base, current, tuple(named), step.scores, tuple(impossible))
 
     # One step forward ----------------------------------------------------------------------
 
-    def _next(self, current: Fitted, named: Sequence[Named]) -> tuple[Named | None, list[Score]]:
+    def _next(self, current: Fitted, named: Sequence[Named]) -> _Step:
+        """The next finding, if any stands out."""
         bank = self.bank.entries(current.model, self.excluded)
         entries = [e for e in bank if not _sibling(e.trial, named)]
         mask = self.training.mask
         scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
         if not scores:
-            return None, []
+            return _Step(None, (), ())
         best = max(scores, key=lambda s: s.value)
         noise = self._noise_without(current, best)
         bench = self.training.bench(noise, current.residual, current.columns, current.offset)
@@ -135,9 +153,10 @@ class Searcher:
         scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
         chance = chance_of(scores, signs(bench.blocks))
         scores.sort(key=lambda s: -s.value)
-        weighed, contests = list[ActiveEffect](), 0
-        for candidate in _firsts(scores):
-            p = p_value(candidate.value, chance)
+        weighed, contests, firsts = list[ActiveEffect](), 0, _firsts(scores)
+        chances = [p_value(one.value, chance) for one in firsts]
+        quiet = tuple(s for s, p in zip(firsts, chances, strict=True) if p > FAMILY_ERROR)
+        for candidate, p in zip(firsts, chances, strict=True):
             if p > FAMILY_ERROR or contests == _CONTESTS:
                 break
             active = candidate.entry.trial.active
@@ -149,10 +168,40 @@ class Searcher:
                 ]
                 found, told = self._contest(current, noise, fresh, candidate, p)
                 if found.pays and told:
-                    return found, scores
+                    return _Step(found, tuple(scores), quiet)
                 weighed += [c.term for c in found.tried]
                 contests += 1
-        return None, scores
+        return _Step(None, tuple(scores), quiet)
+
+    def _pair(self, current: Fitted, quiet: Sequence[Score]) -> tuple[list[Named], Fitted]:
+        """Two effects of which neither stands out alone, and the model with them; or none."""
+        pair = best_pair(current.bench, quiet, self.training.mask)
+        if pair is None or pair.p_value > FAMILY_ERROR_UNNAMED:
+            return [], current
+        model = current.model
+        for term in pair.effects:
+            model = model.with_term(term)
+        both = fit(self.training, model, current.bench.noise, _PASSES)
+        named: list[Named] = []
+        for one in pair.effects:
+            others = tuple(t for t in both.model.terms if not _is(t, one))
+            found, told = self._beside(replace(both.model, terms=others), both, pair.p_value)
+            if found is None or not (found.pays and told):
+                return [], current
+            named.append(found)
+            both = fit(self.training, found.modelled.fitted.model, current.bench.noise, 1)
+        return named, fit(self.training, both.model, passes=2)
+
+    def _beside(self, model: Model, both: Fitted, p: float) -> tuple[Named | None, bool]:
+        """What belongs to a model, with its effects held at their sizes, that lacks one."""
+        noise, mask = both.bench.noise, self.training.mask
+        without = fitted(self.training, model, noise)
+        entries = self.bank.entries(model, self.excluded)
+        scores = [s for e in entries if (s := score(without.bench, e, mask)) is not None]
+        if not scores:
+            return None, False
+        best = max(scores, key=lambda s: s.value)
+        return self._contest(without, noise, scores, best, p)
 
     def _joined(self, current: Fitted, best: Score) -> FloatArray:
         used = best.coefficients != 0.0

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 #: Chance that anything at all is found on a recording whose model lacks nothing, per question.
 #: All candidates, channels, joints and shapes share it.
 FAMILY_ERROR = 0.005
-#: The same for dependence without a name, which no law speaks for: no flip may reach it.
+#: The same for dependence without a name, which no law speaks for, and for pairs of effects that
+#: hide each other: no flip may reach it.
 FAMILY_ERROR_UNNAMED = 0.0007
 #: Sign flips of whole blocks behind every p-value.
 FLIPS = 1999
