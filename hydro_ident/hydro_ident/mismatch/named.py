@@ -20,6 +20,8 @@ LIMITS = {
 }
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
+#: Share of a set's gain from which another effect may stand in the place of a refused one.
+_ALTERNATIVE = 0.9
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
@@ -113,6 +115,20 @@ class Named:
         """Whether what it gains on held-out blocks is worth its parameters."""
         best = self.modelled
         return 0.5 * best.held_out / self.spread > best.cost
+
+    def alternative(self) -> Named | None:
+        """The set without the effect that stands in the model, which held-out rows refuse.
+
+        None where no other comes near it.
+        """
+        rest = [
+            c
+            for c in self.tried
+            if c.term.effect.name != self.term.effect.name
+            and c.gain >= _ALTERNATIVE * self.gain
+            and not at_a_bound(c.term)
+        ]
+        return named_of(rest, self.p_value, self.spread) if rest else None
 
     @property
     def first(self) -> Contender:
