@@ -96,19 +96,26 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     if not found:
         return
     left = _without(own, bench, functions, found)
+    freedom = max(found, key=lambda d: d.value).freedom
     # No other recording can confirm what follows time: of it, slow noise is no evidence either.
-    slow = -(-bench.blocks // TIME_BLOCKS)
-    flips = {
-        True: np.repeat(signs(slow), TIME_BLOCKS, axis=1)[:, : bench.blocks],
-        False: signs(bench.blocks),
-    }
+    flips = {True: _flips(bench, TIME_BLOCKS), False: _flips(bench, 1)}
     for seen, (white, inverse) in zip(found, sums, strict=True):
-        drawn = flips[seen.variable == "time"] @ bench.by_block(white * left[:, None])
+        draws, units = flips[seen.variable == "time"]
+        # What took the best function out took noise out, too.
+        lost = np.sqrt(units / max(units - freedom, 1))
+        drawn = lost * (draws @ bench.by_block(white * left[:, None]))
         gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
         count = round(float(np.trace(inverse @ (white.T @ white))))
         into.chances.append((gains - count) / np.sqrt(2.0 * count))
     into.found += found
     into.lines += lines_of(own, fitted, channel, functions)
+
+
+def _flips(bench: Bench, together: int) -> tuple[FloatArray, int]:
+    """Signs of blocks, so many after one another flipped together, and how many there are."""
+    groups = -(-bench.blocks // together)
+    draws = np.repeat(signs(groups), together, axis=1)[:, : bench.blocks]
+    return draws, np.unique(bench.block // together).size
 
 
 def _answered(training: Training, bench: Bench, found: Dependence, columns: FloatArray) -> bool:
