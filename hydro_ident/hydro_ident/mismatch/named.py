@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,6 +80,8 @@ class Named:
         All that were weighed, best first.
     spread : float
         Overdispersion of sums over blocks.
+    refused : int
+        Effects of the set that held-out rows have refused before.
     """
 
     contenders: tuple[Contender, ...]
@@ -88,6 +90,7 @@ class Named:
     gain: float
     tried: tuple[Contender, ...]
     spread: float
+    refused: int = 0
 
     @property
     def modelled(self) -> Contender:
@@ -128,7 +131,9 @@ class Named:
             and c.gain >= _ALTERNATIVE * self.gain
             and not at_a_bound(c.term)
         ]
-        return named_of(rest, self.p_value, self.spread) if rest else None
+        if not rest:
+            return None
+        return replace(named_of(rest, self.p_value, self.spread), refused=self.refused + 1)
 
     @property
     def first(self) -> Contender:

@@ -28,6 +28,8 @@ from hydro_model.robot import FloatArray
 
 #: A finding that improves held-out rows by chance more often than this does not stand.
 VERIFIED = 0.1
+#: What the next effect of a set has to be better by where one was refused: it is another question.
+_FURTHER = 0.1
 #: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
 #: Shifts of the placebo, as shares of a recording.
@@ -109,7 +111,7 @@ def verify(
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     agreement = agreements(whole, there, terms)
     reason = at_a_bound(mine) or _worse(sides, _acting(check.predictor, model, terms))
-    if not reason and p > VERIFIED:
+    if not reason and p > VERIFIED * _FURTHER**named.refused:
         reason = f"held-out rows are not predicted better with it (p = {p:.2g})"
     if not reason and float(np.median(against or [0.0])) > VERIFIED:
         reason = f"a placebo of equal freedom predicts held-out rows as well ({share:.0%})"
