@@ -20,7 +20,7 @@ from hydro_hw_bridge.parameters import PARAMETERS, parameter_table
 
 pytestmark = pytest.mark.ros
 
-DOMAIN = 44
+DOMAIN = 10 + os.getpid() % 90
 PERIOD_NS = 2_000_000
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 120.0
