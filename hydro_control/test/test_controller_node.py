@@ -328,14 +328,14 @@ def test_a_sent_path_is_played_and_a_far_one_refused(
     text = "joints: [tilt]\nstart: [{}]\nsegments: [{{kind: move, to: [{}], duration_s: 2.0}}]\n"
     near.write_text(text.format(-1.5, -1.4))
     far.write_text(text.format(-0.5, -0.6))
-    assert run_module("send_path", str(far)).returncode == 0
+    assert run_module("send_path", str(far), "--timeout", "100").returncode == 0
 
     def refused() -> bool:
         messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
         return any("starts 1.000 rad or m from where the robot stands" in m for m in messages)
 
     assert wait_for(refused)
-    sent = run_module("send_path", str(near))
+    sent = run_module("send_path", str(near), "--timeout", "100")
     assert sent.returncode == 0, sent.stderr
     cycle, speed = 3, 0.0
     end = time.monotonic() + PATIENCE_S

@@ -176,6 +176,7 @@ def test_signals_end_it_with_a_closed_bag(tmp_path, node, recorder, number) -> N
     process = recorder()
     publishers = _publishers(node)
     _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 50)
     process.send_signal(number)
     assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
     assert read_bag(_only_bag(tmp_path)).losses == ()
@@ -211,24 +212,17 @@ def test_what_arrives_last_is_written_though_nothing_follows(tmp_path, node, rec
     def written() -> int:
         """Messages in the file as it is at this moment, as if the recorder were killed now."""
         copy = shutil.copytree(_only_bag(tmp_path), tmp_path / f"copy{next(copies)}")
-        return int((read_bag(copy).series["/joint_states"].stamp_ns > 0).sum())
+        try:
+            series = read_bag(copy).series
+        except BagError:
+            return 0  # nothing yet
+        return int((series["/joint_states"].stamp_ns > 0).sum())
 
     copies = itertools.count()
     _wait_for(lambda: written() == 5, tmp_path)
     process.kill()
     process.wait()
     assert (read_bag(_only_bag(tmp_path)).series["/joint_states"].stamp_ns > 0).sum() == 5
-
-
-@pytest.mark.ros
-def test_sigterm_closes_the_bag(tmp_path, node, recorder) -> None:
-    process = recorder()
-    publishers = _publishers(node)
-    _wait_until_received(tmp_path, publishers)
-    _publish(publishers, 50)
-    process.terminate()
-    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
-    assert read_bag(_only_bag(tmp_path)).losses == ()
 
 
 def test_bad_usage_is_one_line_and_leaves_nothing(tmp_path, capsys) -> None:
