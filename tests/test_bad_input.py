@@ -23,7 +23,7 @@ def run(package: str, executable: str, *arguments: object) -> subprocess.Complet
         [str(path), *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         env=environment,
         check=False,
     )
@@ -154,7 +154,7 @@ def test_scripts_refuse(script: str, arguments: list[str], word: str) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=240,
     )
     assert_refused(result, word)
 
@@ -174,7 +174,7 @@ def test_bringup_says_why_it_cannot(arguments: list[str], word: str, tmp_path: P
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=240,
         cwd=tmp_path,
         env={**os.environ, "ROS_DOMAIN_ID": "63"},
     )
@@ -190,7 +190,7 @@ def test_scripts_explain_themselves(script: str) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=240,
     )
     assert result.returncode == 0
     assert len(result.stdout.splitlines()) >= 2

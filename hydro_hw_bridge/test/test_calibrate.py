@@ -17,6 +17,8 @@ from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec, CommandFrame
 
+#: How long to wait for what must come, however busy the machine is.
+PATIENCE_S = 240.0
 PORT = 20_000 + (os.getpid() + 7_000) % 20_000
 CAN = f"udp_multicast:239.74.163.2:{PORT}"
 
@@ -35,15 +37,15 @@ def rig(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
         process = subprocess.Popen(arguments, stdout=log, stderr=log)
     yield process
     process.terminate()
-    process.wait(10)
+    process.wait(PATIENCE_S)
 
 
-def calibrate(folder: Path, *arguments: str, wait_s: float = 60.0) -> tuple[int, str, str]:
+def calibrate(folder: Path, *arguments: str) -> tuple[int, str, str]:
     done = subprocess.run(
         [executable("calibrate"), "--can", CAN, "--out", str(folder), *arguments],
         capture_output=True,
         text=True,
-        timeout=wait_s,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert "Traceback" not in done.stderr
@@ -53,7 +55,7 @@ def calibrate(folder: Path, *arguments: str, wait_s: float = 60.0) -> tuple[int,
 def wait_for(codec: Codec) -> None:
     """Until the machine is on the bus: it compiles its plant first."""
     with open_bus(CAN, codec.device_ids) as bus:
-        assert any(bus.receive(1.0) is not None for _ in range(60))
+        assert bus.receive(PATIENCE_S) is not None
 
 
 def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
@@ -71,7 +73,7 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     with open_bus(CAN, codec.device_ids) as bus:
         taken: dict[str, bytes] = {}
         while len(taken) < len(codec.device_ids):
-            message = bus.receive(5.0)
+            message = bus.receive(PATIENCE_S)
             frame = None if message is None else codec.receive(message)
             if frame is not None:
                 taken[frame.name] = frame.data
@@ -89,7 +91,7 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     assert found.position_offset == {"lift": pytest.approx(-0.01, abs=1e-5)}
 
     os.kill(rig.pid, signal.SIGUSR1)
-    code, second, told = calibrate(tmp_path, *files, "--signs", "--from", first, wait_s=120.0)
+    code, second, told = calibrate(tmp_path, *files, "--signs", "--from", first)
     assert code == 0, told
     both = load_calibration(Path(second))
     assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
@@ -134,7 +136,7 @@ def test_signals_end_it_at_zero_volts(
         assert process.stderr is not None
         assert "waiting for the pump to be off" in process.stderr.readline()
         commands: list[CommandFrame] = []
-        ended_at = time.monotonic() + 10.0
+        ended_at = time.monotonic() + PATIENCE_S
         while time.monotonic() < ended_at:
             message = bus.receive(0.02)
             frame = None if message is None else codec.receive(message)

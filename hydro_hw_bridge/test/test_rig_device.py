@@ -1,5 +1,6 @@
 """`sim_rig` as a process on a real multicast bus, driven by a scripted bridge."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -17,7 +18,9 @@ from hydro_hw_bridge.codec import Codec, Readings
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
 
-BUS = "udp_multicast:239.74.163.2:43143"
+BUS = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 17_000) % 20_000}"
+#: How long to wait for what must come, however busy the machine is.
+PATIENCE_S = 120.0
 MAIN = "from hydro_hw_bridge.rig.command import main; raise SystemExit(main())"
 Policy = Callable[[Readings], tuple[tuple[float, float], bool] | None]
 
@@ -34,7 +37,7 @@ def _rig(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
-            if not line.startswith("sim_rig: ready on udp_multicast:239.74.163.2:43143: xs031"):
+            if not line.startswith(f"sim_rig: ready on {BUS}: xs031"):
                 raise AssertionError(process.communicate()[1])
             yield process
         finally:
@@ -49,7 +52,7 @@ class _Bridge:
         self.codec, self.bus = codec, bus
         self.cycles: list[list[can.Message]] = []
 
-    def receive(self, timeout_s: float = 5.0) -> Readings | None:
+    def receive(self, timeout_s: float = PATIENCE_S) -> Readings | None:
         data: dict[str, bytes] = {}
         messages: list[can.Message] = []
         while len(data) < len(self.codec.cycle_frames):
@@ -110,7 +113,7 @@ def _sine(readings: Readings) -> tuple[tuple[float, float], bool]:
 
 
 def _summary(process: "subprocess.Popen[str]") -> str:
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert err == ""
     return out
 
@@ -244,7 +247,7 @@ def test_killed_the_rows_so_far_are_there(bridge: _Bridge, tmp_path: Path) -> No
 def test_second_device_is_refused(bridge: _Bridge) -> None:
     with _rig():
         second = subprocess.run(
-            _command("--can", BUS), capture_output=True, text=True, check=False, timeout=30
+            _command("--can", BUS), capture_output=True, text=True, check=False, timeout=PATIENCE_S
         )
     assert second.returncode == 2
     assert second.stderr.count("\n") == 1
@@ -269,7 +272,7 @@ def test_bad_usage_is_one_line_and_exit_2(arguments: list[str], message: str) ->
     if "--can" not in arguments:
         arguments = [*arguments, "--can", BUS]
     done = subprocess.run(
-        _command(*arguments), capture_output=True, text=True, check=False, timeout=30
+        _command(*arguments), capture_output=True, text=True, check=False, timeout=PATIENCE_S
     )
     assert done.returncode == 2
     assert done.stdout == ""
@@ -286,7 +289,7 @@ def test_existing_side_file_is_left_alone(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=30,
+        timeout=PATIENCE_S,
     )
     assert done.returncode == 2
     assert "exists already" in done.stderr

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
+from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -112,6 +113,21 @@ class SimulatedRun:
             ),
             "/valve_state": (robot.valve_names, {"effort": self.voltage}),
         }
+
+    def recording(self, name: str = "run") -> Recording:
+        """The run as a recording under the reference crane's robot file."""
+        count = len(self.q)
+        rail = np.ones(count)
+        return Recording(
+            path=Path(name), robot=load_robot("xs031"), period_s=PERIOD_NS * 1e-9,
+            stamp_ns=START_NS + PERIOD_NS * np.arange(count), q=self.q, stroke=None, effort=None,
+            p_a=self.p_a, p_b=self.p_b, supply=self.robot.supply_pressure_pa * rail,
+            tank=self.robot.tank_pressure_pa * rail, valve_v=self.voltage,
+            valve_source="/valve_state", command_v=self.voltage, spool=None,
+            latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
+            tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
+            duplicates={}, notes=(), metadata={},
+        )  # fmt: skip
 
 
 def _motion(t: float, phase: float, scale: float = 1.0) -> np.ndarray:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.diagnose import main, run
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import Diagnosis, diagnose
@@ -39,20 +38,6 @@ FINDING_KEYS = {
 }  # fmt: skip
 
 
-def _recording(run_: object, name: str = "run") -> Recording:
-    count = len(run_.q)
-    rail = np.ones(count)
-    return Recording(
-        path=Path(name), robot=load_robot("xs031"), stamp_ns=10**18 + np.arange(count) * 2_000_000,
-        period_s=0.002, q=run_.q, stroke=None, effort=None, p_a=run_.p_a, p_b=run_.p_b,
-        supply=run_.robot.supply_pressure_pa * rail, tank=run_.robot.tank_pressure_pa * rail,
-        valve_v=run_.voltage, valve_source="/valve_state", command_v=run_.voltage, spool=None,
-        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
-        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
-        duplicates={}, notes=(), metadata={},
-    )  # fmt: skip
-
-
 @pytest.fixture(scope="module")
 def truth(make_run: tuple) -> Robot:
     return replace(make_run[0](), effects=EFFECTS)
@@ -66,11 +51,11 @@ def runs(make_run: tuple, truth: Robot) -> tuple:
 @pytest.fixture(scope="module")
 def found(runs: tuple) -> Diagnosis:
     train, check = runs
-    return diagnose(load_robot("xs031"), [_recording(train)], [_recording(check, "check")])
+    return diagnose(load_robot("xs031"), [train.recording()], [check.recording("check")])
 
 
 def test_a_machine_that_equals_its_structure_matches(crane_run: object) -> None:
-    result = diagnose(load_robot("xs031"), [_recording(crane_run)])
+    result = diagnose(load_robot("xs031"), [crane_run.recording()])
     assert result.verdict == "matches"
     assert not result.findings
     assert not result.unexplained
@@ -124,7 +109,7 @@ def test_the_model_file_with_the_effects_needs_no_further_diagnosis(
 ) -> None:
     """A second diagnosis of the same machine with the first one's model finds nothing."""
     assert found.robot is not None
-    again = diagnose(found.robot, [_recording(runs[0])], [_recording(runs[1], "check")])
+    again = diagnose(found.robot, [runs[0].recording()], [runs[1].recording("check")])
     assert not again.findings
     assert {e.name for e in again.given.effects} >= {"valve_null_bias"}
 
@@ -203,9 +188,9 @@ def test_unreadable_input_writes_nothing(
 def test_a_payload_is_told_against_a_fixed_base_alone(make_run: tuple) -> None:
     """A refit swallows it; a base known beforehand does not."""
     true_crane, simulated_run = make_run
-    known = diagnose(load_robot("xs031"), [_recording(simulated_run(true_crane(), SECONDS))]).robot
+    known = diagnose(load_robot("xs031"), [simulated_run(true_crane(), SECONDS).recording()]).robot
     assert known is not None
-    loaded = _recording(simulated_run(true_crane(50.0), SECONDS, seed=2))
+    loaded = simulated_run(true_crane(50.0), SECONDS, seed=2).recording()
     fixed = diagnose(known, [loaded], (), DiagnosisSettings(fixed_base=True))
     names = {n: f for f in fixed.findings for n in f.named.names}
     assert set(names) == {"payload_change"}

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
@@ -29,66 +28,38 @@ SECONDS = 18.0
 COULOMB = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What the sensors of a machine recorded; gauge pressures."""
-
-    robot: Robot
-    q: np.ndarray
-    p_a: np.ndarray
-    p_b: np.ndarray
-    voltage: np.ndarray
-
-    def pushed(self, force: np.ndarray) -> Seen:
-        """The same motion against another force (N,) on the lift cylinder's piston."""
-        p_a = self.p_a.copy()
-        p_a[:, 0] += force / self.robot.cylinders[0].area_a_m2
-        return replace(self, p_a=p_a)
-
-    @property
-    def direction(self) -> np.ndarray:
-        """Of the lift joint, (N,), turning over within some mrad/s."""
-        speed = np.gradient(np.convolve(self.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
-        return np.tanh(speed / 0.01)
+def _pushed(run: Any, force: np.ndarray) -> Any:
+    """The same motion against another force (N,) on the lift cylinder's piston."""
+    p_a = run.p_a.copy()
+    p_a[:, 0] += force / run.robot.cylinders[0].area_a_m2
+    return replace(run, p_a=p_a)
 
 
-def _recording(run: Seen, name: str = "run") -> Recording:
-    count = len(run.q)
-    rail = np.ones(count)
-    return Recording(
-        path=Path(name), robot=load_robot("xs031"), stamp_ns=10**18 + np.arange(count) * 2_000_000,
-        period_s=0.002, q=run.q, stroke=None, effort=None, p_a=run.p_a, p_b=run.p_b,
-        supply=run.robot.supply_pressure_pa * rail, tank=run.robot.tank_pressure_pa * rail,
-        valve_v=run.voltage, valve_source="/valve_state", command_v=run.voltage, spool=None,
-        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
-        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
-        duplicates={}, notes=(), metadata={},
-    )  # fmt: skip
+def _direction(run: Any) -> np.ndarray:
+    """Of the lift joint, (N,), turning over within some mrad/s."""
+    speed = np.gradient(np.convolve(run.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
+    return np.tanh(speed / 0.01)
 
 
-def _work(run: Seen, others: Sequence[Seen] = ()) -> Residuals:
+def _work(run: Any, others: Sequence[Any] = ()) -> Residuals:
     """Rows and refitted base of the datasheet's structure, as a diagnosis starts with."""
     robot = load_robot("xs031")
-    sources = sources_of([_recording(run)])
-    checked = sources_of([_recording(one, f"check{k}") for k, one in enumerate(others)])
+    sources = sources_of([run.recording()])
+    checked = sources_of([one.recording(f"check{k}") for k, one in enumerate(others)])
     surveys = [survey_source(source, robot) for source in (*sources, *checked)]
     work = residuals(robot, sources, checked, surveys, DiagnosisSettings())
     assert work is not None
     return work
 
 
-def _seen(run: object) -> Seen:
-    return Seen(run.robot, run.q, run.p_a, run.p_b, run.voltage)
-
-
 @pytest.fixture(scope="module")
-def plain(crane_run: object) -> Seen:
+def plain(crane_run: object) -> Any:
     """A machine that has the datasheet's structure."""
-    return _seen(crane_run)
+    return crane_run
 
 
 @pytest.fixture(scope="module")
-def clean(plain: Seen) -> Residuals:
+def clean(plain: Any) -> Residuals:
     return _work(plain)
 
 
@@ -96,7 +67,7 @@ def clean(plain: Seen) -> Residuals:
 def rubbing(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Residuals:
     """A machine with dry friction in its lift cylinder."""
     true_crane, simulated_run = make_run
-    return _work(_seen(simulated_run(replace(true_crane(), effects=(COULOMB,)), SECONDS)))
+    return _work(simulated_run(replace(true_crane(), effects=(COULOMB,)), SECONDS))
 
 
 def _named(work: Residuals, start_n: float = 1500.0) -> tuple[Fitted, Named]:
@@ -130,11 +101,11 @@ def test_what_is_checked_on_took_no_part_in_the_fit(clean: Residuals) -> None:
         assert min(near) > 0.9 * clean.split.guard_s
 
 
-def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Seen, clean: Residuals) -> None:
+def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Any, clean: Residuals) -> None:
     split = clean.split
     number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
     held = number % split.every == split.every - 1
-    other = _work(plain.pushed(np.where(held, 3000.0 * plain.direction, 0.0)))
+    other = _work(_pushed(plain, np.where(held, 3000.0 * _direction(plain), 0.0)))
     old, new = clean.base.model, other.base.model
     assert new.theta == pytest.approx(old.theta, rel=0.05, abs=0.02 * np.abs(old.theta).max())
     for one, same in zip(old.robot.cylinders, new.robot.cylinders, strict=True):
@@ -144,7 +115,7 @@ def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Seen, clean: Residu
 # The base -------------------------------------------------------------------------------------
 
 
-def test_the_refitted_base_is_the_machines(plain: Seen, clean: Residuals) -> None:
+def test_the_refitted_base_is_the_machines(plain: Any, clean: Residuals) -> None:
     model, truth = clean.base.model, plain.robot
     fitted_ = dict(zip(clean.training.predictor.material.forces.names, model.theta, strict=True))
     for one, true in zip(model.robot.cylinders, truth.cylinders, strict=True):
@@ -192,24 +163,24 @@ def test_an_effect_of_the_machine_stands_and_its_placebo_does_not(rubbing: Resid
 
 
 def test_what_held_for_the_training_blocks_alone_does_not_stand(
-    plain: Seen, clean: Residuals
+    plain: Any, clean: Residuals
 ) -> None:
     """Friction that is gone whenever a block is held out: only unseen rows can tell."""
     split = clean.split
     number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
     held = number % split.every == split.every - 1
-    work = _work(plain.pushed(np.where(held, 0.0, 2500.0 * plain.direction)))
+    work = _work(_pushed(plain, np.where(held, 0.0, 2500.0 * _direction(plain))))
     whole, named = _named(work)
     assert named.term.parameters[0] == pytest.approx(2500.0, rel=0.2)
     found = verify(work.training, whole, named, work.check)
     assert not found.stands
 
 
-def test_what_no_law_explains_is_reported(plain: Seen) -> None:
+def test_what_no_law_explains_is_reported(plain: Any) -> None:
     """A force that ripples over the stroke, like nothing in the catalogue."""
     cylinder = plain.robot.cylinders[0]
     x = stroke(cylinder, plain.q[:, 0])
-    work = _work(plain.pushed(1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
+    work = _work(_pushed(plain, 1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
     left = dependences(work.training, work.base)
     holds = Confirmer(work.check, work.base).holds
     found = unexplained(work.training, work.base, left, holds)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from hydro_ident.mismatch.residuals import spread_parts
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.robot import EffectSpec, Robot
-from hydro_model.robot_files import load_robot
 
 EFFECTS = (
     EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
@@ -30,21 +28,6 @@ EFFECTS = (
     EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 4e-13}),
     EffectSpec("dead_volume", "tilt_cylinder", {"volume_a": 9e-4, "volume_b": 1.1e-3}),
 )
-
-
-def recording(run: object, robot: Robot, name: str = "run") -> Recording:
-    """A simulated run as a recording of the datasheet robot."""
-    count = len(run.q)
-    rail = np.ones(count)
-    return Recording(
-        path=Path(name), robot=robot, stamp_ns=10**18 + np.arange(count) * 2_000_000,
-        period_s=0.002, q=run.q, stroke=None, effort=None, p_a=run.p_a, p_b=run.p_b,
-        supply=run.robot.supply_pressure_pa * rail, tank=run.robot.tank_pressure_pa * rail,
-        valve_v=run.voltage, valve_source="/valve_state", command_v=run.voltage, spool=None,
-        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
-        tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
-        duplicates={}, notes=(), metadata={},
-    )  # fmt: skip
 
 
 def _material(robot: Robot, given: Recording) -> Material:
@@ -58,7 +41,7 @@ def true_model(make_run: tuple) -> tuple[Predictor, Model]:
     """A run of a machine with effects, and the model that knows all of it."""
     true_crane, simulated_run = make_run
     truth = replace(true_crane(), effects=EFFECTS)
-    given = recording(simulated_run(truth, 12.0), load_robot("xs031"))
+    given = simulated_run(truth, 12.0).recording()
     predictor = Predictor(_material(truth, given))
     start = start_model(truth, predictor, resolve(truth))
     delays = (truth.command_delay_s,) * len(truth.cylinders)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,8 +22,10 @@ from hydro_ident.bag.recorder import main, wanted_topics
 from hydro_ident.errors import BagError
 from hydro_model.robot_files import load_robot
 
-DOMAIN = 46
+DOMAIN = 10 + (os.getpid() + 40) % 90
 START_NS = 10**18
+#: How long to wait for what must come, however busy the machine is.
+PATIENCE_S = 120.0
 CYCLE_TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
 
 
@@ -75,7 +79,7 @@ def _said(folder: Path) -> str:
 
 
 def _wait_for(condition: Callable[[], bool], folder: Path) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline, _said(folder)
         time.sleep(0.05)
@@ -98,18 +102,29 @@ def _publishers(node: Any) -> dict[str, Any]:
 
     from hydro_msgs_docs.topics import reliable
 
-    return {t: node.create_publisher(JointState, t, reliable()) for t in CYCLE_TOPICS}
+    return {t: node.create_publisher(JointState, t, reliable(1000)) for t in CYCLE_TOPICS}
 
 
-def _publish(publishers: Mapping[str, Any], count: int, period_s: float = 0.002) -> None:
+def _publish(publishers: Mapping[str, Any], count: int, period_s: float = 0.002) -> float:
+    """Publish so many cycles; by how much the latest was late, s: 0 where nothing else runs."""
     from hydro_msgs_docs.messages import joint_state
 
-    begin = time.monotonic()
+    begin, late_s = time.monotonic(), 0.0
     for k in range(count):
         message = joint_state(START_NS + 2_000_000 * k, ["lift", "tilt"], position=[k, -k])
         for publisher in publishers.values():
             publisher.publish(message)
-        time.sleep(max(0.0, begin + (k + 1) * period_s - time.monotonic()))
+        left_s = begin + (k + 1) * period_s - time.monotonic()
+        late_s = max(late_s, -left_s)
+        time.sleep(max(0.0, left_s))
+    return late_s
+
+
+def _wait_until_delivered(publishers: Mapping[str, Any]) -> None:
+    from rclpy.duration import Duration
+
+    for publisher in publishers.values():
+        assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE_S))
 
 
 def _only_bag(folder: Path) -> Path:
@@ -132,9 +147,9 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
     publishers = _publishers(node)
     _wait_until_received(tmp_path, publishers)
     _publish(publishers, 1000)
-    time.sleep(0.3)
+    _wait_until_delivered(publishers)
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=20) == 0, _said(tmp_path)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
     assert "LOST" not in _said(tmp_path)
     bag = read_bag(_only_bag(tmp_path))
     assert bag.losses == ()
@@ -161,8 +176,9 @@ def test_signals_end_it_with_a_closed_bag(tmp_path, node, recorder, number) -> N
     process = recorder()
     publishers = _publishers(node)
     _wait_until_received(tmp_path, publishers)
+    _publish(publishers, 50)
     process.send_signal(number)
-    assert process.wait(timeout=20) == 0, _said(tmp_path)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
     assert read_bag(_only_bag(tmp_path)).losses == ()
 
 
@@ -171,14 +187,16 @@ def test_a_kill_costs_at_most_three_tenths_of_a_second(tmp_path, node, recorder)
     process = recorder()
     publishers = _publishers(node)
     _wait_until_received(tmp_path, publishers)
-    _publish(publishers, 700)
+    late_s = _publish(publishers, 700)
     process.kill()
     killed_ns = time.time_ns()
     process.wait()
     bag = read_bag(_only_bag(tmp_path))
     assert any("not closed" in loss for loss in bag.losses)
+    # A machine that keeps this process waiting keeps the recorder waiting, too.
+    most_ns = 300_000_000 + round(3e9 * late_s)
     for topic in CYCLE_TOPICS:
-        assert killed_ns - bag.topics[topic].last_log_ns <= 300_000_000, topic
+        assert killed_ns - bag.topics[topic].last_log_ns <= most_ns, topic
         stamps = bag.series[topic].stamp_ns
         stamps = stamps[stamps > 0]
         np.testing.assert_array_equal(stamps, START_NS + 2_000_000 * np.arange(len(stamps)))
@@ -190,21 +208,21 @@ def test_what_arrives_last_is_written_though_nothing_follows(tmp_path, node, rec
     publishers = {"/joint_states": _publishers(node)["/joint_states"]}
     _wait_until_received(tmp_path, publishers)
     _publish(publishers, 5)
-    time.sleep(0.5)
+
+    def written() -> int:
+        """Messages in the file as it is at this moment, as if the recorder were killed now."""
+        copy = shutil.copytree(_only_bag(tmp_path), tmp_path / f"copy{next(copies)}")
+        try:
+            series = read_bag(copy).series
+        except BagError:
+            return 0  # nothing yet
+        return int((series["/joint_states"].stamp_ns > 0).sum())
+
+    copies = itertools.count()
+    _wait_for(lambda: written() == 5, tmp_path)
     process.kill()
     process.wait()
     assert (read_bag(_only_bag(tmp_path)).series["/joint_states"].stamp_ns > 0).sum() == 5
-
-
-@pytest.mark.ros
-def test_sigterm_closes_the_bag(tmp_path, node, recorder) -> None:
-    process = recorder()
-    publishers = _publishers(node)
-    _wait_until_received(tmp_path, publishers)
-    _publish(publishers, 50)
-    process.terminate()
-    assert process.wait(timeout=20) == 0, _said(tmp_path)
-    assert read_bag(_only_bag(tmp_path)).losses == ()
 
 
 def test_bad_usage_is_one_line_and_leaves_nothing(tmp_path, capsys) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hydro_ident.errors import IdentError
 from hydro_ident.study.goals import GOALS, Goal
+from hydro_ident.study.placed import placed
 
 BEGIN, END = "<!-- study results: begin -->", "<!-- study results: end -->"
 #: Results side by side, by file name: thresholds were chosen on the first, frozen for the second.
@@ -133,8 +133,4 @@ def with_tables(text: str, folder: Path) -> str:
     IdentError
         The page has no place for them.
     """
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise IdentError(f"expected '{BEGIN}' and '{END}' in the study's page, found neither")
-    return f"{before}{BEGIN}\n\n{tables(folder)}\n{END}{after}"
+    return placed(text, tables(folder), BEGIN, END)

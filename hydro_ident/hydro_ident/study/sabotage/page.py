@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydro_ident.errors import IdentError
+from hydro_ident.study.placed import placed
 from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.trial import Outcome
 
@@ -80,8 +80,4 @@ def with_table(text: str, folder: Path) -> str:
     IdentError
         The page has no place for it.
     """
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise IdentError(f"expected '{BEGIN}' and '{END}' in {PAGE}, found neither")
-    return f"{before}{BEGIN}\n\n{table(folder)}\n{END}{after}"
+    return placed(text, table(folder), BEGIN, END)
