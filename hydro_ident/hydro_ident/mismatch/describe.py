@@ -37,7 +37,7 @@ class Value:
         `coefficient`, `amplitude`, `phase`, `constant`, `scale`, `place` or `period`.
     value : float
     std : float or None
-        None of shape values: the form's best one is taken as given.
+        None of a shape value that the rows do not tell from the coefficients.
     unit : str
     """
 
@@ -162,7 +162,9 @@ def _coefficients(one: FittedForm, unit: str, per: str) -> tuple[Value, ...]:
     """Coefficients with deviations; of a wave, amplitude and phase."""
     theta, covariance = one.theta, one.covariance
     std = np.sqrt(np.diag(covariance))
-    constant = (Value("constant", float(theta[-1]), float(std[-1]), unit),) if one.offset else ()
+    last = theta.size - 1
+    constant = (Value("constant", float(theta[last]), float(std[last]), unit),)
+    constant = constant if one.offset else ()
     if one.kind is not COSINE:
         power = one.kind.power
         name = "constant" if one.kind is CONSTANT else "coefficient"
@@ -188,7 +190,9 @@ def _per(unit: str, per: str, power: float) -> str:
 def _shape(one: FittedForm, variable: str) -> tuple[Value, ...]:
     if one.kind.shape == NONE:
         return ()
-    return (Value(one.kind.shape, one.shape, None, UNITS[variable]),)
+    told = one.covariance.shape[0] > one.theta.size
+    std = float(np.sqrt(one.covariance[-1, -1])) if told else None
+    return (Value(one.kind.shape, one.shape, std, UNITS[variable]),)
 
 
 def _text(

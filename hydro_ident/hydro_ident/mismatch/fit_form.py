@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.dependence import inverse_of
-from hydro_ident.mismatch.forms import PERIOD, Kind, shape_values
+from hydro_ident.mismatch.forms import PERIOD, PLACE, Kind, shape_values
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.scoring import SWALLOWED, signs
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
@@ -21,6 +21,8 @@ from hydro_model.robot import FloatArray
 _SURE = 3.0
 #: Share of the range between its neighbours to which a shape value is refined.
 _FINE = 1.0e-3
+#: Step of a derivative by a shape value, of what the rows can tell of it.
+_STEP = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +77,9 @@ class FittedForm:
         Whether a constant stands beside it.
     theta : (k,) array
         Coefficients, that of the constant last.
-    covariance : (k, k) array
-        Robust against dependence in blocks; holds what the form, an idealisation, is off by.
+    covariance : (k, k) or (k + 1, k + 1) array
+        Of the coefficients, and of the shape value, last, where the rows tell it. Robust against
+        dependence in blocks; holds what the form, an idealisation, is off by.
     gain : float
         Reduction of the sum of squares, in units of the noise's variance.
     """
@@ -144,7 +147,8 @@ def needs_offset(plain: FittedForm | None, more: FittedForm | None) -> bool:
     """Whether a constant beside a form is beyond chance and beyond what a form is good for."""
     if plain is None or more is None:
         return plain is None
-    sure = abs(more.theta[-1]) > _SURE * float(np.sqrt(more.covariance[-1, -1]))
+    last = more.theta.size - 1
+    sure = abs(more.theta[last]) > _SURE * float(np.sqrt(more.covariance[last, last]))
     return sure and more.gain - plain.gain > FORM_TOLERANCE**2 * more.gain
 
 
@@ -196,14 +200,38 @@ def _fitted(rows: Rows, kind: Kind, shape: float, offset: bool) -> FittedForm | 
     if solved is None:
         return None
     theta, inverse, gain = solved
-    white = rows.bench.beyond(rows.columns(kind, shape, offset))
-    scores = rows.bench.by_block(white * (rows.bench.residual - white @ theta)[:, None])
+    columns = rows.columns(kind, shape, offset)
+    white = rows.bench.beyond(columns)
+    rest = rows.bench.residual - white @ theta
+    if kind.shape:
+        slope = rows.bench.beyond(_slope(rows, kind, shape, offset, theta))
+        white = np.concatenate([white, slope], axis=1)
+        size = np.linalg.norm(white, axis=0)
+        size[size == 0.0] = 1.0
+        rank, whole = inverse_of(white.T @ white / np.outer(size, size))
+        if rank == size.size:
+            inverse = whole / np.outer(size, size)
+        white = white[:, : inverse.shape[0]]
+    scores = rows.bench.by_block(white * rest[:, None])
     covariance = inverse @ (scores.T @ scores) @ inverse
     # Never below what independent rows would give.
-    at = np.arange(theta.size)
+    at = np.arange(inverse.shape[0])
     variance = np.maximum(np.diag(covariance), np.diag(inverse))
-    covariance[at, at] = variance + (FORM_TOLERANCE * theta) ** 2
+    variance[: theta.size] += (FORM_TOLERANCE * theta) ** 2
+    covariance[at, at] = variance
     return FittedForm(kind, shape, offset, theta, covariance, gain)
+
+
+def _slope(
+    rows: Rows, kind: Kind, shape: float, offset: bool, theta: FloatArray
+) -> FloatArray:  # fmt: skip
+    """Derivative (n, 1) of a form with respect to its shape value."""
+    span = float(np.ptp(rows.at))
+    usual = {PERIOD: shape * shape / span, PLACE: span}.get(kind.shape, shape)
+    step = _STEP * usual
+    ahead = rows.columns(kind, shape + step, offset) @ theta
+    behind = rows.columns(kind, shape - step, offset) @ theta
+    return np.asarray((ahead - behind)[:, None] / (2.0 * step))
 
 
 def chance_of(blocks: FloatArray) -> float:
