@@ -58,8 +58,9 @@ class AxisExtras:
         opening pressure, range over which it opens (Pa) and pilot ratio.
     cushion_length, cushion_share : float
         Distance from a stop within which outflow is throttled, m, and the share left at it.
-    line_inertance, line_resistance, line_volume : float
-        Hoses between valve and chambers: Pa s^2/m^3 (0: none), Pa s/m^3, m^3.
+    line_inertance, line_loss, line_volume : float
+        Hoses between valve and chambers: Pa s^2/m^3 (0: none), Pa s/m^3 against the widening
+        of the wall, m^3.
     drag_force, drag_rate : float
         Friction that comes and goes with time, N, and its angular frequency, rad/s.
     vibration_force, vibration_rate : float
@@ -107,7 +108,7 @@ class AxisExtras:
     cushion_length: float = 0.0
     cushion_share: float = 1.0
     line_inertance: float = 0.0
-    line_resistance: float = 0.0
+    line_loss: float = 0.0
     line_volume: float = 1.0e-4
     drag_force: float = 0.0
     drag_rate: float = 0.0

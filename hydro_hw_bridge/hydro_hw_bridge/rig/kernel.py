@@ -565,9 +565,9 @@ def _swing(links, y, first, qdd, out):  # type: ignore[no-untyped-def]
 
 @_helper
 def _hose(p_v, p, flow, inflow, modulus, cyl):  # type: ignore[no-untyped-def]
-    """Rates of the pressure at the valve and of the flow in the hose."""
+    """Rates of the pressure at the valve and of the flow in the hose, damped by its wall."""
     rise = modulus * (inflow - flow) / cyl.line_volume
-    return rise, (p_v - p - cyl.line_resistance * flow) / cyl.line_inertance
+    return rise, (p_v - p + cyl.line_loss * (inflow - flow)) / cyl.line_inertance
 
 
 @_kernel

@@ -223,7 +223,7 @@ def _grid(
     if spec.name == effect.start:
         # From before the recording on, too: a refit of the base swallows that, a fixed one not.
         always = [] if spec.default is None else [spec.default]
-        return always + _instants(material)
+        return always + instants_of(material)
     if effect.name == "external_contact" and spec.name == "height":
         return _quantiles(predictor, model, one, (TIP_HEIGHT,))
     if effect.name == "counterbalance_valve" and spec.name == "setting":
@@ -254,7 +254,8 @@ def _scanned(spec: ParameterSpec) -> tuple[float, ...]:
     return SCANNED_FACTORS if spec.name in SCANNED else (1.0,)
 
 
-def _instants(material: Material) -> list[float]:
+def instants_of(material: Material) -> list[float]:
+    """Instants at which something may begin within recordings, in s."""
     if not material.size:
         return []
     end = float(material.time_s.max())

@@ -26,6 +26,7 @@ from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.sources import Source, sources_of
 from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 
 _FEW = (
@@ -272,7 +273,10 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         worst = failed[: (len(failed) + 1) // 2]
         rejected += worst
         named = [n for n in named if not any(n is f.named for f in worst)]
-        whole = _without(work, whole, *(f.named for f in worst))
+        others = [other for f in worst if (other := f.named.alternative()) is not None]
+        named += others
+        terms = [other.term for other in others]
+        whole = _without(work, whole, [f.named for f in worst], terms)
     return whole, [], rejected
 
 
@@ -285,14 +289,20 @@ def _checked(work: Residuals, whole: Fitted, there: Fitted | None, named: Named)
     return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())
 
 
-def _without(work: Residuals, whole: Fitted, *without: Named) -> Fitted:
+def _without(
+    work: Residuals,
+    whole: Fitted,
+    without: Sequence[Named],
+    instead: Sequence[ActiveEffect] = (),
+) -> Fitted:
     kept = tuple(
         t
         for t in whole.model.terms
         if not any(_is_of(named, t.effect.name, t.target) for named in without)
     )
     # From the base's own numbers: what a wrong effect has driven the others to may be anything.
-    return fit(work.training, replace(work.base.model, terms=kept), passes=4)
+    model = replace(work.base.model, terms=(*kept, *instead))
+    return fit(work.training, model, passes=4)
 
 
 def _is_of(named: Named, name: str, target: str) -> bool:
@@ -312,7 +322,7 @@ def _withdrawn(
         if remains.get(channel, 0.0) > (1.0 - NAMED_SHARE) / NAMED_SHARE * total:
             taken.append(finding)
     if taken:
-        whole = _without(work, whole, *(f.named for f in taken))
+        whole = _without(work, whole, [f.named for f in taken])
     return whole, [f for f in findings if f not in taken], taken
 
 

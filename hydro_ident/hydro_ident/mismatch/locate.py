@@ -25,6 +25,7 @@ from hydro_ident.mismatch.dependence import (
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import lines_of
 from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.state_space import factors_of, hats, knots_of
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
@@ -67,15 +68,44 @@ def dependences(training: Training, fitted: Fitted) -> list[Dependence]:
         _look(training, fitted, channel, looked)
     if not looked.found:
         return []
-    chance = np.max(looked.chances, axis=0)
-    result = [
-        replace(d, p_value=float((1 + np.sum(chance >= d.value)) / (1 + chance.size)))
-        for k, d in enumerate(looked.found)
-        if k not in looked.answered
-    ]
+    result = _with_chances(looked)
     tried = max(len(looked.lines), 1)
     result += [replace(d, p_value=min(1.0, d.p_value * tried)) for d in looked.lines]
     return sorted(result, key=lambda d: -d.value)
+
+
+def _with_chances(looked: _Looked) -> list[Dependence]:
+    """Dependences with their p-values, over all channels that are no stronger.
+
+    What a strong dependence of one channel leaves there is no measure of chance in another: step
+    by step, channels that are told are left out (Westfall and Young, Resampling-based multiple
+    testing, Wiley 1993, section 2.6).
+    """
+    kept = [d for k, d in enumerate(looked.found) if k not in looked.answered]
+    channels = sorted({d.channel for d in kept}, key=lambda c: -_strongest(kept, c))
+    chances = {
+        c: np.max(
+            [x for d, x in zip(looked.found, looked.chances, strict=True) if d.channel == c],
+            axis=0,
+        )
+        for c in channels
+    }
+    result: list[Dependence] = []
+    for c in channels:
+        chance = np.max(list(chances.values()), axis=0)
+        own = [
+            replace(d, p_value=float((1 + np.sum(chance >= d.value)) / (1 + chance.size)))
+            for d in kept
+            if d.channel == c
+        ]
+        if min(d.p_value for d in own) <= FAMILY_ERROR_UNNAMED and len(chances) > 1:
+            del chances[c]
+        result += own
+    return result
+
+
+def _strongest(found: Sequence[Dependence], channel: int) -> float:
+    return max(d.value for d in found if d.channel == channel)
 
 
 def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> None:
@@ -96,19 +126,26 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     if not found:
         return
     left = _without(own, bench, functions, found)
+    freedom = max(found, key=lambda d: d.value).freedom
     # No other recording can confirm what follows time: of it, slow noise is no evidence either.
-    slow = -(-bench.blocks // TIME_BLOCKS)
-    flips = {
-        True: np.repeat(signs(slow), TIME_BLOCKS, axis=1)[:, : bench.blocks],
-        False: signs(bench.blocks),
-    }
+    flips = {True: _flips(bench, TIME_BLOCKS), False: _flips(bench, 1)}
     for seen, (white, inverse) in zip(found, sums, strict=True):
-        drawn = flips[seen.variable == "time"] @ bench.by_block(white * left[:, None])
+        draws, units = flips[seen.variable == "time"]
+        # What took the best function out took noise out, too.
+        lost = np.sqrt(units / max(units - freedom, 1))
+        drawn = lost * (draws @ bench.by_block(white * left[:, None]))
         gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
         count = round(float(np.trace(inverse @ (white.T @ white))))
         into.chances.append((gains - count) / np.sqrt(2.0 * count))
     into.found += found
     into.lines += lines_of(own, fitted, channel, functions)
+
+
+def _flips(bench: Bench, together: int) -> tuple[FloatArray, int]:
+    """Signs of blocks, so many after one another flipped together, and how many there are."""
+    groups = -(-bench.blocks // together)
+    draws = np.repeat(signs(groups), together, axis=1)[:, : bench.blocks]
+    return draws, np.unique(bench.block // together).size
 
 
 def _answered(training: Training, bench: Bench, found: Dependence, columns: FloatArray) -> bool:

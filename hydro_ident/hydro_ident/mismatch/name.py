@@ -30,6 +30,7 @@ from hydro_ident.mismatch.settings import (
     FOLDS,
     MOST_EFFECTS,
 )
+from hydro_ident.mismatch.stepping import is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.mismatch.worth import resolved, worth
@@ -301,7 +302,7 @@ class Searcher:
 
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
-        free = sum(not p.optional for p in term.effect.parameters)
+        free = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
         held = before - self._held_out(whole)
         cost = 0.5 * free * np.log(max(without.bench.measured, 3))
         gain = without.squares - whole.squares

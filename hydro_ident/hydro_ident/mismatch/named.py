@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ LIMITS = {
 }
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
+#: Share of a set's gain from which another effect may stand in the place of a refused one.
+_ALTERNATIVE = 0.9
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
@@ -78,6 +80,8 @@ class Named:
         All that were weighed, best first.
     spread : float
         Overdispersion of sums over blocks.
+    refused : int
+        Effects of the set that held-out rows have refused before.
     """
 
     contenders: tuple[Contender, ...]
@@ -86,6 +90,7 @@ class Named:
     gain: float
     tried: tuple[Contender, ...]
     spread: float
+    refused: int = 0
 
     @property
     def modelled(self) -> Contender:
@@ -113,6 +118,22 @@ class Named:
         """Whether what it gains on held-out blocks is worth its parameters."""
         best = self.modelled
         return 0.5 * best.held_out / self.spread > best.cost
+
+    def alternative(self) -> Named | None:
+        """The set without the effect that stands in the model, which held-out rows refuse.
+
+        None where no other comes near it.
+        """
+        rest = [
+            c
+            for c in self.tried
+            if c.term.effect.name != self.term.effect.name
+            and c.gain >= _ALTERNATIVE * self.gain
+            and not at_a_bound(c.term)
+        ]
+        if not rest:
+            return None
+        return replace(named_of(rest, self.p_value, self.spread), refused=self.refused + 1)
 
     @property
     def first(self) -> Contender:

@@ -19,6 +19,9 @@ from hydro_model.robot import FloatArray
 SWALLOWED = 1.0e-5
 #: Columns of a trial within this share of each other's span count once.
 _COLLINEAR = 1.0e-6
+#: Effects that balances cannot tell: a chamber's pressure answers to whatever flow the valve adds
+#: by chance, and what follows its rise then follows the noise.
+_TOLD_BY_FORCES = ("pressure_delay",)
 #: What a further coefficient gains by chance, in a maximum over many.
 _PER_COEFFICIENT = 2.0
 
@@ -48,12 +51,16 @@ class Entry:
 
 def bank_of(predictor: Predictor, model: Model, chosen: Sequence[Trial]) -> list[Entry]:
     """Evaluate trials once; shapes that do nothing in these recordings are left out."""
-    channel, entries = predictor.material.channel, []
+    material, entries = predictor.material, list[Entry]()
+    channel = material.channel
+    forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
     for trial in chosen:
         columns = trial.columns(predictor, model)
         if not np.isfinite(columns).all() or not columns.any():
             continue
         acting = [k for k in np.unique(channel) if columns[channel == k].any()]
+        if trial.name in _TOLD_BY_FORCES and set(acting) & set(forces):
+            acting = forces
         rows = np.isin(channel, acting)
         entries.append(Entry(trial, rows, columns[rows].astype(np.float32)))
     return entries

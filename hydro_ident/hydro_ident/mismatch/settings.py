@@ -14,6 +14,8 @@ FAMILY_ERROR_UNNAMED = 0.0007
 FLIPS = 1999
 #: Length of the blocks whose signs are flipped: far beyond what the noise model leaves.
 BLOCK_S = 1.0
+#: In shorter recordings than so many blocks they are shorter, down to what is still far enough.
+LEAST_BLOCKS, SHORTEST_BLOCK_S = 40, 0.25
 #: Folds of the cross-validation, and the length of their blocks.
 FOLDS, FOLD_BLOCK_S = 5, 3.0
 #: Fewer motions of the joints than this are no sample: what is held out is of the same motions,

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.settings import BLOCK_S, LEAST_BLOCKS, SHORTEST_BLOCK_S
 from hydro_ident.mismatch.state_space import smooth_basis
 from hydro_ident.mismatch.whitening import LEAST_NOISE, Layout, Noise, noise_of
 from hydro_model.effects.targets import ActiveEffect
@@ -47,6 +47,8 @@ class Training:
     prior : Prior or None
     cycle_s : float
         Sampling interval: the longest command delay that is the base's.
+    block_s : float
+        Length of the blocks whose signs are flipped.
     smooth : tuple of (n_k, m_k) array
         Orthonormal smooth functions of each channel's state on its rows in the mask.
     """
@@ -57,6 +59,7 @@ class Training:
     floor: FloatArray
     prior: Prior | None
     cycle_s: float
+    block_s: float
     smooth: tuple[FloatArray, ...] = ()
 
     @staticmethod
@@ -77,7 +80,7 @@ class Training:
             for k in range(floor.size)
         )
         cycle_s = max(steps, default=0.002)
-        return Training(predictor, mask, layout, floor, prior, cycle_s, smooth)
+        return Training(predictor, mask, layout, floor, prior, cycle_s, block_of(layout), smooth)
 
     def noise(self, residual: FloatArray) -> Noise:
         """Noise of a residual on the training rows: what no smooth function of the state tells.
@@ -112,7 +115,16 @@ class Training:
             extra = columns.shape[1] - self.prior.values.size
             root = np.pad(self.prior.root, ((0, 0), (0, extra)))
             prior = root, np.zeros(root.shape[0]) if offset is None else offset
-        return Bench(self.layout, noise, residual[self.mask], columns[self.mask], BLOCK_S, prior)
+        return Bench(
+            self.layout, noise, residual[self.mask], columns[self.mask], self.block_s, prior
+        )
+
+
+def block_of(layout: Layout) -> float:
+    """Length of blocks in s: of short recordings as many as a small chance takes."""
+    recordings = np.unique(layout.recording)
+    total = sum(float(np.ptp(layout.time_s[layout.recording == r])) for r in recordings)
+    return float(np.clip(total / LEAST_BLOCKS, SHORTEST_BLOCK_S, BLOCK_S))
 
 
 def layout_of(predictor: Predictor) -> Layout:

@@ -6,6 +6,9 @@ channel, and the random forces and spool motions. Its statistic is chi-squared o
 freedom, not central by ``|W (d - X b)|^2`` with the trace d, the refit's columns X and the noise's
 whitening W. Half power at a level of 1 % asks for a noncentrality of 6.63, and for small effects
 the trace grows like the size.
+
+Rows of a joint that rests are left out: what dry friction does there is whatever holds the load,
+and a valve's signal whatever the controller makes of the noise.
 """
 
 from __future__ import annotations
@@ -16,13 +19,15 @@ import numpy as np
 
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_ident.study.hidden import Machine
-from hydro_ident.study.traces import EVERY, Drive, nuisance, trace
+from hydro_ident.study.traces import EVERY, Drive, nuisance, thinned, trace
 from hydro_model.robot import FloatArray
 
 #: 50 % power at the 1 % level, one degree of freedom.
 HALF_POWER = 6.632
 #: Channels with this share of the noncentrality are right places for a finding.
 _STRONG = 0.2
+#: A joint rests where it is slower than this share of its usual fast speed.
+REST_SPEED = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +73,32 @@ def detectability(run: Drive, plain: Machine, size: float, *, delay: bool) -> De
     left = trace(run, plain)
     spectra = noise_spectra(run, plain)
     columns = nuisance(run, plain, delay=delay)
+    moves = moving(run, plain)
     forces, powers = list(range(0, 3 * m, 3)), {}
     rest = _whitened(np.concatenate([left[:, c] for c in forces]), spectra, forces)
-    rest = _without(rest, _whitened_columns(columns[0], spectra, forces))
+    kept = np.concatenate(list(moves.T))
+    rest = _without(rest * kept, _whitened(columns[0], spectra, forces) * kept[:, None])
     for k, c in enumerate(forces):
         powers[c] = float(np.sum(rest.reshape(m, -1)[k] ** 2))
     flows = [c for c in range(3 * m) if c % 3]
     for matrix, c in zip(columns[1:], flows, strict=True):
-        rest = _whitened(left[:, c], spectra, [c])
-        rest = _without(rest, _whitened_columns(matrix, spectra, [c]))
+        rest, kept = _whitened(left[:, c], spectra, [c]), moves[:, c // 3]
+        rest = _without(rest * kept, _whitened(matrix, spectra, [c]) * kept[:, None])
         powers[c] = float(np.sum(rest**2))
     total = sum(powers.values())
     names = channel_names(plain)
     limit = size * np.sqrt(HALF_POWER / total) if total > 0.0 else np.inf
     shares = {names[c]: powers[c] / max(total, 1e-300) for c in range(3 * m)}
     return Detectability(total, float(limit), shares)
+
+
+def moving(run: Drive, plain: Machine) -> FloatArray:
+    """1 where a cylinder's joint moves and 0 where it rests, (N // EVERY, m)."""
+    robot, n = plain.robot, plain.robot.dof
+    speed = np.abs(run.track.states[:, n : 2 * n])
+    joints = [robot.joint_index(c.joint) for c in robot.cylinders]
+    fast = speed[:, joints] > REST_SPEED * np.quantile(speed[:, joints], 0.95, axis=0)
+    return np.asarray(thinned(fast.astype(float)) > 0.5, dtype=np.float64)
 
 
 def channel_names(machine: Machine) -> list[str]:
@@ -148,13 +164,6 @@ def _filtered(values: FloatArray, power: FloatArray) -> FloatArray:
 
 def _whitened(rows: FloatArray, spectra: list[FloatArray], channels: list[int]) -> FloatArray:
     parts = np.split(rows, len(channels))
-    return np.concatenate([_filtered(p, spectra[c]) for p, c in zip(parts, channels, strict=True)])
-
-
-def _whitened_columns(
-    matrix: FloatArray, spectra: list[FloatArray], channels: list[int]
-) -> FloatArray:
-    parts = np.split(matrix, len(channels))
     return np.concatenate([_filtered(p, spectra[c]) for p, c in zip(parts, channels, strict=True)])
 
 

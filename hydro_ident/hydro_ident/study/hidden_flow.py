@@ -132,10 +132,8 @@ def _cushion(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
 def _line(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
     volume = 1.0e-4 * m.robot.cylinders[i].area_a_m2 / 5.0e-3
     ratio = r.uniform(0.05, 0.2)
-    resistance = 2.0 * ratio * np.sqrt(size * m.truth.fluid.bulk_modulus_pa / volume)
-    return axis(
-        m, i, line_inertance=size, line_volume=float(volume), line_resistance=float(resistance)
-    )
+    loss = 2.0 * ratio * np.sqrt(size * m.truth.fluid.bulk_modulus_pa / volume)
+    return axis(m, i, line_inertance=size, line_volume=float(volume), line_loss=float(loss))
 
 
 FLOW_EFFECTS = (

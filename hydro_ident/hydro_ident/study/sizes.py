@@ -27,7 +27,7 @@ def _plain(*names: str, factor: float = 1.0) -> Reading:
 
 def _stribeck(p: Numbers, at: Numbers) -> float:
     slow = 0.1 * SPEED_M_S
-    return p["force"] * math.exp(-((slow / p["stribeck_velocity"]) ** 2))
+    return p["force"] * math.exp(-((slow / p["stribeck_velocity"]) ** p.get("exponent", 2.0)))
 
 
 def _asymmetric(p: Numbers, at: Numbers) -> float:

@@ -66,9 +66,9 @@ EQUATIONS = [
     ("coulomb_friction", [3e3, 0.01], Stage.FRICTION, 3e3 * np.tanh(V / 0.01)),
     (
         "stribeck_friction",
-        [1e3, 0.02, 0.01],
+        [1e3, 0.02, 0.01, 1.5],
         Stage.FRICTION,
-        1e3 * np.exp(-((V / 0.02) ** 2)) * np.tanh(V / 0.01),
+        1e3 * np.exp(-(np.abs(V) / 0.02) ** 1.5) * np.tanh(V / 0.01),
     ),
     (
         "asymmetric_friction",

@@ -24,8 +24,8 @@ def _coulomb(s: Row, p: Row) -> float:
 
 
 def _stribeck(s: Row, p: Row) -> float:
-    ratio = s[PISTON_VELOCITY] / p[1]
-    return p[0] * math.exp(-ratio * ratio) * math.tanh(s[PISTON_VELOCITY] / p[2])
+    ratio = abs(s[PISTON_VELOCITY]) / p[1]
+    return p[0] * math.exp(-(ratio ** p[3])) * math.tanh(s[PISTON_VELOCITY] / p[2])
 
 
 def _asymmetric(s: Row, p: Row) -> float:
@@ -66,12 +66,13 @@ COULOMB = Effect(
 STRIBECK = Effect(
     name="stribeck_friction",
     channel="force",
-    equation="F = (Fs - Fc) exp(-(v / vs)^2) tanh(v / v0)",
+    equation="F = (Fs - Fc) exp(-|v / vs|^d) tanh(v / v0)",
     source="Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994)",
     parameters=(
         ParameterSpec("force", "N", "Fs - Fc", 0.0, 1e5, 1000.0, linear=True),
         ParameterSpec("stribeck_velocity", "m/s", "vs", 1e-4, 0.2, 0.01),
         _VELOCITY_SCALE,
+        ParameterSpec("exponent", "1", "d", 0.5, 2.0, 2.0, optional=True),
     ),
     terms=(Term(Stage.FRICTION, _stribeck),),
     looks_like=("presliding_friction", "coulomb_friction"),
