@@ -31,24 +31,31 @@ class Confirmer:
     check : Check
     whole : Fitted
         The final model on the training rows.
+
+    Attributes
+    ----------
+    training : Training
+        The rows that took no part.
+    fitted : Fitted
+        The model on them.
     """
 
     def __init__(self, check: Check, whole: Fitted) -> None:
-        self._training = Training.of(check.predictor, check.mask & check.moving)
-        self._fitted = fitted(self._training, whole.model, None)
+        self.training = Training.of(check.predictor, check.mask & check.moving)
+        self.fitted = fitted(self.training, whole.model, None)
 
     def holds(self, found: Dependence) -> bool:
         """Whether a dependence is there on the other rows."""
-        names = self._training.predictor.material.channels
+        names = self.training.predictor.material.channels
         if found.channel >= len(names) or found.variable == "time":
             return True
-        own, bench = alone(self._training, self._fitted, found.channel)
+        own, bench = alone(self.training, self.fitted, found.channel)
         if bench is None:
             return True
-        values = values_of(own, self._fitted, found.channel)
+        values = values_of(own, self.fitted, found.channel)
         factor = np.ones(own.mask.size)
         if found.times:
-            model = self._fitted.model
+            model = self.fitted.model
             factor = factors_of(own.predictor, model, found.channel, values, own.mask)[found.times]
         at = values[found.variable]
         if not np.isfinite(at[own.mask]).all() or not np.isfinite(factor[own.mask]).all():

@@ -13,6 +13,7 @@ from hydro_ident.free_run import FreeRun, free_run
 from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.model import robot_of, summary_of
@@ -180,7 +181,7 @@ def _diagnosed(
     whole, findings, withdrawn = _withdrawn(work, whole, findings, left)
     if withdrawn:
         left = dependences(work.training, whole)
-    unknown = unexplained(work.training, whole, left, Confirmer(work.check, whole).holds)
+    unknown = _described(work, whole, left)
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken was testable.
     tried = [f.named.term.effect.name for f in rejected] + [n for n, _, _ in search.impossible]
@@ -224,6 +225,18 @@ def _diagnosed(
         losses,
         work,
         whole,
+    )
+
+
+def _described(
+    work: Residuals, whole: Fitted, left: Sequence[Dependence]
+) -> tuple[Unexplained, ...]:
+    """Dependence without a name, with its short form where the data allow one."""
+    confirmer = Confirmer(work.check, whole)
+    found = unexplained(work.training, whole, left, confirmer.holds)
+    return tuple(
+        replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
+        for one in found
     )
 
 

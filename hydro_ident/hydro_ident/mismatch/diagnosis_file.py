@@ -10,6 +10,7 @@ import numpy as np
 
 from hydro_ident.estimate.scores import fit_percent
 from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
@@ -233,6 +234,21 @@ def _unexplained_dict(one: Unexplained) -> dict[str, Any]:
         "text": one.text,
         "p_value": one.p_value,
         "curve": _curve(d),
+        "form": None if one.form is None else _form(one.form),
+    }
+
+
+def _form(one: Form) -> dict[str, Any]:
+    """A short form, with those that do equally well."""
+    return {
+        "name": one.name,
+        "text": one.text,
+        "values": [
+            {"name": v.name, "value": v.value, "std": v.std, "unit": v.unit} for v in one.values
+        ],
+        "share_of_curve": {"training": one.share, "held_out": one.held_share},
+        "held_out_p_value": one.held_p_value,
+        "equally_good": [_form(other) for other in one.others],
     }
 
 

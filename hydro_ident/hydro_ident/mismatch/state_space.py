@@ -66,21 +66,46 @@ def factors_of(
     channel: int,
     values: Mapping[str, FloatArray],
     own: BoolArray,
+    sizes: Mapping[str, float] | None = None,
 ) -> dict[str, FloatArray]:
     """What functions of a channel are multiplied by, (N,) each, by name.
 
     The direction of motion for forces; for flows the valve's signal, and the compression of the
-    chamber at a unit modulus.
+    chamber at a unit modulus. They are in units of `sizes`, by default those of the own rows.
     """
+    sizes = sizes or factor_sizes(predictor, model, channel, values, own)
     if not predictor.material.is_flow(channel):
-        speed = values["piston_velocity"]
-        usual = float(np.nanstd(speed[own])) or 1.0
-        return {"direction": np.tanh(speed / (_ROUNDED * usual))}
-    found = {
+        return {"direction": np.tanh(values["piston_velocity"] / rounding(sizes["direction"]))}
+    found = _flow_factors(predictor, model, channel, values)
+    return {name: f / sizes[name] for name, f in found.items()}
+
+
+def factor_sizes(
+    predictor: Predictor,
+    model: Model,
+    channel: int,
+    values: Mapping[str, FloatArray],
+    own: BoolArray,
+) -> dict[str, float]:
+    """Usual sizes of a channel's factors on its own rows; of a direction, that of the speed."""
+    if not predictor.material.is_flow(channel):
+        return {"direction": float(np.nanstd(values["piston_velocity"][own])) or 1.0}
+    found = _flow_factors(predictor, model, channel, values)
+    return {name: float(np.nanstd(f[own])) or 1.0 for name, f in found.items()}
+
+
+def rounding(speed: float) -> float:
+    """Speed over which a direction is rounded, of a usual speed."""
+    return _ROUNDED * speed
+
+
+def _flow_factors(
+    predictor: Predictor, model: Model, channel: int, values: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    return {
         "valve_signal": values["valve_signal"],
         "compression": compression(predictor, model, channel),
     }
-    return {name: f / (float(np.nanstd(f[own])) or 1.0) for name, f in found.items()}
 
 
 def compression(predictor: Predictor, model: Model, channel: int) -> FloatArray:

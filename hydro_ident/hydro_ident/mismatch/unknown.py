@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.candidates import untestable
 from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
@@ -44,6 +45,8 @@ class Unexplained:
     p_value : float
     text : str
     dependence : Dependence
+    form : Form or None
+        A short form of it that held-out rows confirm.
     """
 
     channel: str
@@ -52,6 +55,7 @@ class Unexplained:
     p_value: float
     text: str
     dependence: Dependence
+    form: Form | None = None
 
 
 @dataclass(frozen=True, slots=True)

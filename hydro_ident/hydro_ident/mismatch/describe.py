@@ -1,0 +1,229 @@
+"""What is told of a dependence without a name: its short form with units, in words and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.dependence import Dependence, alone, values_of
+from hydro_ident.mismatch.fit_form import FittedForm, Rows
+from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.forms import CONSTANT, COSINE, NONE
+from hydro_ident.mismatch.lines import independent_noise
+from hydro_ident.mismatch.state_space import UNITS, factor_sizes, factors_of, rounding
+from hydro_ident.mismatch.symbolic import Curve, Told, told_forms
+from hydro_ident.mismatch.training import Training
+from hydro_model.robot import FloatArray
+
+#: Points at which a form is drawn.
+_POINTS = 181
+SYMBOLS = {
+    "piston_velocity": "v", "piston_position": "x", "piston_acceleration": "a",
+    "piston_force": "F", "joint_angle": "q", "pressure_a": "p_a", "pressure_b": "p_b",
+    "supply_pressure": "p_s", "valve_signal": "u", "valve_rate": "r", "other_joint": "w",
+    "time": "t",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A number of a form.
+
+    Attributes
+    ----------
+    name : str
+        `coefficient`, `amplitude`, `phase`, `constant`, `scale`, `place` or `period`.
+    value : float
+    std : float or None
+        None of a shape value that the rows do not tell from the coefficients.
+    unit : str
+    """
+
+    name: str
+    value: float
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A short form of a dependence.
+
+    Attributes
+    ----------
+    name, text : str
+    values : tuple of Value
+        Coefficients with deviations, and shape values.
+    share, held_share : float
+        Its gain over the free curve's on training and on held-out rows.
+    held_p_value : float
+    at, curve : (m,) array
+        The form as the free curve is given: in the same factor, less the mean at its knots.
+    others : tuple of Form
+        That do equally well.
+    """
+
+    name: str
+    text: str
+    values: tuple[Value, ...]
+    share: float
+    held_share: float
+    held_p_value: float
+    at: FloatArray
+    curve: FloatArray
+    others: tuple[Form, ...] = ()
+
+
+def form_of(
+    training: Training, fitted: Fitted, confirmer: Confirmer, found: Dependence
+) -> Form | None:
+    """A dependence's short form; None where held-out rows confirm none.
+
+    Parameters
+    ----------
+    training : Training
+    fitted : Fitted
+        The final model on the training rows.
+    confirmer : Confirmer
+        Of the rows that took no part.
+    found : Dependence
+    """
+    names = training.predictor.material.channels
+    held = confirmer.training
+    if held.predictor.material.channels != names:
+        return None
+    sizes = _sizes(training, fitted, found)
+    train_rows = _rows(training, fitted, found, sizes)
+    held_rows = _rows(held, confirmer.fitted, found, sizes)
+    if train_rows is None or held_rows is None:
+        return None
+    elsewhere = found.variable == "time" and held.predictor is not training.predictor
+    told = told_forms(train_rows, held_rows, Curve(found.knots, found.period, elsewhere))
+    if not told:
+        return None
+    unit = training.predictor.material.units[found.channel]
+    forms = [_form(one, found, unit, sizes) for one in told]
+    return replace(forms[0], others=tuple(forms[1:]))
+
+
+def _sizes(training: Training, fitted: Fitted, found: Dependence) -> dict[str, float]:
+    """Sizes of the factors on the training rows of a channel."""
+    own, _ = alone(training, fitted, found.channel)
+    values = values_of(own, fitted, found.channel)
+    return factor_sizes(own.predictor, fitted.model, found.channel, values, own.mask)
+
+
+def _rows(
+    training: Training, fitted: Fitted, found: Dependence, sizes: dict[str, float]
+) -> Rows | None:
+    """Rows of a dependence's channel, its factor in its own unit."""
+    own, bench = alone(training, fitted, found.channel)
+    if bench is None:
+        return None
+    if found.period:
+        noise = independent_noise(own, fitted)
+        bench = own.bench(noise, fitted.residual, fitted.columns, fitted.offset)
+    values = values_of(own, fitted, found.channel)
+    factor = np.ones(own.mask.size)
+    if found.times:
+        units = {name: s if name == "direction" else 1.0 for name, s in sizes.items()}
+        factors = factors_of(
+            own.predictor, fitted.model, found.channel, values, own.mask, units
+        )  # fmt: skip
+        factor = factors[found.times]
+    at, factor = values[found.variable][own.mask], factor[own.mask]
+    if not np.isfinite(at).all() or not np.isfinite(factor).all():
+        return None
+    return Rows(bench, at, factor, own.layout.recording)
+
+
+def _form(told: Told, found: Dependence, unit: str, sizes: dict[str, float]) -> Form:
+    one = told.fitted
+    unit = "1/Pa" if found.times == "compression" else unit
+    values = (*_coefficients(one, unit, UNITS[found.variable]), *_shape(one, found.variable))
+    at = np.linspace(found.knots[0], found.knots[-1], _POINTS)
+    # The curve's factor is in units of its size, a direction has none.
+    size = sizes[found.times] if found.times not in ("", "direction") else 1.0
+    level = float(_function(one, found.knots).mean())
+    return Form(
+        one.kind.name, _text(one, values, found, unit, sizes), values, told.share,
+        told.held_share, told.held_p_value, at, size * (_function(one, at) - level),
+    )  # fmt: skip
+
+
+def _function(one: FittedForm, at: FloatArray) -> FloatArray:
+    """A form's function of its variable, (m,), without its constant."""
+    return np.asarray(one.kind.columns(at, one.shape) @ one.theta[: one.kind.count])
+
+
+def _coefficients(one: FittedForm, unit: str, per: str) -> tuple[Value, ...]:
+    """Coefficients with deviations; of a wave, amplitude and phase."""
+    theta, covariance = one.theta, one.covariance
+    std = np.sqrt(np.diag(covariance))
+    last = theta.size - 1
+    constant = (Value("constant", float(theta[last]), float(std[last]), unit),)
+    constant = constant if one.offset else ()
+    if one.kind is not COSINE:
+        power = one.kind.power
+        name = "constant" if one.kind is CONSTANT else "coefficient"
+        return Value(name, float(theta[0]), float(std[0]), _per(unit, per, power)), *constant
+    a, b = theta[:2]
+    size = float(np.hypot(a, b))
+    slopes = np.array([[a, b], [b / size, -a / size]]) / size
+    deviations = np.sqrt(np.maximum(np.diag(slopes @ covariance[:2, :2] @ slopes.T), 0.0))
+    return (
+        Value("amplitude", size, float(deviations[0]), unit),
+        Value("phase", float(np.arctan2(-b, a)), float(deviations[1]), "rad"),
+        *constant,
+    )
+
+
+def _per(unit: str, per: str, power: float) -> str:
+    """A unit per another one to a power."""
+    if not power or per in ("", "1"):
+        return unit
+    return f"{unit}/({per})" if power == 1.0 else f"{unit}/({per})^{power:g}"
+
+
+def _shape(one: FittedForm, variable: str) -> tuple[Value, ...]:
+    if one.kind.shape == NONE:
+        return ()
+    told = one.covariance.shape[0] > one.theta.size
+    std = float(np.sqrt(one.covariance[-1, -1])) if told else None
+    return (Value(one.kind.shape, one.shape, std, UNITS[variable]),)
+
+
+def _text(
+    one: FittedForm, values: tuple[Value, ...], found: Dependence, unit: str,
+    sizes: dict[str, float],
+) -> str:  # fmt: skip
+    """A form in words: numbers, its variable and what it is multiplied by."""
+    number = {v.name: v.value for v in values}
+    symbol, own = SYMBOLS[found.variable], UNITS[found.variable]
+    own = "" if own == "1" else own
+    if one.kind is CONSTANT:
+        body = f"{number['constant']:.3g}"
+    else:
+        shape = f"{one.shape:.3g} {own}".strip()
+        body = one.kind.text.format(v=symbol, s=shape)
+        if one.kind is COSINE:
+            phase = number["phase"]
+            body += f" {'-' if phase < 0.0 else '+'} {abs(phase):.3g})"
+        body = f"{number.get('amplitude', number.get('coefficient', 0.0)):.3g} {body}"
+        if one.offset:
+            body = f"({number['constant']:.3g} {_signed(body)})"
+    if found.times == "direction":
+        body += f" tanh(piston_velocity / {rounding(sizes['direction']):.2g} m/s)"
+    elif found.times == "valve_signal":
+        body += " valve_signal"
+    text = f"{body} {unit}"
+    if found.times == "compression":
+        text += " times the compression of the chamber"
+    return text if one.kind is CONSTANT else f"{text}, {symbol} = {found.variable} in {own or 1}"
+
+
+def _signed(body: str) -> str:
+    """A term behind another one."""
+    return f"- {body[1:]}" if body.startswith("-") else f"+ {body}"

@@ -1,0 +1,211 @@
+"""A dependence without a name as a short form of its variable, where the data allow one.
+
+A form is told where it gains almost what the free curve does, of fewer coefficients, and where it
+predicts rows that took no part no worse than the curve. Forms that do as well as the best are told
+together; where too many do, or none, nothing is. A form is a description, not a cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.dependence import inverse_of
+from hydro_ident.mismatch.fit_form import (
+    FittedForm,
+    Rows,
+    chance_of,
+    fit_kind,
+    gain_of,
+    needs_offset,
+    theta_of,
+)
+from hydro_ident.mismatch.forms import CONSTANT, COSINE, kinds_for
+from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.settings import FORM_TOLERANCE
+from hydro_model.robot import FloatArray
+
+#: Share of the free curve's gain that a form has to reach, on either rows.
+ALMOST = 0.95
+#: Share below which it is not told, even where held-out rows are too few to tell the two apart.
+LEAST_HELD = 0.8
+#: Chance level of a form on held-out rows, over all that are put to them; blocks that it takes.
+HELD_OUT_ERROR, LEAST_BLOCKS = 0.01, 20
+#: Level at which a form is worse than the curve, or than another form.
+WORSE = 0.05
+#: More forms than this that do equally well: the recordings do not tell a form.
+MOST_TOLD = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """The free curve of a dependence.
+
+    Attributes
+    ----------
+    knots : (m,) array
+        Between which it is straight.
+    period : float
+        After which it repeats, as a wave; 0 where it does not.
+    any_phase : bool
+        Whether held-out rows are of other times, so that a wave over time may be anywhere.
+    """
+
+    knots: FloatArray
+    period: float = 0.0
+    any_phase: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A short form that held-out rows confirm.
+
+    Attributes
+    ----------
+    fitted : FittedForm
+    share, held_share : float
+        Its gain over the free curve's on training and on held-out rows.
+    held_p_value : float
+        Of its gain on held-out rows, under sign flips of whole blocks.
+    """
+
+    fitted: FittedForm
+    share: float
+    held_share: float
+    held_p_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """A form on held-out rows: improvement by block, and its chance."""
+
+    blocks: FloatArray
+    p_value: float
+
+
+def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
+    """Short forms that describe a dependence, the simplest first; none where none does.
+
+    Parameters
+    ----------
+    train : Rows
+        That the dependence was found on.
+    held : Rows
+        That took no part.
+    curve : Curve
+    """
+    if held.bench.blocks < LEAST_BLOCKS or (curve.any_phase and not curve.period):
+        return ()
+    columns = train.curve(curve.knots, curve.period)
+    full, rank = gain_of(train, columns)
+    if full <= rank:
+        return ()
+    fits = [f for f in _fits(train, curve) if _short(f, full, rank, curve)]
+    if not fits:
+        return ()
+    theta = theta_of(train, columns)
+    by_curve = _held_out(held, held.curve(curve.knots, curve.period), theta, curve.any_phase)
+    seen = [
+        _held_out(held, held.columns(f.kind, f.shape, f.offset), f.theta, curve.any_phase)
+        for f in fits
+    ]
+    level = HELD_OUT_ERROR / len(fits)
+    told = [
+        (f, h)
+        for f, h in zip(fits, seen, strict=True)
+        if h.p_value <= level and _as_good(h.blocks, by_curve.blocks)
+    ]
+    total = float(by_curve.blocks.sum())
+    return tuple(
+        Told(f, f.gain / full, _share(float(h.blocks.sum()), total), h.p_value)
+        for f, h in _equals(train, told)
+    )
+
+
+def _fits(train: Rows, curve: Curve) -> list[FittedForm]:
+    """Every form at its best on the training rows, with a constant beside it where it takes one."""
+    if curve.period:
+        found = fit_kind(train, COSINE, False, curve.period)
+        return [] if found is None else [found]
+    result = []
+    for kind in kinds_for(train.at):
+        plain = fit_kind(train, kind, False)
+        more = None if kind is CONSTANT else fit_kind(train, kind, True)
+        chosen = more if needs_offset(plain, more) else plain
+        if chosen is not None:
+            result.append(chosen)
+    return result
+
+
+def _short(form: FittedForm, full: float, rank: int, curve: Curve) -> bool:
+    """Whether a form gains almost what the curve does, of fewer coefficients."""
+    fewer = form.freedom < rank or bool(curve.period)
+    return fewer and form.net >= ALMOST * (full - rank)
+
+
+def _held_out(held: Rows, columns: FloatArray, theta: FloatArray, any_phase: bool) -> _Held:
+    """A function as it was found on held-out rows."""
+    if any_phase:
+        return _any_phase(held, columns, float(np.hypot(theta[0], theta[1])))
+    white = held.beyond(columns, theta)
+    products = held.bench.by_block((white * held.bench.residual)[:, None])[:, 0]
+    return _Held(held.improvement(white), chance_of(products))
+
+
+def _any_phase(held: Rows, waves: FloatArray, size: float) -> _Held:
+    """A wave of the size that was found on held-out rows, at each recording's own phase."""
+    bench = held.bench
+    white, gain, drawn = np.zeros(bench.count), 0.0, np.zeros(1)
+    for k in np.unique(held.recording):
+        pair = waves * (held.recording == k)[:, None]
+        partial = bench.partial(pair)
+        inverse = inverse_of(partial.gram)[1]
+        sums = partial.scores.sum(axis=0)
+        phase = inverse @ sums
+        white += held.beyond(pair, phase * size / max(float(np.hypot(*phase)), 1e-300))
+        # Flipped blocks choose their phase, too.
+        flipped = signs(bench.blocks) @ partial.scores
+        gain += float(sums @ phase)
+        drawn = drawn + np.einsum("fi,ij,fj->f", flipped, inverse, flipped)
+    p_value = float((1 + np.sum(drawn >= gain)) / (1 + drawn.size))
+    return _Held(held.improvement(white), p_value)
+
+
+def _as_good(form: FloatArray, curve: FloatArray) -> bool:
+    """Whether held-out rows speak for a form as they do for the curve, by block."""
+    gain, full = float(form.sum()), float(curve.sum())
+    if gain <= 0.0 or gain < LEAST_HELD * full:
+        return False
+    return gain >= ALMOST * full or chance_of(curve - form) > WORSE
+
+
+def _share(gain: float, full: float) -> float:
+    """Of the curve's gain; one where the curve itself gains nothing."""
+    return gain / full if full > 0.0 else 1.0
+
+
+def _equals(train: Rows, told: Sequence[tuple[FittedForm, _Held]]) -> list[tuple[FittedForm, _Held]]:
+    """Forms that do as well as the best, the simplest of them; none where they are too many."""
+    if not told:
+        return []
+    blocks = [
+        np.concatenate([train.improvement(_function(train, f)), held.blocks]) for f, held in told
+    ]
+    best = int(np.argmax([float(b.sum()) - f.freedom for b, (f, _) in zip(blocks, told, strict=True)]))
+    slack = FORM_TOLERANCE**2 * float(blocks[best].sum())
+    equal = [
+        one
+        for one, b in zip(told, blocks, strict=True)
+        if float((blocks[best] - b).sum()) <= slack or chance_of(blocks[best] - b) > WORSE
+    ]
+    least = min(f.freedom for f, _ in equal)
+    # What takes more to say the same is no rival.
+    kept = [one for one in equal if one[0].freedom <= least + 1]
+    return kept if len(kept) <= MOST_TOLD else []
+
+
+def _function(rows: Rows, form: FittedForm) -> FloatArray:
+    """A form's whitened function (M,), the base refitted around it."""
+    return rows.beyond(rows.columns(form.kind, form.shape, form.offset), form.theta)
