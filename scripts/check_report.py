@@ -3,9 +3,9 @@
 
     scripts/check_report.py REPORT.html [--shots DIR]
 
-At three widths, light and dark: errors on the console, anything that would be fetched, figures that
-are not drawn, contents wider than the screen; then the report as it is printed. Prints what it
-measured as JSON. Exit 0 nothing found; 1 something was; 2 no browser, or no such report.
+At three widths, light and dark: errors on the console, anything that would be fetched, figures
+that are not drawn, contents wider than the screen; then the report as it is printed. Prints what
+it measured as JSON. Exit 0 nothing found; 1 something was; 2 no browser, or no such report.
 """
 
 from __future__ import annotations
@@ -30,11 +30,13 @@ WAIT_S = 60.0
 SCROLL = """(async () => {
   document.querySelectorAll('details').forEach(d => { d.open = true; });
   const pause = ms => new Promise(done => setTimeout(done, ms));
-  for (let y = 0; y < document.documentElement.scrollHeight; y += 500) {
+  for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
     scrollTo({top: y, behavior: 'instant'});
-    await pause(30);
+    await pause(20);
   }
-  await pause(300);
+  const missing = () => [...document.querySelectorAll('.canvas')]
+    .some(c => !c.querySelector('.main-svg'));
+  for (let k = 0; k < 50 && missing(); k++) await pause(100);
   scrollTo({top: 0, behavior: 'instant'});
 })()"""
 MEASURE = """(() => {

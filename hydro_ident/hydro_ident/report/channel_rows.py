@@ -10,11 +10,12 @@ import numpy as np
 from hydro_ident.report.figure import one_after_another, pieces
 from hydro_model.robot import FloatArray, Robot
 
+#: In full, and as an axis has room for it.
 _QUANTITIES = {
-    "force": "cylinder force",
-    "torque": "joint torque",
-    "flow_a": "flow, chamber A",
-    "flow_b": "flow, chamber B",
+    "force": ("cylinder force", "force"),
+    "torque": ("joint torque", "torque"),
+    "flow_a": ("flow into chamber A", "flow A"),
+    "flow_b": ("flow into chamber B", "flow B"),
 }
 #: A reversal lies between motions beyond this share of the usual fast speed, this long apart.
 _MOVES, _USUAL, _REST_S = 0.1, 0.95, 0.5
@@ -57,14 +58,13 @@ class ChannelRows:
 
     @property
     def quantity(self) -> str:
-        """What is measured, in words."""
-        kind = self.name.split("/")[-1]
-        return _QUANTITIES.get(kind, kind.replace("_", " "))
+        """What is measured, in few words."""
+        return _QUANTITIES[self.name.split("/")[-1]][1]
 
     @property
     def title(self) -> str:
         """Joint and quantity."""
-        return f"{self.joint}: {self.quantity}"
+        return f"{self.joint}: {_QUANTITIES[self.name.split('/')[-1]][0]}"
 
     @property
     def residuals(self) -> tuple[FloatArray, FloatArray]:

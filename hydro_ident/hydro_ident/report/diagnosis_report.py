@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from typing import Any
 
 from hydro_ident.mismatch.diagnosis import Diagnosis, Finding
@@ -11,10 +10,11 @@ from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.report.correlation_section import correlation_section
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import diagnosis_rows, law_views
+from hydro_ident.report.figure import unit_text
 from hydro_ident.report.free_run_section import free_run_section
 from hydro_ident.report.law_section import law_section
 from hydro_ident.report.model_parameters import finding_rows, model_rows
-from hydro_ident.report.page import Section, bullets, number, page, paragraph, table
+from hydro_ident.report.page import Section, bullets, folded, number, page, paragraph, table
 from hydro_ident.report.parameter_section import change_figure, owners, parameter_table
 from hydro_ident.report.prediction_section import prediction_section
 from hydro_ident.report.provenance_section import provenance_section
@@ -23,6 +23,7 @@ from hydro_ident.report.recording_sections import (
     excitation_section,
     health_section,
 )
+from hydro_ident.report.verdict_words import plain
 
 _LABELS = (
     "the robot's own structure, refitted to the training rows (or as given, with a fixed base)",
@@ -73,10 +74,11 @@ def _parameters(found: Diagnosis) -> Section:
     )
     owner, joints = owners(found.given), found.given.joint_names
     body = bullets(found.problems, "no")
-    for one in found.findings:
-        body += _finding(found, one)
-        body += parameter_table(finding_rows(found, one, owner), joints)
-    if not found.findings:
+    if found.findings:
+        rows = [row for one in found.findings for row in finding_rows(found, one, owner)]
+        body += "<h3>What was found</h3>" + parameter_table(rows, joints)
+        body += "".join(_finding(found, one) for one in found.findings)
+    else:
         body += paragraph("No finding: no parameters beyond the model's own.")
     rows = model_rows(found, owner)
     if rows:
@@ -88,9 +90,9 @@ def _parameters(found: Diagnosis) -> Section:
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
-    names = " or ".join(f"{name.replace('_', ' ')} ({share:.0%})" for name, share in pairs)
+    names = " or ".join(f"{plain(name)} ({share:.0%})" for name, share in pairs)
     rows = [
-        ("shows", data["where"]["text"]),
+        ("shows", unit_text(data["where"]["text"])),
         ("also in", ", ".join(data["also"]) or "–"),
         ("law", data["equation"]),
         (
@@ -100,5 +102,5 @@ def _finding(found: Diagnosis, one: Finding) -> str:
         ("chance, over all that was tried", number(data["p_value"], 2)),
         ("experiment that tells it apart", data["separating_experiment"]),
     ]
-    target = data["target"].replace("_", " ")
-    return f"<h3>{escape(f'{target}: {names}')}</h3>" + table(("", data["channel"]), rows, (0, 1))
+    body = table(("", data["channel"]), rows, (0, 1))
+    return folded(f"{plain(data['target'])}: {names}", body)

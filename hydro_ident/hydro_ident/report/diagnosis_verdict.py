@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from hydro_ident.mismatch.diagnosis import (
     EXPLAINED,
@@ -24,6 +25,7 @@ from hydro_ident.report.verdict_words import (
     limited,
     loss_line,
     noise_line,
+    plain,
     shortened,
 )
 
@@ -43,6 +45,8 @@ _HEADLINES = {
 }
 #: Probability below which a name alone is not enough.
 _SURE = 0.9
+#: Probability above which there is no saying how sure.
+_CERTAIN = 0.99
 
 
 def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verdict:
@@ -58,31 +62,39 @@ def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verd
 
 
 def _differs(found: Diagnosis) -> list[str]:
-    lines = []
+    by_target: dict[str, list[str]] = {}
     for one in found.findings:
         data = finding_dict(found, one)
-        names = " or ".join(name.replace("_", " ") for name in data["names"])
-        values = [
-            f"{p['name'].split('.')[-1].replace('_', ' ')} {number(p['value'], 3)}"
-            + (f" {unit_text(p['unit'])}" if p["unit"] not in ("", "1") else "")
-            for p in data["parameters"]
-        ]
-        target = data["target"].replace("_", " ")
-        lines.append(f"{target}: {names} ({', '.join(values)}).")
-    if lines:
-        return lines
+        names = " or ".join(plain(name) for name in data["names"])
+        by_target.setdefault(plain(data["target"]), []).append(f"{names}{_size(data)}")
+    if by_target:
+        return [f"{target}: {'; '.join(causes)}." for target, causes in by_target.items()]
     if found.verdict == NOT_ENOUGH:
         return ["Not known."]
     return ["Nothing that can be named."]
 
 
+def _size(data: dict[str, Any]) -> str:
+    """The first number of a law, which says how much of it there is."""
+    if not data["parameters"]:
+        return ""
+    first = data["parameters"][0]
+    unit = "" if first["unit"] in ("", "1") else f" {unit_text(first['unit'])}"
+    what = plain(first["name"].split(".")[-1])
+    return f" ({what} {number(first['value'], 3)}{unit})"
+
+
 def _left_out(found: Diagnosis) -> list[str]:
-    lines = [f"{one.text[0].upper()}{one.text[1:]}." for one in found.unexplained]
+    lines = [
+        f"{one.share:.0%} of what is left in {one.channel} follows the"
+        f" {plain(one.dependence.variable)}; no effect of the catalogue stands for it."
+        for one in found.unexplained
+    ]
     if found.rejected:
-        names = [f.named.names[0].replace("_", " ") for f in found.rejected]
+        names = [plain(f.named.names[0]) for f in found.rejected]
         lines.append(f"Tried and not confirmed on held-out rows: {shortened(names)}.")
     if found.not_testable:
-        names = [n.name.replace("_", " ") for n in found.not_testable]
+        names = [plain(n.name) for n in found.not_testable]
         lines.append(f"Could not have shown in these recordings: {shortened(names)}.")
     lines += loss_line(found.losses)
     return lines or ["Nothing that these recordings could show."]
@@ -95,13 +107,19 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
         least = min(f.named.probability[0] for f in found.findings)
         lines.append(
             f"Chance alone, over everything that was tried, finds as much with a probability of at"
-            f" most {largest:.2g}. The first name of each finding is right with"
-            f" {'at least ' if len(found.findings) > 1 else ''}{least:.0%}."
+            f" most {largest:.2g}. The names fit better than any other of the catalogue"
+            f" {_odds(least)}."
         )
         lines += error_line(held_out)
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
     return lines or ["Not at all."]
+
+
+def _odds(probability: float) -> str:
+    return (
+        "(over 99 %)" if probability > _CERTAIN else f"(the least sure of them {probability:.0%})"
+    )
 
 
 def _next(found: Diagnosis) -> list[str]:
@@ -111,7 +129,7 @@ def _next(found: Diagnosis) -> list[str]:
     for one in found.findings:
         data = finding_dict(found, one)
         if len(data["names"]) > 1 or data["probability"][0] < _SURE:
-            names = " from ".join(name.replace("_", " ") for name in data["names"][:2])
+            names = " from ".join(plain(name) for name in data["names"][:2])
             lines.append(f"To tell {names}: {data['separating_experiment']}.")
     if found.unexplained:
         where = [u.channel for u in found.unexplained]

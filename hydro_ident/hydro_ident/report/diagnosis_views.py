@@ -15,8 +15,9 @@ from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factor_of, row_values
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
-from hydro_ident.report.figure import axis_title
+from hydro_ident.report.figure import axis_title, unit_text
 from hydro_ident.report.law_section import LawView
+from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import FloatArray, Robot
 
 #: Variables that a law without one of its own is held against.
@@ -65,7 +66,7 @@ def law_views(found: Diagnosis) -> list[LawView]:
         return []
     views = [_finding_view(found, found.work.training, one) for one in found.findings]
     views += [
-        _dependence_view(found.work.training, found.whole, one.dependence, one.text)
+        _dependence_view(found.work.training, found.whole, one.dependence, unit_text(one.text))
         for one in found.unexplained
     ]
     if views:
@@ -96,10 +97,9 @@ def _finding_view(found: Diagnosis, training: Training, one: Finding) -> LawView
     x_title, x = _variable(training, fitted.model, channel, variable, own)
     law = predictor.contribution(fitted.model, term)[own]
     left = fitted.residual[own]
-    words = " or ".join(name.replace("_", " ") for name in data["names"])
     return LawView(
-        title=f"{term.target.replace('_', ' ')}: {words}",
-        note=f"{data['equation']}; {data['where']['text']}",
+        title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
+        note=f"{data['equation']}; {unit_text(data['where']['text'])}",
         joint=data["channel"].split("/")[0],
         x_title=x_title,
         y_title=axis_title(f"{data['channel']}, error", predictor.material.units[channel]),

@@ -82,7 +82,8 @@ class Figure:
                 "anchor": "x",
             }
         if self.rows:
-            layout["yaxis"] |= {"autorange": "reversed", "nticks": self.rows + 1}
+            names = {"text": self.panels[0], "standoff": 12}
+            layout["yaxis"] |= {"autorange": "reversed", "dtick": 1, "title": names}
         return {"data": self.traces, "layout": layout}
 
     def html(self) -> str:
@@ -117,6 +118,16 @@ def line(
     x, y = thinned(*xy)
     style = {"color": colour, "width": width, "dash": dash}
     return _trace(name, x, y, panel, legend) | {"mode": "lines", "line": style}
+
+
+def path(
+    name: str, xy: tuple[FloatArray, FloatArray], colour: str, *, dash: str = "solid"
+) -> dict[str, Any]:
+    """A way through a plane, in order, thinned to the extremes of both of its coordinates."""
+    kept = np.union1d(*(_extremes(values, BINS) for values in xy))
+    style = {"color": colour, "width": 1.0, "dash": dash}
+    x, y = (values[kept] for values in xy)
+    return _trace(name, x, y, 0, True) | {"mode": "lines", "line": style}
 
 
 def dots(

@@ -16,6 +16,7 @@ from hydro_ident.report.verdict_words import (
     health_line,
     limited,
     loss_line,
+    plain,
     shortened,
 )
 from hydro_ident.verdict import IDENTIFIED, NOT_ENOUGH
@@ -62,7 +63,7 @@ def _differs(known: Sequence[Parameter], found: Identification) -> list[str]:
     for p in off[:_NAMED]:
         unit = unit_text(p.unit)
         lines.append(
-            f"{p.name.replace('_', ' ')}: {number(p.value, 3)} instead of"
+            f"{plain(p.name)}: {number(p.value, 3)} instead of"
             f" {number(p.datasheet, 3)} {unit} ({_change(p):+.0%})"
         )
     return lines
@@ -85,7 +86,7 @@ def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
             f"Physics that the model does not have, in {shortened(list(physics))}: {worst} is off"
             f" by {physics[worst]:.0f} times sensor noise."
         )
-    unknown = [p.name.replace("_", " ") for p in found.parameters if not p.identifiable]
+    unknown = [plain(p.name) for p in found.parameters if not p.identifiable]
     if unknown:
         lines.append(f"Not determined, greyed below: {shortened(unknown)}.")
     lines += [f"{text[0].upper()}{text[1:]}." for text in found.problems]

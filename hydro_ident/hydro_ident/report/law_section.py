@@ -78,17 +78,17 @@ def speed_views(channels: Sequence[ChannelRows]) -> list[LawView]:
 
 
 def _figure(view: LawView, colour: str) -> Figure:
-    traces = [dots("residual, row by row", (view.x, view.residual), BEFORE)]
+    traces = [dots("residual", (view.x, view.residual), BEFORE)]
     if view.law is None or view.left is None:
         at, middle, low, high = binned(view.x, view.residual)
-        traces.append(band("80 % of the rows", at, low, high))
-        traces.append(line("median residual", (at, middle), colour, width=3.0))
+        traces.append(band("80 % of rows", at, low, high))
+        traces.append(line("median", (at, middle), colour, width=3.0))
     else:
         at, middle, low, high = binned(view.x, view.law)
-        traces.append(band("law, 80 % of the rows", at, low, high))
-        traces.append(line("law found (median)", (at, middle), colour, width=3.0))
+        traces.append(band("law, 80 % of rows", at, low, high))
+        traces.append(line("law", (at, middle), colour, width=3.0))
         at, middle, _, _ = binned(view.x, view.left)
-        traces.append(line("left with the law (median)", (at, middle), INK, dash="dash"))
+        traces.append(line("left", (at, middle), INK, dash="dash"))
     return Figure(view.title, view.x_title, (view.y_title,), traces, note=view.note)
 
 

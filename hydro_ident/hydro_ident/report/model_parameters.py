@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from hydro_ident.mismatch.diagnosis import Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
 from hydro_ident.report.parameter_section import ParameterRow, identified_row
+from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
 _EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
 _HELD = "not fitted: as given"
+_WIDE = "hardly determined: its interval is wider than the value itself"
 _UNKNOWN = "these recordings do not determine it: the given value stays"
 
 
@@ -27,8 +30,9 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         interval = None
         if std is not None:
             interval = p["value"] - NORMAL_95 * std, p["value"] + NORMAL_95 * std
-        below = "" if std is not None else "not fitted: at the value it was weighed with"
-        name = p["name"].replace("_", " ").replace(".", ": ")
+        below = f"{plain(data['target'])}; {data['equation']}"
+        below += "" if std is not None else "; not fitted: at the value it was weighed with"
+        name = plain(p["name"])
         rows.append(
             ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
         )
@@ -52,7 +56,17 @@ def model_rows(found: Diagnosis, owner: Mapping[str, str]) -> list[ParameterRow]
             rows.append(_row(robot, f"{valve.name}.{edge}", *values, "m^3/(s sqrt(Pa))"))
     delays = robot.command_delay_s, given.command_delay_s
     rows.append(_row(robot, COMMAND_DELAY, *delays, "s"))
-    return [identified_row(p, owner) for p in rows]
+    return [_told(identified_row(p, owner)) for p in rows]
+
+
+def _told(row: ParameterRow) -> ParameterRow:
+    """Greyed where the interval says that the value could as well be nothing or the double."""
+    if row.off or row.interval is None:
+        return row
+    if row.interval[1] - row.interval[0] <= 2.0 * max(abs(row.value), abs(row.datasheet or 0.0)):
+        return row
+    below = f"{row.below}; {_WIDE}" if row.below else _WIDE
+    return replace(row, below=below, off=True)
 
 
 def _row(robot: Robot, name: str, value: float, given: float, unit: str) -> Parameter:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
 _ASSETS = Path(__file__).parent / "assets"
+#: Numbers below ten to this power are written without one.
+_PLAIN = 6
 #: Nothing but what stands in the file itself may run or be shown, whatever the library offers.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
     " img-src data: blob:"
+)
+
+
+_HINT = (
+    "Plots: drag to look closer, double-click to go back, click a name in a legend to hide its"
+    " line. A joint has the same colour everywhere."
 )
 
 
@@ -39,7 +48,7 @@ class Section:
         """The section element."""
         return (
             f'<section id="{self.key}"><h2>{escape(self.title)}</h2>'
-            f'<p class="lead">{escape(self.lead)}</p>{self.body}</section>'
+            f'<p class="lead">{_marked(self.lead)}</p>{self.body}</section>'
         )
 
 
@@ -103,6 +112,7 @@ def page(title: str, verdict: Verdict, sections: Sequence[Section]) -> str:
             f"<h1>{escape(title)}</h1>",
             verdict.html(),
             f"<nav><ol>{links}</ol></nav>",
+            paragraph(_HINT, "none"),
             "<noscript><p>The plots need JavaScript; everything else is here.</p></noscript>",
             *(section.html() for section in sections),
             f"<script>{get_plotlyjs()}</script>",
@@ -121,6 +131,8 @@ def number(value: float | None, digits: int = 4) -> str:
     if value is None or not math.isfinite(value):
         return "–"
     mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    if exponent and 0 < int(exponent) < _PLAIN:
+        return f"{float(f'{value:.{digits}g}'):.0f}"
     return mantissa + (f"e{int(exponent)}" if exponent else "")
 
 
@@ -129,12 +141,17 @@ def bullets(lines: Sequence[str], style: str = "") -> str:
     if not lines:
         return ""
     kind = f' class="{style}"' if style else ""
-    return f"<ul{kind}>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
+    return f"<ul{kind}>" + "".join(f"<li>{_marked(line)}</li>" for line in lines) + "</ul>"
 
 
 def paragraph(text: str, style: str = "none") -> str:
     """A paragraph of plain text."""
-    return f'<p class="{style}">{escape(text)}</p>'
+    return f'<p class="{style}">{_marked(text)}</p>'
+
+
+def _marked(text: str) -> str:
+    """Plain text with what stands between backticks as code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
 def folded(title: str, body: str) -> str:

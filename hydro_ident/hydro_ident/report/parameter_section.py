@@ -94,11 +94,15 @@ def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         if p.interval is not None:
             interval = " … ".join(number(bound, 5) for bound in p.interval)
         given = number(p.datasheet, 5)
-        change = "–" if p.change is None else f"{100.0 * p.change:+.1f} %"
+        change = "–" if p.change is None else _percent(100.0 * p.change)
         texts = (p.name, number(p.value, 5), interval, unit_text(p.unit), given, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
         cells.append(Row(texts, p.below, dot, p.off))
     return table(_HEAD, cells) if cells else ""
+
+
+def _percent(change: float) -> str:
+    return f"{change:+.0f} %" if abs(change) >= 100.0 else f"{change:+.1f} %"
 
 
 def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 
@@ -53,7 +54,7 @@ def prediction_section(
     of_training = {one.name: one for one in fitted}
     for joint in dict.fromkeys(one.joint for one in (*held_out, *fitted)):
         colour = joint_colour(joints, joint)
-        body += f"<h3>{_heading(joint)}</h3>"
+        body += f"<h3>{escape(joint)}</h3>"
         for one in (c for c in held_out if c.joint == joint):
             body += _figure(one, colour, "held-out rows").html()
             body += _reversals(one, colour)
@@ -64,12 +65,6 @@ def prediction_section(
 
 
 _TITLE = "Measured against predicted"
-
-
-def _heading(joint: str) -> str:
-    from html import escape
-
-    return escape(joint)
 
 
 def _table(
@@ -105,9 +100,7 @@ def _figure(one: ChannelRows, colour: str, kind: str) -> Figure:
             line("measured", (one.time_s, one.measured), INK, width=1.2),
             line("before", (one.time_s, one.before), BEFORE, dash="dot"),
             line("after", (one.time_s, one.after), colour),
-            band(
-                "sensor noise, ±2σ", ends, np.full(2, -2 * floor), np.full(2, 2 * floor), panel=1
-            ),
+            band("noise ±2σ", ends, np.full(2, -2 * floor), np.full(2, 2 * floor), panel=1),
             line("b", (one.time_s, before), BEFORE, panel=1, dash="dot", legend=False),
             line("a", (one.time_s, after), colour, panel=1, legend=False),
         ],

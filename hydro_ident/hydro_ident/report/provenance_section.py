@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from typing import Any
 
 from hydro_ident.report.page import Section, bullets, table
+
+#: What the numbers rest on.
+_LIBRARIES = ("numpy", "scipy", "numba", "plotly")
 
 
 def provenance_section(
@@ -22,7 +26,8 @@ def provenance_section(
     notes : sequence of str
     """
     rows = [("command", str(origin["command"])), ("version", f"hydro_ident {origin['version']}")]
-    rows.append(("robot", str(origin["robot"])))
+    libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
+    rows += [("libraries", libraries), ("robot", str(origin["robot"]))]
     for kind, what in (("bags", "fitted"), ("validation", "checked on")):
         rows += [(what, f"{b['name']}  sha256 {b['sha256']}") for b in origin[kind]]
     body = table(("what", "value"), [*rows, *method], text=(1,))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hydro_ident.inspection import Range
 from hydro_ident.recording_summary import JointMotion, RecordingSummary
-from hydro_ident.report.figure import Figure, axis_title, line, thinned, unit_text
+from hydro_ident.report.figure import Figure, axis_title, path, unit_text
 from hydro_ident.report.page import Row, Section, bullets, folded, number, paragraph, table
 from hydro_ident.report.palette import joint_colour
 from hydro_ident.verdict import BagLoss
@@ -27,7 +27,7 @@ def health_section(
         for r in recordings
     ]
     head = ("recording", "used to", "length s", "rate Hz", "gaps", "cycles missing")
-    body = table(head, rows, text=(0, 1)) + _irregular(recordings) + _lost(losses)
+    body = table(head, rows) + _irregular(recordings) + _lost(losses)
     body += bullets([f"{r.name}: {note}" for r in recordings for note in r.notes])
     for r in recordings:
         body += folded(f"Ranges of {r.name}", _ranges(r.ranges, joints))
@@ -132,12 +132,9 @@ def _covered(recordings: Sequence[RecordingSummary], joints: Sequence[str]) -> l
             continue
         traces = []
         for r in recordings:
-            # Thinned over time: the path through the plane keeps its extremes in both.
-            t, q = thinned(r.time_s, r.position[:, k])
-            _, v = thinned(r.time_s, r.velocity[:, k])
-            if t.size == v.size:
-                dash = "solid" if r.training else "dot"
-                traces.append(line(f"{_role(r)}: {r.name}", (q, v), colour, dash=dash, width=1.0))
+            way = r.position[:, k], r.velocity[:, k]
+            dash = "solid" if r.training else "dot"
+            traces.append(path(f"{_role(r)}: {r.name}", way, colour, dash=dash))
         x, y = axis_title("position", units[0]), axis_title("speed", f"{units[0]}/s")
         figures.append(Figure(f"{joint}: positions and speeds visited", x, (y,), traces).html())
     return figures

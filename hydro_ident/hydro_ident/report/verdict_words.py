@@ -17,21 +17,28 @@ NEAR_NOISE = 2.0
 _LINES = 4
 
 
+def plain(name: str) -> str:
+    """An identifier in words."""
+    words = name.replace("_", " ").replace(".", ": ")
+    for proper in ("coulomb", "stribeck"):
+        words = words.replace(proper, proper.capitalize())
+    return words
+
+
 def error_line(channels: Sequence[ChannelRows]) -> list[str]:
-    """How much better the channels are predicted, the least improved one named."""
+    """How much better the channels are predicted: most and least."""
     known = [c for c in channels if c.value("rmse_before") > 0.0]
     if not known:
         return []
-    worst = max(known, key=lambda c: c.value("rmse_after") / c.value("rmse_before"))
-    better = [c.value("rmse_after") / c.value("rmse_before") for c in known]
-    median = sorted(better)[len(better) // 2]
-    a, b, n = (worst.value(k) for k in ("rmse_before", "rmse_after", "noise_floor"))
-    unit = unit_text(worst.unit)
-    return [
-        f"On rows that took no part, the error falls to {median:.0%} of what it was in the middle"
-        f" one of {len(known)} channels; least in {worst.name}, from {number(a, 3)} to"
-        f" {number(b, 3)} {unit} (sensor noise alone: {number(n, 2)})."
-    ]
+    known.sort(key=lambda c: c.value("rmse_after") / c.value("rmse_before"))
+    best, least = known[0], known[-1]
+    a, b, n = (number(best.value(k), 3) for k in ("rmse_before", "rmse_after", "noise_floor"))
+    share = least.value("rmse_after") / least.value("rmse_before")
+    line = (
+        f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
+        f" {unit_text(best.unit)} (sensor noise alone: {n})"
+    )
+    return [line + (f"; least in {least.name}, to {share:.0%}." if len(known) > 1 else ".")]
 
 
 def noise_line(channels: Sequence[ChannelRows]) -> list[str]:
@@ -68,7 +75,7 @@ def loss_line(losses: Sequence[BagLoss]) -> list[str]:
     if not losses:
         return []
     names = ", ".join(dict.fromkeys(loss.channel for loss in losses))
-    return [f"Not recorded, so not judged: {names}."]
+    return [f"Not in every recording: {names} (data health says what was done without)."]
 
 
 def health_line(recordings: Sequence[RecordingSummary]) -> list[str]:

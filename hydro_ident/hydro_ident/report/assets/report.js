@@ -3,8 +3,7 @@
 (function () {
   const PRINT_WIDTH = 680, PRINT_PAIR_WIDTH = 330;
   const touch = matchMedia("(pointer: coarse)").matches;
-  const config = {responsive: true, displaylogo: false, displayModeBar: touch ? false : "hover",
-    modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"], doubleClick: "reset"};
+  const config = {responsive: true, displayModeBar: false, doubleClick: "reset"};
   const canvases = Array.from(document.querySelectorAll(".canvas"));
   const drawn = new Set();
 
@@ -32,13 +31,14 @@
       margin: {l: 8, r: 8, t: 8, b: 8}, hovermode: "closest",
       dragmode: touch ? false : "zoom",
       hoverlabel: {bgcolor: token("--raised"), bordercolor: token("--rule"), font: {color: ink}},
-      legend: {orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom"},
+      legend: {orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom",
+        itemwidth: 30, font: {size: narrow ? 10 : 12}},
     }, themed(figure.layout));
     for (const key of Object.keys(layout)) {
       if (!/^[xy]axis/.test(key)) continue;
       layout[key] = Object.assign({
         gridcolor: grid, zerolinecolor: token("--rule"), linecolor: token("--rule"),
-        automargin: true, exponentformat: "power", nticks: narrow ? 5 : 9,
+        automargin: true, exponentformat: "power", minexponent: 5, nticks: narrow ? 5 : 9,
       }, layout[key]);
       if (touch) layout[key].fixedrange = true;
     }
