@@ -26,18 +26,17 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 WIDTHS, SCHEMES = (390, 820, 1400), ("light", "dark")
 NARROW, HEIGHT = 600, 900
 WAIT_S = 60.0
-#: Scrolls through the page, so that every figure is drawn, and waits for the last of them.
+#: Scrolls through the page, frame by frame, so that every figure is drawn.
 SCROLL = """(async () => {
   document.querySelectorAll('details').forEach(d => { d.open = true; });
-  const pause = ms => new Promise(done => setTimeout(done, ms));
+  const next = () => new Promise(done => requestAnimationFrame(done));
+  const frame = async () => { await next(); await next(); };
   for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
     scrollTo({top: y, behavior: 'instant'});
-    await pause(20);
+    await frame();
   }
-  const missing = () => [...document.querySelectorAll('.canvas')]
-    .some(c => !c.querySelector('.main-svg'));
-  for (let k = 0; k < 50 && missing(); k++) await pause(100);
   scrollTo({top: 0, behavior: 'instant'});
+  await frame();
 })()"""
 MEASURE = """(() => {
   const width = document.documentElement.clientWidth;
@@ -168,28 +167,37 @@ def complaints(events: list[dict[str, Any]]) -> list[str]:
     return found
 
 
-def look(browser: Browser, report: Path, width: int, scheme: str, shots: Path | None) -> Any:
-    """Open the report at a width and in a colour scheme."""
+def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list[Any]:
+    """Open the report at a width, in every colour scheme one after the other."""
     browser.call(
         "Emulation.setDeviceMetricsOverride",
         width=width, height=HEIGHT, deviceScaleFactor=1, mobile=width < NARROW,
     )  # fmt: skip
     browser.call("Emulation.setTouchEmulationEnabled", enabled=width < NARROW)
-    features = [{"name": "prefers-color-scheme", "value": scheme}]
-    browser.call("Emulation.setEmulatedMedia", features=features)
+    _choose(browser, SCHEMES[0])
     browser.events.clear()
     browser.call("Page.navigate", url=report.absolute().as_uri())
     browser.until("Page.loadEventFired")
     browser.evaluate(SCROLL)
-    measured = browser.evaluate(MEASURE)
-    found = complaints(browser.events)
-    if measured["overflow"] > 0 or measured["wide"]:
-        found.append(f"wider than the screen: {measured['overflow']} px, {measured['wide']}")
-    if measured["drawn"] != measured["figures"]:
-        found.append(f"{measured['drawn']} of {measured['figures']} figures drawn")
-    if shots is not None:
-        _shoot(browser, shots / f"{report.stem}-{width}-{scheme}", width, measured["height"])
-    return {"width": width, "scheme": scheme, **measured, "found": found}
+    views = []
+    for scheme in SCHEMES:
+        _choose(browser, scheme)
+        measured = browser.evaluate(MEASURE)
+        found = complaints(browser.events)
+        browser.events.clear()
+        if measured["overflow"] > 0 or measured["wide"]:
+            found.append(f"wider than the screen: {measured['overflow']} px, {measured['wide']}")
+        if measured["drawn"] != measured["figures"]:
+            found.append(f"{measured['drawn']} of {measured['figures']} figures drawn")
+        if shots is not None:
+            _shoot(browser, shots / f"{report.stem}-{width}-{scheme}", width, measured["height"])
+        views.append({"width": width, "scheme": scheme, **measured, "found": found})
+    return views
+
+
+def _choose(browser: Browser, scheme: str) -> None:
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.call("Emulation.setEmulatedMedia", features=features)
 
 
 def _shoot(browser: Browser, stem: Path, width: int, height: int) -> None:
@@ -226,9 +234,9 @@ def main() -> int:
         browser = Browser(path, profile)
         try:
             views = [
-                look(browser, options.report, width, scheme, options.shots)
+                view
                 for width in WIDTHS
-                for scheme in SCHEMES
+                for view in look(browser, options.report, width, options.shots)
             ]
             views.append(printed(browser, options.report, options.shots))
         finally:

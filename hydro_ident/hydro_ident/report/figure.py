@@ -143,11 +143,17 @@ def dots(
 
 
 def band(
-    name: str, x: FloatArray, low: FloatArray, high: FloatArray, *, panel: int = 0
+    name: str,
+    x: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    *,
+    panel: int = 0,
+    legend: bool = True,
 ) -> dict[str, Any]:
     """A shaded band between two lines."""
     both = np.concatenate([low, high[::-1]])
-    around = _trace(name, np.concatenate([x, x[::-1]]), both, panel, True)
+    around = _trace(name, np.concatenate([x, x[::-1]]), both, panel, legend)
     look = {"mode": "lines", "fill": "toself", "fillcolor": BAND, "line": {"width": 0}}
     return around | look | {"hoverinfo": "skip"}
 

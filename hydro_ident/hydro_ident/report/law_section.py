@@ -81,11 +81,11 @@ def _figure(view: LawView, colour: str) -> Figure:
     traces = [dots("residual", (view.x, view.residual), BEFORE)]
     if view.law is None or view.left is None:
         at, middle, low, high = binned(view.x, view.residual)
-        traces.append(band("80 % of rows", at, low, high))
+        traces.append(band("80 % of rows", at, low, high, legend=False))
         traces.append(line("median", (at, middle), colour, width=3.0))
     else:
         at, middle, low, high = binned(view.x, view.law)
-        traces.append(band("law, 80 % of rows", at, low, high))
+        traces.append(band("80 % of rows", at, low, high, legend=False))
         traces.append(line("law", (at, middle), colour, width=3.0))
         at, middle, _, _ = binned(view.x, view.left)
         traces.append(line("left", (at, middle), INK, dash="dash"))
