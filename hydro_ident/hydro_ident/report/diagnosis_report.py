@@ -31,9 +31,9 @@ _LABELS = (
 )
 _LAWS = (
     "Each point is what the model without the law leaves of a training row, against the variable"
-    " that the law is best seen against; the coloured line is the law that was found (the median of"
-    " what it says of such rows; the grey band holds 80 % of them, as it may depend on more than"
-    " this). Where points and line go together and the dashed line lies at zero, the law holds."
+    " that the law is best seen against. The coloured line is the law that was found: the median"
+    " of what it says of such rows, with a band that holds 80 % of them, as it may depend on more"
+    " than this. Where points and line go together and the dashed line is at zero, the law holds."
 )
 
 

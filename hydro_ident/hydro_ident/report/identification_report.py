@@ -33,10 +33,10 @@ from hydro_model.robot import Robot
 
 _LABELS = ("the robot file as given", "the identified robot")
 _LAWS = (
-    "Residuals of the identified robot against the motion: their median, and a band that holds 80 %"
-    " of the rows. A band that does not lie around zero is"
-    " physics that the model does not have: steps at zero speed are dry friction, slopes are"
-    " viscous friction or leakage. `diagnose` looks for its law and its name."
+    "Residuals of the identified robot against the motion, with their median and a band that holds"
+    " 80 % of the rows. A band that does not lie around zero is physics that the model does not"
+    " have: steps at zero speed are dry friction, slopes are viscous friction or leakage."
+    " `diagnose` looks for its law and its name."
 )
 
 
