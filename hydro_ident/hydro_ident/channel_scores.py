@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,11 +14,12 @@ from hydro_ident.estimate.chambers import (
     chambers_of,
     column_names,
 )
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.derivatives import FilterSettings, secant_slope
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.listed_effects import NULL_BIAS, OVER_BULK, ListedEffects
 from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.scores import ChannelScore, HoldOut, Tally
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
@@ -45,8 +46,8 @@ class ScorePlan:
     filters : FilterSettings
     still : mapping of str to mapping of int to float
         By recording, where the joints are that stand still.
-    every : int
-        Rows kept for the plots, one in so many.
+    every, every_fitted : int
+        Rows kept for the plots, one in so many: of those scored, of those fitted.
     """
 
     robot: Robot
@@ -57,21 +58,27 @@ class ScorePlan:
     filters: FilterSettings
     still: Mapping[str, Mapping[int, float]]
     every: int = 1
+    every_fitted: int = 1
 
 
 @dataclass(slots=True)
 class ScoreKeeper:
-    """Scores one recording, trace by trace in order, on rows that took no part in the fit.
+    """Scores one recording, trace by trace in order.
 
     Attributes
     ----------
     plan : ScorePlan
-    tallies : dict of str to Tally
-        By channel.
+    scored, trained : bool
+        Which rows are wanted: those that took no part in the fit, those that did.
+    tallies, fitted : dict of str to Tally
+        The former and the latter, by channel.
     """
 
     plan: ScorePlan
+    scored: bool = True
+    trained: bool = False
     tallies: dict[str, Tally] = field(default_factory=dict)
+    fitted: dict[str, Tally] = field(default_factory=dict)
 
     def add(self, trace: Trace) -> None:
         """Take in the next trace, as recorded, without signal laws."""
@@ -90,13 +97,19 @@ class ScoreKeeper:
         rows = force_rows(model, trace, plan.filters, still)
         if rows is None:
             return
-        rows = plan.split.held_out(rows)
-        before = rows.x @ _given_theta(model, plan.robot)
-        after = rows.x @ fit.fit.theta
-        for column, name in enumerate(model.channels):
-            self._tally(name).add(
-                rows.time_s, rows.y[:, column], before[:, column], after[:, column]
-            )
+        speed = secant_slope(trace.time_s, trace.q)
+        for side in self._sides():
+            own = side.choose(rows)
+            before = own.x @ _given_theta(model, plan.robot)
+            after = own.x @ fit.fit.theta
+            for column, name in enumerate(model.channels):
+                side.tally(name).add(
+                    own.time_s,
+                    own.y[:, column],
+                    before[:, column],
+                    after[:, column],
+                    np.interp(own.time_s, trace.time_s, speed[:, column]),
+                )
 
     def _add_flow(
         self, trace: Trace, chamber: Chamber, fit: HydraulicFit, result: CylinderFit
@@ -107,18 +120,38 @@ class ScoreKeeper:
             shaped = laws.with_signal_laws(trace)
             listed, extra = laws.chamber_columns(chamber, shaped)
             names = column_names(chamber, listed)
-            built = chamber_rows(chamber, shaped, delay, fit.windows, extra)
-            rows.append(plan.split.held_out(built))
-        given, fitted = rows
+            rows.append(chamber_rows(chamber, shaped, delay, fit.windows, extra))
         theta = np.array([result.value(name)[0] for name in names])
-        # The same windows at either delay: only the flow columns differ.
-        before = given.x @ _given_chamber(plan.robot, chamber, names)
-        after = fitted.x @ theta
-        tally = self._tally(chamber.channel)
-        tally.add(fitted.time_s, fitted.y[:, 0], before[:, 0], after[:, 0])
+        joint = plan.robot.joint_index(chamber.cylinder.joint)
+        speed = secant_slope(trace.time_s, trace.q[:, joint])
+        for side in self._sides():
+            # The same windows at either delay: only the flow columns differ.
+            given, fitted = (side.choose(one) for one in rows)
+            before = given.x @ _given_chamber(plan.robot, chamber, names)
+            after = fitted.x @ theta
+            there = np.interp(fitted.time_s, trace.time_s, speed)
+            side.tally(chamber.channel).add(
+                fitted.time_s, fitted.y[:, 0], before[:, 0], after[:, 0], there
+            )
 
-    def _tally(self, name: str) -> Tally:
-        return self.tallies.setdefault(name, Tally(self.plan.every))
+    def _sides(self) -> list[_Side]:
+        split, plan = self.plan.split, self.plan
+        sides = [_Side(split.held_out, self.tallies, plan.every)] if self.scored else []
+        if self.trained:
+            sides.append(_Side(split.training, self.fitted, plan.every_fitted))
+        return sides
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """Rows of one kind, and where they are tallied."""
+
+    choose: Callable[[Rows], Rows]
+    tallies: dict[str, Tally]
+    every: int
+
+    def tally(self, name: str) -> Tally:
+        return self.tallies.setdefault(name, Tally(self.every))
 
 
 def channel_scores(
@@ -130,7 +163,7 @@ def channel_scores(
     ----------
     plan : ScorePlan
     recordings : sequence of (str, dict of str to Tally)
-        Names and what `ScoreKeeper` found in them.
+        Names and what `ScoreKeeper` found in them: on rows that were scored, or fitted.
     signals : SignalSurvey
         Of these recordings, for the noise floors.
 

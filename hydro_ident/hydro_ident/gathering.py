@@ -153,34 +153,34 @@ class Scored:
     Attributes
     ----------
     name : str
-    tallies : dict of str to Tally
-        By channel.
+    tallies, fitted : dict of str to Tally
+        By channel: rows that took no part in the fit, and rows that did.
     summed : SummedFlow or None
     """
 
     name: str
     tallies: dict[str, Tally]
+    fitted: dict[str, Tally]
     summed: SummedFlow | None
 
 
-def score_source(source: Source, plan: ScorePlan, scored: bool, summed: bool) -> Scored:
-    """Score one recording, or compare eq. 14 with the chambers on it.
+def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -> Scored:
+    """Score one recording; compare eq. 14 with the chambers on one that was fitted.
 
     Parameters
     ----------
     source : Source
     plan : ScorePlan
-    scored, summed : bool
-        Which of the two is wanted.
+    scored, trained : bool
+        Whether (some of) it took no part in the fit, and whether (some of) it did.
     """
-    keeper = ScoreKeeper(plan)
+    keeper = ScoreKeeper(plan, scored, trained)
     comparison = None
-    if summed and plan.hydraulic is not None:
+    if trained and plan.hydraulic is not None:
         comparison = SummedFlow(plan.robot, plan.hydraulic.delay_s, plan.hydraulic.windows)
     for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
         for trace in traces_of_piece(piece):
-            if scored:
-                keeper.add(trace)
+            keeper.add(trace)
             if comparison is not None:
                 comparison.add(plan.effects[1].with_signal_laws(trace))
-    return Scored(source.name, keeper.tallies, comparison)
+    return Scored(source.name, keeper.tallies, keeper.fitted, comparison)

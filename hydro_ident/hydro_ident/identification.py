@@ -33,6 +33,7 @@ from hydro_ident.identified_robot import identified_robot
 from hydro_ident.job import Settings, prepared, rolled_out, score_notes, scored
 from hydro_ident.model_error import flagged, left_out
 from hydro_ident.parameters import COMMAND_DELAY, Parameter, parameter_list
+from hydro_ident.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.rejection import tested, within_bounds
 from hydro_ident.sources import Source, check_names, sources_of
 from hydro_ident.verdict import (
@@ -80,6 +81,9 @@ class Identification:
         With an earlier model, where one was given.
     estimator : Chosen or None
         Which one was used, and why.
+    fitted : tuple of ChannelScore
+        As `channels`, on the rows that were fitted.
+    recordings : tuple of RecordingSummary
     """
 
     verdict: str
@@ -98,6 +102,8 @@ class Identification:
     free_run: FreeRun | None = None
     comparison: Comparison | None = None
     estimator: Chosen | None = None
+    fitted: tuple[ChannelScore, ...] = ()
+    recordings: tuple[RecordingSummary, ...] = ()
 
 
 def identify(
@@ -142,7 +148,8 @@ def identify(
         settings.estimator, job.surveys, job.signals
     )
     estimates = within_bounds(robot, estimates)
-    scores, summed = scored(job, estimates)
+    last = scored(job, estimates)
+    scores = last.held_out
     estimates = tested(robot, estimates, scores)
     inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
     recordings = [survey.recording for survey in job.surveys]
@@ -162,7 +169,7 @@ def identify(
         given=robot,
         robot=found,
         parameters=flagged(parameters, robot, inertial, left_out(scores)),
-        channels=tuple(scores),
+        channels=scores,
         problems=judged.problems,
         notes=(
             *job.notes,
@@ -178,7 +185,9 @@ def identify(
         physical=physical,
         losses=losses_of([survey.recording for survey in job.seen]),
         free_run=run,
-        summed=summed,
+        summed=last.summed,
+        fitted=last.fitted,
+        recordings=recording_summaries(job.seen, len(sources)),
         estimator=estimates.chosen,
     )
 

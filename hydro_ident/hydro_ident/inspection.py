@@ -190,7 +190,7 @@ def inspect_bag(bag: Bag, robot: Robot | None, *, strict: bool = False) -> Inspe
         cycles=0 if recording is None else len(recording),
         rate_hz=None if recording is None else 1.0 / recording.period_s,
         topics=[_summary(bag, topic) for topic in bag.topics],
-        ranges=[] if recording is None else _ranges(recording),
+        ranges=[] if recording is None else ranges_of(recording),
         channels=channels,
         losses=[{"channel": loss.channel, "reason": loss.reason} for loss in lost],
         damage=damage,
@@ -238,7 +238,8 @@ def _summary(bag: Bag, name: str) -> TopicSummary:
     )
 
 
-def _ranges(recording: Recording) -> list[Range]:
+def ranges_of(recording: Recording) -> list[Range]:
+    """Span of every recorded signal that has a finite sample."""
     robot = recording.robot
     rows: list[tuple[str, str, FloatArray]] = []
 

@@ -171,9 +171,23 @@ def prepared(
     return Job(robot, sources, others, seen, signals, plan, still, every, workers)
 
 
-def scored(
-    job: Job, estimates: Estimates
-) -> tuple[list[ChannelScore], tuple[SummedComparison, ...]]:
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """What the last pass says.
+
+    Attributes
+    ----------
+    held_out, fitted : tuple of ChannelScore
+        On rows that took no part in the fit, and on those that did.
+    summed : tuple of SummedComparison
+    """
+
+    held_out: tuple[ChannelScore, ...]
+    fitted: tuple[ChannelScore, ...]
+    summed: tuple[SummedComparison, ...]
+
+
+def scored(job: Job, estimates: Estimates) -> Scores:
     """The last pass: scores on what is held out, eq. 14 beside the chambers on the sources."""
     plan = ScorePlan(
         job.robot,
@@ -182,14 +196,15 @@ def scored(
         (job.plan.effects, estimates.effects),
         job.plan.split,
         job.plan.filters,
-        job.plan.still if job.every else {},
+        job.plan.still,
         _plot_spacing(job.checked, job.every),
+        _plot_spacing(job.surveys, 1),
     )
     run, same = job.workers.map, not job.others and bool(job.every)
-    found = run(partial(score_source, plan=plan, scored=same, summed=True), job.sources)
+    found = run(partial(score_source, plan=plan, scored=same, trained=True), job.sources)
     others = found
     if not same:
-        others = run(partial(score_source, plan=plan, scored=True, summed=False), job.others)
+        others = run(partial(score_source, plan=plan, scored=True, trained=False), job.others)
     total = None
     for one in found:
         if one.summed is not None:
@@ -198,8 +213,9 @@ def scored(
             else:
                 total.merge(one.summed)
     signals = merged_signals(job.robot, job.checked)
-    scores = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
-    return scores, () if total is None else total.result()
+    held_out = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
+    fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
+    return Scores(tuple(held_out), tuple(fitted), () if total is None else total.result())
 
 
 def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:

@@ -112,7 +112,8 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `problems`, `notes`, `estimator`, `method` and `provenance` are added,
+        The contract's keys; `training` (scores on the rows fitted), `recordings`, `problems`,
+        `notes`, `estimator`, `method` and `provenance` are added,
         and to a parameter `held` (then without `std` and `ci95`), `model_error` (physics is left
         out of its channels), `dof` and `reason`.
     """
@@ -123,6 +124,8 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
         "robot": found.given.name,
         "parameters": [_parameter_dict(p) for p in found.parameters],
         "channels": _channels(found),
+        "training": {channel.name: channel.summary() for channel in found.fitted},
+        "recordings": [one.as_dict() for one in found.recordings],
         "losses": [
             {"bag": loss.bag, "channel": loss.channel, "reason": loss.reason}
             for loss in found.losses

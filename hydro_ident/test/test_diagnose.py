@@ -16,6 +16,8 @@ from hydro_ident.commands.diagnose import main, run
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import Diagnosis, diagnose
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.report.diagnosis_report import report_html
+from hydro_ident.report.diagnosis_views import law_views
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.errors import HydroError
 from hydro_model.robot import EffectSpec, Robot
@@ -77,6 +79,29 @@ def test_sizes_are_those_of_the_truth(found: Diagnosis) -> None:
     first = {f.named.names[0]: f.named.first.term.parameters for f in found.findings}
     assert first["coulomb_friction"][0] == pytest.approx(2500.0, rel=0.05)
     assert first["valve_null_bias"][0] == pytest.approx(0.006, rel=0.05)
+
+
+def test_the_report_draws_each_law_through_its_own_rows(found: Diagnosis) -> None:
+    views = {view.title: view for view in law_views(found)}
+    friction = views["lift cylinder: Coulomb friction"]
+    assert friction.x_title == "piston velocity in m/s"
+    assert friction.y_title == "lift/force, error in N"
+    fast = np.abs(friction.x) > 0.02
+    for column in (friction.law, friction.residual):
+        assert np.median((column * np.sign(friction.x))[fast]) == pytest.approx(2500.0, rel=0.1)
+    assert np.std(friction.left) < 0.2 * np.std(friction.residual)
+
+
+def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None:
+    origin = {"command": "diagnose", "version": "1", "robot": "r", "bags": [], "validation": []}
+    report = report_html(found, origin)
+    strip = report[report.index('id="verdict"') : report.index("<nav>")]
+    assert "It has been found and named." in strip
+    assert "lift cylinder: Coulomb friction (force 2" in strip
+    assert "tilt cylinder: valve null bias (bias 0.00" in strip
+    for channel in found.fitted:
+        assert channel.name in report
+    assert len(report.encode()) < 8_000_000
 
 
 def test_what_was_found_predicts_what_was_never_seen(found: Diagnosis) -> None:
@@ -152,7 +177,7 @@ def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path
     assert {e.name for e in listed.effects} >= {"valve_null_bias"}
     parser = _Closed()
     parser.feed((out / "report.html").read_text())
-    assert not parser.links
+    assert all(link.startswith("#") for link in parser.links)
     controller = yaml.safe_load((out / "controller.yaml").read_text())
     assert controller["controller"]["ros__parameters"]["robot"] == str(out / "model.yaml")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.mismatch.bench import Bench

@@ -240,7 +240,7 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
 
 def summary_text(found: Identification) -> str:
     """The result as a table for the terminal."""
-    from hydro_ident.report.identification_report import readable
+    from hydro_ident.report.parameter_section import readable
     from hydro_ident.validation_results import comparison_lines, rollout_lines
 
     lines = [f"verdict: {found.verdict}"]

@@ -136,6 +136,34 @@ def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, Fl
     return np.pad(first, pad, mode="edge"), np.pad(second, pad, mode="edge")
 
 
+def secant_slope(time_s: FloatArray, values: FloatArray, half_s: float = 0.01) -> FloatArray:
+    """Slopes between samples `half_s` before and after, for looking at: nothing is fitted to them.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Ascending; across a gap the slope is the mean over it.
+    values : (N, ...) array
+    half_s : float
+        At least one sample.
+
+    Returns
+    -------
+    (N, ...) array
+        At the ends the nearest inner slope; NaN where there are too few samples.
+    """
+    if time_s.size < 3:
+        return np.full(values.shape, np.nan)
+    step_s = float(np.median(np.diff(time_s)))
+    width = min(max(1, round(half_s / step_s)), (time_s.size - 1) // 2)
+    span = time_s[2 * width :] - time_s[: -2 * width]
+    inner = (values[2 * width :] - values[: -2 * width]) / span.reshape(
+        -1, *[1] * (values.ndim - 1)
+    )
+    pad = [(width, width), *[(0, 0)] * (values.ndim - 1)]
+    return np.asarray(np.pad(inner, pad, mode="edge"))
+
+
 def motion(
     q: FloatArray, step_s: float, settings: FilterSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -112,11 +112,17 @@ class Tally:
     _kept: list[FloatArray] = field(default_factory=list)
 
     def add(
-        self, time_s: FloatArray, measured: FloatArray, before: FloatArray, after: FloatArray
+        self,
+        time_s: FloatArray,
+        measured: FloatArray,
+        before: FloatArray,
+        after: FloatArray,
+        speed: FloatArray | None = None,
     ) -> None:
         """Take in the next rows, those not measured left out."""
         known = np.isfinite(measured)
-        columns = np.stack([v[known] for v in (time_s, measured, before, after)])
+        speed = np.full(measured.shape, np.nan) if speed is None else speed
+        columns = np.stack([v[known] for v in (time_s, measured, before, after, speed)])
         rows = columns.shape[1]
         if not rows:
             return
@@ -148,7 +154,7 @@ class Tally:
         """The channel's score."""
         kept = np.concatenate(self._kept, axis=1)
         rows = kept[0], kept[1], kept[2], kept[3]
-        return ChannelScore(name, unit, *rows, noise_floor, recordings, self)
+        return ChannelScore(name, unit, *rows, noise_floor, recordings, self, kept[4])
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +165,16 @@ class ChannelScore:
     ----------
     name, unit : str
     time_s, measured, before, after : (T,) array
-        Rows that took no part in the fit; of long recordings some of them, for the plot.
+        Rows that took no part in the fit (or, of `Identification.fitted`, those that did); of long
+        recordings some of them, for the plot.
     noise_floor : float
         What sensor noise alone leaves.
     recordings : tuple of str
         Where the rows come from.
     tally : Tally or None
         Sums over all rows; None: those of the arrays.
+    speed : (T,) array or None
+        Of the channel's joint, rad/s or m/s.
     """
 
     name: str
@@ -177,6 +186,7 @@ class ChannelScore:
     noise_floor: float
     recordings: tuple[str, ...]
     tally: Tally | None = None
+    speed: FloatArray | None = None
 
     def summary(self) -> dict[str, float | str]:
         """The entry under `channels` of the result file."""

@@ -22,7 +22,8 @@ from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import FEW_MOTIONS, NAMED_SHARE, DiagnosisSettings
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained, not_testable, unexplained
-from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.verify import Check, Verification, verify
+from hydro_ident.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.sources import Source, sources_of
 from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
@@ -58,7 +59,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class ChannelResult:
-    """A channel on rows that took no part.
+    """A channel on rows that took no part, or on those that did.
 
     Attributes
     ----------
@@ -101,6 +102,9 @@ class Diagnosis:
     work : Residuals or None
     whole : Fitted or None
         The final model on the training rows.
+    fitted : tuple of ChannelResult
+        As `channels`, on the training rows.
+    recordings : tuple of RecordingSummary
     """
 
     verdict: str
@@ -118,6 +122,8 @@ class Diagnosis:
     losses: tuple[BagLoss, ...] = ()
     work: Residuals | None = None
     whole: Fitted | None = None
+    fitted: tuple[ChannelResult, ...] = ()
+    recordings: tuple[RecordingSummary, ...] = ()
 
 
 def diagnose(
@@ -155,12 +161,15 @@ def diagnose(
     sources, others = sources_of(training), sources_of(validation)
     surveys = [survey_source(source, robot) for source in (*sources, *others)]
     losses = losses_of([s.recording for s in surveys])
+    recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
     work = None if wrong else residuals(robot, sources, others, surveys, settings)
     if work is None:
         problems = tuple(wrong) or (_too_little(surveys),)
-        return Diagnosis(NOT_ENOUGH, robot, None, problems=problems, losses=losses)
-    return _diagnosed(work, settings, losses)
+        return Diagnosis(
+            NOT_ENOUGH, robot, None, problems=problems, losses=losses, recordings=recordings
+        )
+    return replace(_diagnosed(work, settings, losses), recordings=recordings)
 
 
 def _too_little(surveys: Sequence[Survey]) -> str:
@@ -217,7 +226,7 @@ def _diagnosed(
         tuple(rejected),
         unknown,
         not_testable(work.scan, search.scanned, [*names, *tried]),
-        _channels(work, whole),
+        _channels(work, whole, work.check),
         tuple(located),
         run,
         (),
@@ -225,6 +234,7 @@ def _diagnosed(
         losses,
         work,
         whole,
+        _channels(work, whole, _of_training(work)),
     )
 
 
@@ -238,6 +248,12 @@ def _described(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
     )
+
+
+def _of_training(work: Residuals) -> Check:
+    """The rows that were fitted, to look at as those to check on."""
+    mask = work.training.mask
+    return Check(work.training.predictor, mask, mask)
 
 
 def _searched(
@@ -361,8 +377,8 @@ def _acting(work: Residuals, whole: Fitted, named: Named) -> tuple[str, ...]:
 _SHOWN = 25.0
 
 
-def _channels(work: Residuals, whole: Fitted) -> tuple[ChannelResult, ...]:
-    check, floors = work.check, work.noise_floors()
+def _channels(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelResult, ...]:
+    floors = work.noise_floors()
     before, after = check.residual(work.base.model), check.residual(whole.model)
     material = check.predictor.material
     measured = check.predictor.base(work.base.model)[0]

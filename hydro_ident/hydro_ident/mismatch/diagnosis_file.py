@@ -43,15 +43,17 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
     Returns
     -------
     dict
-        The contract's keys; `located`, `rejected`, `losses`, `free_run`, `problems`, `notes` and
-        `provenance` are added, and to every finding what verified it and its parameters'
-        `covariance`.
+        The contract's keys; `training` (scores on the rows fitted), `recordings`, `located`,
+        `rejected`, `losses`, `free_run`, `problems`, `notes` and `provenance` are added, and to
+        every finding what verified it and its parameters' `covariance`.
     """
     return {
         "schema": SCHEMA,
         "verdict": found.verdict,
         "robot": found.given.name,
         "channels": _channels(found),
+        "training": {one.name: channel_dict(one) for one in found.fitted},
+        "recordings": [one.as_dict() for one in found.recordings],
         "findings": [finding_dict(found, one) for one in found.findings],
         "unexplained": [_unexplained_dict(one) for one in found.unexplained],
         "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
@@ -110,7 +112,7 @@ def channel_dict(one: ChannelResult) -> dict[str, float | str]:
 def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     """A finding as the contract lists it, with its target and what verified it."""
     named, check = one.named, one.verification
-    fitted, term = _as_modelled(found, one)
+    fitted, term = as_modelled(found, one)
     place = {"variable": "everywhere", "low": 0.0, "high": 0.0, "text": ""}
     if found.work is not None:
         where = where_of(found.work.training, fitted, term, one.channels[0])
@@ -151,7 +153,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     }
 
 
-def _as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
+def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
     """The first name's law as it stands in the final model, else as it was weighed."""
     best = one.named.first
     if found.whole is not None:

@@ -125,7 +125,7 @@ def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
 
 
 def _fits(train: Rows, curve: Curve) -> list[FittedForm]:
-    """Every form at its best on the training rows, with a constant beside it where it takes one."""
+    """Every form at its best on the training rows, beside a constant where it takes one."""
     if curve.period:
         found = fit_kind(train, COSINE, False, curve.period)
         return [] if found is None else [found]
@@ -186,14 +186,17 @@ def _share(gain: float, full: float) -> float:
     return gain / full if full > 0.0 else 1.0
 
 
-def _equals(train: Rows, told: Sequence[tuple[FittedForm, _Held]]) -> list[tuple[FittedForm, _Held]]:
+def _equals(
+    train: Rows, told: Sequence[tuple[FittedForm, _Held]]
+) -> list[tuple[FittedForm, _Held]]:
     """Forms that do as well as the best, the simplest of them; none where they are too many."""
     if not told:
         return []
     blocks = [
         np.concatenate([train.improvement(_function(train, f)), held.blocks]) for f, held in told
     ]
-    best = int(np.argmax([float(b.sum()) - f.freedom for b, (f, _) in zip(blocks, told, strict=True)]))
+    worth = [float(b.sum()) - f.freedom for b, (f, _) in zip(blocks, told, strict=True)]
+    best = int(np.argmax(worth))
     slack = FORM_TOLERANCE**2 * float(blocks[best].sum())
     equal = [
         one

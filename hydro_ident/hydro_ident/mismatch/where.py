@@ -111,7 +111,8 @@ def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: st
         for q in (_TAIL, 1.0 - _TAIL)
     )
     words = variable.replace("_", " ")
-    text = f"in {channel}, at a {words} of {low:.3g} to {high:.3g} {UNITS[variable]}"
+    unit = "" if UNITS[variable] == "1" else f" {UNITS[variable]}"
+    text = f"in {channel}, at a {words} of {low:.3g} to {high:.3g}{unit}"
     return Where(variable, low, high, text)
 
 

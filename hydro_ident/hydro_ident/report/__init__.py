@@ -1,1 +1,1 @@
-"""Reports: one self-contained HTML file, no network, no scripts."""
+"""Reports: one self-contained HTML file that fetches nothing, with its plotting library in it."""

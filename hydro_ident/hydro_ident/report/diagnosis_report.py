@@ -1,22 +1,40 @@
-"""The report of `diagnose`: verdict, findings, what is left and the channels in one HTML file."""
+"""The report of `diagnose`: one page, in the order in which its questions are asked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from html import escape
 from typing import Any
 
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
-from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
-from hydro_ident.mismatch.state_space import UNITS
-from hydro_ident.report.html import bullets, opening, table
-from hydro_ident.report.identification_report import provenance_table
-from hydro_ident.report.svg import Line, line_plot
-from hydro_ident.report.validation_report import free_run_section, losses_section
+from hydro_ident.mismatch.diagnosis import Diagnosis, Finding
+from hydro_ident.mismatch.diagnosis_file import finding_dict
+from hydro_ident.report.correlation_section import correlation_section
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.report.diagnosis_views import diagnosis_rows, law_views
+from hydro_ident.report.figure import unit_text
+from hydro_ident.report.free_run_section import free_run_section
+from hydro_ident.report.law_section import law_section
+from hydro_ident.report.model_parameters import finding_rows, model_rows
+from hydro_ident.report.page import Section, bullets, folded, number, page, paragraph, table
+from hydro_ident.report.parameter_section import change_figure, owners, parameter_table
+from hydro_ident.report.prediction_section import prediction_section
+from hydro_ident.report.provenance_section import provenance_section
+from hydro_ident.report.recording_sections import (
+    control_section,
+    excitation_section,
+    health_section,
+)
+from hydro_ident.report.verdict_words import plain
 
-_MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
-_PLOT_ROWS = 4000
+_LABELS = (
+    "the robot's own structure, refitted to the training rows (or as given, with a fixed base)",
+    "the same with the findings",
+)
+_LAWS = (
+    "Each point is what the model without the law leaves of a training row, against the variable"
+    " that the law is best seen against. The coloured line is the law that was found: the median"
+    " of what it says of such rows, with a band that holds 80 % of them, as it may depend on more"
+    " than this. Where points and line go together and the dashed line is at zero, the law holds."
+)
 
 
 def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
@@ -32,69 +50,58 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
     -------
     str
     """
-    parts = [
-        *opening("Diagnosis", found.given.name, found.verdict),
-        bullets(found.problems, "no"),
-        "<h2>Findings</h2>",
-        *([_finding(found, one) for one in found.findings] or ["<p>None.</p>"]),
-        "<h2>Unexplained</h2>",
-        bullets([one.text for one in found.unexplained]) or "<p>Nothing.</p>",
-        *[_curve(one.channel, one.dependence) for one in found.unexplained],
-        losses_section(found.losses),
-        "<h2>Channels on data that took no part</h2>",
-        _channels(found),
-        *[_plot(channel) for channel in found.channels],
-        free_run_section(found.free_run),
-        "<h2>What these recordings could not have shown</h2>",
-        table(("effect", "why"), [(n.name, n.why) for n in found.not_testable]),
-        "<h2>Notes</h2>",
-        bullets(found.notes),
-        "<h2>Provenance</h2>",
-        provenance_table(origin),
-        "</body></html>",
+    joints = found.given.joint_names
+    held_out, fitted = diagnosis_rows(found)
+    missed = [(n.name, n.why) for n in found.not_testable]
+    sections = [
+        health_section(found.recordings, found.losses, joints),
+        excitation_section(found.recordings, joints, missed),
+        _parameters(found),
+        prediction_section(held_out, fitted, joints, _LABELS),
+        law_section(law_views(found), _LAWS, joints),
+        correlation_section(held_out or fitted, joints),
+        free_run_section(found.free_run, joints),
+        control_section(found.recordings),
+        provenance_section(origin, (), found.notes),
     ]
-    return "\n".join(parts) + "\n"
+    title = f"Diagnosis of {found.given.name}"
+    return page(title, diagnosis_verdict(found, held_out), sections)
+
+
+def _parameters(found: Diagnosis) -> Section:
+    lead = (
+        "What was found, with its numbers, then the numbers of the model around it. Grey: these"
+        " recordings do not determine it, or it was held; the given value stays."
+    )
+    owner, joints = owners(found.given), found.given.joint_names
+    body = bullets(found.problems, "no")
+    if found.findings:
+        rows = [row for one in found.findings for row in finding_rows(found, one, owner)]
+        body += "<h3>What was found</h3>" + parameter_table(rows, joints)
+        body += "".join(_finding(found, one) for one in found.findings)
+    else:
+        body += paragraph("No finding: no parameters beyond the model's own.")
+    rows = model_rows(found, owner)
+    if rows:
+        body += "<h3>The model around the findings</h3>" + parameter_table(rows, joints)
+        body += change_figure(rows, joints)
+    return Section("parameters", "Parameters", lead, body)
 
 
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
-    names = " or ".join(f"{name} ({share:.0%})" for name, share in pairs)
-    rows = [("shows", data["where"]["text"]), ("also in", ", ".join(data["also"]) or "-")]
-    rows += [("law", data["equation"])]
-    for p in data["parameters"]:
-        std = "" if p["std"] is None else f" +- {p['std']:.3g}"
-        rows.append((p["name"], f"{p['value']:.5g}{std} {p['unit']}"))
-    before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
-    rows.append(("held-out RMSE without, with", f"{before:.4g}, {after:.4g}"))
-    rows.append(("chance, over all that was tried", f"{data['p_value']:.2g}"))
-    rows.append(("to tell it apart", data["separating_experiment"]))
-    return f"<h3>{escape(names)}</h3>" + table(("", data["channel"]), rows)
-
-
-def _channels(found: Diagnosis) -> str:
-    head = ("channel", "unit", "RMSE before", "RMSE after", "noise floor", "fit %", "fit %")
-    rows = []
-    for channel in found.channels:
-        s = channel_dict(channel)
-        numbers = [f"{s[k]:.4g}" for k in ("rmse_before", "rmse_after", "noise_floor")]
-        fits = [f"{s[k]:.1f}" for k in ("fit_before_pct", "fit_after_pct")]
-        rows.append((channel.name, channel.unit, *numbers, *fits))
-    return table(head, rows)
-
-
-def _plot(channel: ChannelResult) -> str:
-    every = max(1, channel.time_s.size // _PLOT_ROWS)
-    lines = (
-        Line("residual before", _BEFORE, (channel.measured - channel.before)[::every]),
-        Line("residual after", _AFTER, (channel.measured - channel.after)[::every]),
-    )
-    title = f"{channel.name}: residual"
-    return line_plot(title, channel.time_s[::every], lines, "time in s", channel.unit)
-
-
-def _curve(channel: str, d: Dependence) -> str:
-    lines = (Line("residual", _MEASURED, d.curve),)
-    times = f" (times {d.times.replace('_', ' ')})" if d.times else ""
-    label = f"{d.variable} in {UNITS[d.variable]}"
-    return line_plot(f"{channel} against {d.variable}{times}", d.knots, lines, label, "")
+    names = " or ".join(f"{plain(name)} ({share:.0%})" for name, share in pairs)
+    rows = [
+        ("shows", unit_text(data["where"]["text"])),
+        ("also in", ", ".join(data["also"]) or "–"),
+        ("law", data["equation"]),
+        (
+            "held-out error without and with it",
+            f"{number(data['heldout_rmse_before'])} and {number(data['heldout_rmse_after'])}",
+        ),
+        ("chance, over all that was tried", number(data["p_value"], 2)),
+        ("experiment that tells it apart", data["separating_experiment"]),
+    ]
+    body = table(("", data["channel"]), rows, (0, 1))
+    return folded(f"{plain(data['target'])}: {names}", body)

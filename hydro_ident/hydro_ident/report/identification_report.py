@@ -1,28 +1,43 @@
-"""The report of `identify`: verdict, parameters, channels and their plots in one HTML file."""
+"""The report of `identify`: one page, in the order in which its questions are asked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import model_error_note
-from hydro_ident.parameters import Parameter
-from hydro_ident.report.html import bullets as _list
-from hydro_ident.report.html import opening
-from hydro_ident.report.html import table as _table
-from hydro_ident.report.physical_report import physical_section, summed_section
-from hydro_ident.report.svg import Line, line_plot
-from hydro_ident.report.validation_report import (
-    comparison_section,
-    free_run_section,
-    losses_section,
+from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
+from hydro_ident.report.comparison_section import comparison_part
+from hydro_ident.report.correlation_section import correlation_section
+from hydro_ident.report.free_run_section import free_run_section
+from hydro_ident.report.identification_verdict import identification_verdict
+from hydro_ident.report.law_section import law_section, speed_views
+from hydro_ident.report.page import Section, bullets, folded, page, paragraph
+from hydro_ident.report.parameter_section import (
+    change_figure,
+    identified_row,
+    owners,
+    parameter_table,
 )
+from hydro_ident.report.physical_section import physical_part, summed_part
+from hydro_ident.report.prediction_section import prediction_section
+from hydro_ident.report.provenance_section import provenance_section
+from hydro_ident.report.recording_sections import (
+    control_section,
+    excitation_section,
+    health_section,
+)
+from hydro_model.robot import Robot
 
-#: Of every report.
-_MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
+_LABELS = ("the robot file as given", "the identified robot")
+_LAWS = (
+    "Residuals of the identified robot against the motion, with their median and a band that holds"
+    " 80 % of the rows. A band that does not lie around zero is physics that the model does not"
+    " have: steps at zero speed are dry friction, slopes are viscous friction or leakage."
+    " `diagnose` looks for its law and its name."
+)
 
 
 def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
@@ -38,93 +53,56 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     -------
     str
     """
-    warning = model_error_note(found.channels)
-    parts = [
-        *opening("Identification", found.given.name, found.verdict),
-        _list(found.problems, "no"),
-        _estimator(found),
-        "<h2>Parameters</h2>",
-        _list([warning] if warning else [], "no"),
-        _parameters(found.parameters),
-        physical_section(found.physical),
-        comparison_section(found.comparison),
-        losses_section(found.losses),
-        "<h2>Predictions on data that took no part in the fit</h2>",
-        _channels(found.channels),
-        *[_plot(channel) for channel in found.channels],
-        free_run_section(found.free_run),
-        summed_section(found.summed),
-        "<h2>Notes</h2>",
-        _list([note for note in found.notes if note != warning], ""),
-        "<h2>Provenance</h2>",
-        provenance_table(origin),
-        "</body></html>",
+    robot, joints = found.given, found.given.joint_names
+    held_out, fitted = (_rows(robot, side) for side in (found.channels, found.fitted))
+    judged = held_out or fitted
+    note = model_error_note(found.channels)
+    sections = [
+        health_section(found.recordings, found.losses, joints),
+        excitation_section(found.recordings, joints, ()),
+        _parameters(found, note),
+        prediction_section(held_out, fitted, joints, _LABELS),
+        law_section(speed_views(judged), _LAWS, joints),
+        correlation_section(judged, joints),
+        free_run_section(found.free_run, joints),
+        control_section(found.recordings),
+        provenance_section(origin, _method(found), [n for n in found.notes if n != note]),
     ]
-    return "\n".join(parts) + "\n"
+    title = f"Identification of {robot.name}"
+    return page(title, identification_verdict(found, held_out), sections)
 
 
-def _estimator(found: Identification) -> str:
-    """Which estimator was used, and why."""
-    if found.estimator is None:
-        return ""
-    text = f"Estimator: {found.estimator.name} ({found.estimator.reason})."
-    return f"<p>{escape(text)}</p>"
-
-
-def _parameters(parameters: Sequence[Parameter]) -> str:
-    head = ("parameter", "value", "95 % interval", "unit", "datasheet", "determined")
-    rows = []
-    for p in parameters:
-        interval = "-" if p.ci95 is None else " .. ".join(f"{bound:.5g}" for bound in p.ci95)
-        rows.append(
-            (
-                readable(p),
-                f"{p.value:.5g}",
-                interval,
-                p.unit,
-                "-" if p.datasheet is None else f"{p.datasheet:.5g}",
-                "yes" if p.identifiable else "held" if p.held else "no",
-            )
+def _rows(robot: Robot, channels: Sequence[ChannelScore]) -> list[ChannelRows]:
+    return [
+        channel_rows(
+            (one.name, one.unit),
+            (one.time_s, one.measured, one.before, one.after),
+            (one.speed, *joint_speed(robot, one.name.split("/")[0])),
+            one.summary(),
         )
-    return _table(head, rows)
+        for one in channels
+    ]
 
 
-def readable(parameter: Parameter) -> str:
-    """A base parameter as the sum it stands for, any other by its name."""
-    text = parameter.name
-    for name, factor in parameter.combination.items():
-        if name != parameter.name:
-            size = "" if abs(factor) == 1.0 else f"{abs(factor):.6g} "
-            text += f" {'-' if factor < 0.0 else '+'} {size}{name}"
-    return text
-
-
-def _channels(channels: Sequence[ChannelScore]) -> str:
-    errors = ("RMSE given", "RMSE identified", "noise floor")
-    head = ("channel", "unit", *errors, "fit given %", "fit identified %")
-    rows = []
-    for channel in channels:
-        s = channel.summary()
-        numbers = [f"{s[k]:.4g}" for k in ("rmse_before", "rmse_after", "noise_floor")]
-        fits = [f"{s[k]:.1f}" for k in ("fit_before_pct", "fit_after_pct")]
-        rows.append((channel.name, channel.unit, *numbers, *fits))
-    return _table(head, rows)
-
-
-def _plot(channel: ChannelScore) -> str:
-    lines = (
-        Line("measured", _MEASURED, channel.measured),
-        Line("given robot", _BEFORE, channel.before),
-        Line("identified", _AFTER, channel.after),
+def _parameters(found: Identification, note: str) -> Section:
+    lead = (
+        "Every parameter that was fitted. Grey: these recordings do not determine it, or it was"
+        " held; the reason stands below its name, and the given value stays in the model."
     )
-    title = f"{channel.name} ({', '.join(channel.recordings)})"
-    return line_plot(title, channel.time_s, lines, "time in s", channel.unit)
+    owner, joints = owners(found.given), found.given.joint_names
+    rows = [identified_row(p, owner) for p in found.parameters]
+    body = bullets([note] if note else [], "no") + parameter_table(rows, joints)
+    if not rows:
+        body += paragraph("None could be fitted.")
+    body += change_figure(rows, joints)
+    body += comparison_part(found.comparison)
+    body += folded("Physically consistent bodies", physical_part(found.physical))
+    title = "Flow: the summed form of eq. 14 for comparison"
+    body += folded(title, summed_part(found.summed))
+    return Section("parameters", "Parameters", lead, body)
 
 
-def provenance_table(origin: Mapping[str, Any]) -> str:
-    """Command, version, robot and bags of a result."""
-    rows = [("command", str(origin["command"])), ("version", str(origin["version"]))]
-    rows.append(("robot", str(origin["robot"])))
-    for kind in ("bags", "validation"):
-        rows += [(kind, f"{b['name']}  sha256 {b['sha256']}") for b in origin[kind]]
-    return _table(("what", "value"), rows)
+def _method(found: Identification) -> list[tuple[str, str]]:
+    if found.estimator is None:
+        return []
+    return [("estimator", f"{found.estimator.name} ({found.estimator.reason})")]

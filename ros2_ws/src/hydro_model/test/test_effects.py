@@ -68,7 +68,7 @@ EQUATIONS = [
         "stribeck_friction",
         [1e3, 0.02, 0.01, 1.5],
         Stage.FRICTION,
-        1e3 * np.exp(-(np.abs(V) / 0.02) ** 1.5) * np.tanh(V / 0.01),
+        1e3 * np.exp(-((np.abs(V) / 0.02) ** 1.5)) * np.tanh(V / 0.01),
     ),
     (
         "asymmetric_friction",

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from hydro_ident.consistent_robot import PhysicalResult, body_dict
 from hydro_ident.estimate.physical import ConsistentBody
 from hydro_ident.estimate.summed_flow import SummedComparison
-from hydro_ident.report.html import bullets, table
+from hydro_ident.report.page import bullets, table
 
 
-def physical_section(result: PhysicalResult | None) -> str:
+def physical_part(result: PhysicalResult | None) -> str:
     """Consistent bodies, and whether they reproduce the base parameters.
 
     Parameters
@@ -24,7 +24,7 @@ def physical_section(result: PhysicalResult | None) -> str:
     """
     if result is None:
         return ""
-    parts = ["<h2>Physically consistent bodies</h2>", bullets(result.problems, "no")]
+    parts = ["<h3>Physically consistent bodies</h3>", bullets(result.problems, "no")]
     found = result.parameters
     if found is None:
         return "\n".join(parts)
@@ -60,7 +60,7 @@ def _row(body: ConsistentBody) -> tuple[str, ...]:
     )
 
 
-def summed_section(comparisons: Sequence[SummedComparison]) -> str:
+def summed_part(comparisons: Sequence[SummedComparison]) -> str:
     """Eq. 14 beside the separate chambers: conditioning and estimates.
 
     Parameters
@@ -88,7 +88,6 @@ def summed_section(comparisons: Sequence[SummedComparison]) -> str:
             rows.append((f"{c.cylinder}.{name}", *values, *factors))
     return "\n".join(
         (
-            "<h2>Flow: the summed form of eq. 14 for comparison</h2>",
             "<p>Not used. Same windows and delay, ordinary least squares, without listed effects;"
             " an error factor is what collinearity multiplies a parameter's error by.</p>",
             table(head, rows),

@@ -1,0 +1,87 @@
+"use strict";
+// Draws the figures of a report: each when it comes near the screen, all of them for printing.
+(function () {
+  const PRINT_WIDTH = 680, PRINT_PAIR_WIDTH = 330;
+  const touch = matchMedia("(pointer: coarse)").matches;
+  const config = {responsive: true, displayModeBar: false, doubleClick: "reset"};
+  const canvases = Array.from(document.querySelectorAll(".canvas"));
+  const drawn = new Set();
+
+  function token(name) {
+    return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  }
+
+  // Colours that depend on light or dark are written as "--name" in the figures.
+  function themed(value) {
+    if (typeof value === "string") return value.startsWith("--") ? token(value) : value;
+    if (!value || typeof value !== "object") return value;
+    if (Array.isArray(value)) {
+      return typeof value[0] === "object" ? value.map(themed) : value;
+    }
+    const result = {};
+    for (const key of Object.keys(value)) result[key] = themed(value[key]);
+    return result;
+  }
+
+  function layoutOf(figure, width) {
+    const ink = token("--ink"), grid = token("--grid"), narrow = width < 520;
+    const layout = Object.assign({
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: {color: ink, size: narrow ? 11 : 12, family: "system-ui, sans-serif"},
+      margin: {l: 8, r: 8, t: 8, b: 8}, hovermode: "closest",
+      dragmode: touch ? false : "zoom",
+      hoverlabel: {bgcolor: token("--raised"), bordercolor: token("--rule"), font: {color: ink}},
+      legend: {orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom",
+        itemwidth: 30, font: {size: narrow ? 10 : 12}},
+    }, themed(figure.layout));
+    for (const key of Object.keys(layout)) {
+      if (!/^[xy]axis/.test(key)) continue;
+      layout[key] = Object.assign({
+        gridcolor: grid, zerolinecolor: token("--rule"), linecolor: token("--rule"),
+        automargin: true, exponentformat: "power", minexponent: 5, nticks: narrow ? 5 : 9,
+      }, layout[key]);
+      if (touch) layout[key].fixedrange = true;
+    }
+    return layout;
+  }
+
+  function draw(canvas) {
+    const source = canvas.parentElement.querySelector("script");
+    const figure = JSON.parse(source.textContent);
+    const printing = document.documentElement.hasAttribute("data-print");
+    const width = canvas.clientWidth || PRINT_WIDTH;
+    const layout = layoutOf(figure, width);
+    if (printing) {
+      layout.width = canvas.closest(".pair") ? PRINT_PAIR_WIDTH : PRINT_WIDTH;
+      layout.autosize = false;
+    }
+    layout.height = canvas.clientHeight || undefined;
+    drawn.add(canvas);
+    Plotly.react(canvas, themed(figure.data), layout, config);
+  }
+
+  function redraw() { drawn.forEach(draw); }
+
+  const near = new IntersectionObserver(function (entries) {
+    for (const entry of entries) {
+      if (entry.isIntersecting) { near.unobserve(entry.target); draw(entry.target); }
+    }
+  }, {rootMargin: "400px"});
+  canvases.forEach(function (canvas) { near.observe(canvas); });
+
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  const closed = [];
+  addEventListener("beforeprint", function () {
+    document.documentElement.setAttribute("data-print", "");
+    document.querySelectorAll("details:not([open])").forEach(function (one) {
+      one.open = true;
+      closed.push(one);
+    });
+    canvases.forEach(draw);
+  });
+  addEventListener("afterprint", function () {
+    document.documentElement.removeAttribute("data-print");
+    closed.splice(0).forEach(function (one) { one.open = false; });
+    redraw();
+  });
+})();

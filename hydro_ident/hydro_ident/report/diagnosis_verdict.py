@@ -1,0 +1,152 @@
+"""The verdict of a diagnosis in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from hydro_ident.mismatch.diagnosis import (
+    EXPLAINED,
+    MATCHES,
+    NO_IMPROVEMENT,
+    NOT_ENOUGH,
+    PARTLY,
+    UNKNOWN,
+    Diagnosis,
+)
+from hydro_ident.mismatch.diagnosis_file import finding_dict
+from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.figure import unit_text
+from hydro_ident.report.page import Verdict, number
+from hydro_ident.report.verdict_words import (
+    error_line,
+    free_run_line,
+    health_line,
+    limited,
+    loss_line,
+    noise_line,
+    plain,
+    shortened,
+)
+
+_HEADLINES = {
+    MATCHES: (
+        "good",
+        "The model matches these recordings: nothing is missing that they can show.",
+    ),
+    EXPLAINED: ("good", "The model left physics out. It has been found and named."),
+    PARTLY: ("warn", "The model left physics out. Some of it has been named, some has not."),
+    UNKNOWN: ("warn", "Something is missing from the model that has no name in the catalogue."),
+    NO_IMPROVEMENT: (
+        "warn",
+        "What looked like missing physics did not hold up on data that took no part.",
+    ),
+    NOT_ENOUGH: ("bad", "These recordings are not enough to say anything."),
+}
+#: Probability below which a name alone is not enough.
+_SURE = 0.9
+#: Probability above which there is no saying how sure.
+_CERTAIN = 0.99
+
+
+def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verdict:
+    """What differs, what was left out, how sure, what to do next."""
+    tone, headline = _HEADLINES[found.verdict]
+    cards = (
+        ("What differs", limited(_differs(found))),
+        ("What was left out", limited(_left_out(found))),
+        ("How sure", limited(_sure(found, held_out))),
+        ("What to do next", limited(_next(found))),
+    )
+    return Verdict(tone, headline, found.verdict, cards)
+
+
+def _differs(found: Diagnosis) -> list[str]:
+    by_target: dict[str, list[str]] = {}
+    for one in found.findings:
+        data = finding_dict(found, one)
+        names = " or ".join(plain(name) for name in data["names"])
+        by_target.setdefault(plain(data["target"]), []).append(f"{names}{_size(data)}")
+    if by_target:
+        return [f"{target}: {'; '.join(causes)}." for target, causes in by_target.items()]
+    if found.verdict == NOT_ENOUGH:
+        return ["Not known."]
+    return ["Nothing that can be named."]
+
+
+def _size(data: dict[str, Any]) -> str:
+    """The first number of a law, which says how much of it there is."""
+    if not data["parameters"]:
+        return ""
+    first = data["parameters"][0]
+    unit = "" if first["unit"] in ("", "1") else f" {unit_text(first['unit'])}"
+    what = plain(first["name"].split(".")[-1])
+    return f" ({what} {number(first['value'], 3)}{unit})"
+
+
+def _left_out(found: Diagnosis) -> list[str]:
+    lines = [
+        f"{one.share:.0%} of what is left in {one.channel} follows the"
+        f" {plain(one.dependence.variable)}; no effect of the catalogue stands for it."
+        for one in found.unexplained
+    ]
+    if found.rejected:
+        names = [plain(f.named.names[0]) for f in found.rejected]
+        lines.append(f"Tried and not confirmed on held-out rows: {shortened(names)}.")
+    if found.not_testable:
+        names = [plain(n.name) for n in found.not_testable]
+        lines.append(f"Could not have shown in these recordings: {shortened(names)}.")
+    lines += loss_line(found.losses)
+    return lines or ["Nothing that these recordings could show."]
+
+
+def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
+    lines = health_line(found.recordings)
+    if found.findings:
+        largest = max(f.named.p_value for f in found.findings)
+        least = min(f.named.probability[0] for f in found.findings)
+        lines.append(
+            f"Chance alone, over everything that was tried, finds as much with a probability of at"
+            f" most {largest:.2g}. The names fit better than any other of the catalogue"
+            f" {_odds(least)}."
+        )
+        lines += error_line(held_out)
+    lines += noise_line(held_out)
+    lines += free_run_line(found.free_run)
+    return lines or ["Not at all."]
+
+
+def _odds(probability: float) -> str:
+    return (
+        "(over 99 %)" if probability > _CERTAIN else f"(the least sure of them {probability:.0%})"
+    )
+
+
+def _next(found: Diagnosis) -> list[str]:
+    if found.verdict == NOT_ENOUGH:
+        return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
+    lines = []
+    for one in found.findings:
+        data = finding_dict(found, one)
+        if len(data["names"]) > 1 or data["probability"][0] < _SURE:
+            names = " from ".join(plain(name) for name in data["names"][:2])
+            lines.append(f"To tell {names}: {data['separating_experiment']}.")
+    if found.unexplained:
+        where = [u.channel for u in found.unexplained]
+        lines.append(
+            f"Look at {shortened(where)} under 'Residuals against what matters': what is it that"
+            " follows this variable? Do not trust the model there."
+        )
+    if found.findings:
+        lines.append(
+            "Drive a path with controller.yaml and model.yaml, which stand beside this report, and"
+            " compare its control table with the old one."
+        )
+    if found.verdict in (MATCHES, NO_IMPROVEMENT):
+        lines.append("Keep the model.")
+    if found.not_testable:
+        lines.append(
+            "To test what could not show, record a designed experiment (`excite`); for payload,"
+            " offsets and tilt, diagnose an identified model with `--fixed-base`."
+        )
+    return lines

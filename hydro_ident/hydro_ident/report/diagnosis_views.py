@@ -1,0 +1,156 @@
+"""Rows and laws of a diagnosis as its report draws them: looked up, nothing fitted again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
+from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
+from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.lines import waves
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factor_of, row_values
+from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
+from hydro_ident.report.figure import axis_title, unit_text
+from hydro_ident.report.law_section import LawView
+from hydro_ident.report.verdict_words import plain
+from hydro_model.robot import FloatArray, Robot
+
+#: Variables that a law without one of its own is held against.
+_OTHERWISE = "time"
+
+
+def diagnosis_rows(found: Diagnosis) -> tuple[list[ChannelRows], list[ChannelRows]]:
+    """Rows that took no part, and rows that were fitted, channel by channel."""
+    if found.work is None or found.whole is None:
+        return [], []
+    check, training = found.work.check, found.work.training
+    sides = (
+        (found.channels, check.predictor, check.mask),
+        (found.fitted, training.predictor, training.mask),
+    )
+    held_out, fitted = (
+        [_rows(one, predictor, found.whole.model, mask) for one in channels]
+        for channels, predictor, mask in sides
+    )
+    return held_out, fitted
+
+
+def _rows(one: ChannelResult, predictor: Predictor, model: Model, mask: BoolArray) -> ChannelRows:
+    material = predictor.material
+    number = material.channels.index(one.name)
+    own = mask & (material.channel == number)
+    speed = row_values(predictor, model, number, "piston_velocity")[own]
+    named = _speed_of(material.robot, one.name.split("/")[0], material.forces.torque)
+    return channel_rows(
+        (one.name, one.unit),
+        (one.time_s, one.measured, one.before, one.after),
+        (speed, *named),
+        channel_dict(one),
+    )
+
+
+def _speed_of(robot: Robot, joint: str, torque: bool) -> tuple[str, str]:
+    if not torque and any(c.joint == joint for c in robot.cylinders):
+        return "piston velocity", "m/s"
+    return joint_speed(robot, joint)
+
+
+def law_views(found: Diagnosis) -> list[LawView]:
+    """Findings, then what is left unexplained; without either, the strongest dependences."""
+    if found.work is None or found.whole is None:
+        return []
+    views = [_finding_view(found, found.work.training, one) for one in found.findings]
+    views += [
+        _dependence_view(found.work.training, found.whole, one.dependence, unit_text(one.text))
+        for one in found.unexplained
+    ]
+    if views:
+        return views
+    strongest: dict[int, Dependence] = {}
+    for one in found.located:
+        strongest.setdefault(one.channel, one)
+    return [
+        _dependence_view(
+            found.work.training,
+            found.work.base,
+            one,
+            f"the strongest of all dependences looked at in this channel: chance alone makes as"
+            f" much with p = {one.p_value:.2g}",
+        )
+        for one in strongest.values()
+        if one.variable in SIGNALS
+    ]
+
+
+def _finding_view(found: Diagnosis, training: Training, one: Finding) -> LawView:
+    fitted, term = as_modelled(found, one)
+    data = finding_dict(found, one)
+    predictor, mask = training.predictor, training.mask
+    channel = predictor.material.channels.index(data["channel"])
+    own = mask & (predictor.material.channel == channel)
+    variable = data["where"]["variable"]
+    x_title, x = _variable(training, fitted.model, channel, variable, own)
+    law = predictor.contribution(fitted.model, term)[own]
+    left = fitted.residual[own]
+    return LawView(
+        title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
+        note=f"{data['equation']}; {unit_text(data['where']['text'])}",
+        joint=data["channel"].split("/")[0],
+        x_title=x_title,
+        y_title=axis_title(f"{data['channel']}, error", predictor.material.units[channel]),
+        x=x,
+        residual=left + law,
+        law=law,
+        left=left,
+    )
+
+
+def _variable(
+    training: Training, model: Model, channel: int, variable: str, own: BoolArray
+) -> tuple[str, FloatArray]:
+    if variable not in SIGNALS:
+        variable = _OTHERWISE
+    values = row_values(training.predictor, model, channel, variable)[own]
+    return axis_title(variable.replace("_", " "), UNITS[variable]), values
+
+
+def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: str) -> LawView:
+    predictor = training.predictor
+    material = predictor.material
+    own = training.mask & (material.channel == d.channel)
+    x_title, x = _variable(training, fitted.model, d.channel, d.variable, own)
+    law = _curve(d, x) * _factor(training, fitted, d, own)
+    residual = fitted.residual[own]
+    name, unit = material.channels[d.channel], material.units[d.channel]
+    return LawView(
+        title=f"{name} against {d.variable.replace('_', ' ')}",
+        note=text,
+        joint=name.split("/")[0],
+        x_title=x_title,
+        y_title=axis_title(f"{name}, error", unit),
+        x=x,
+        residual=residual,
+        law=law,
+        left=residual - law,
+    )
+
+
+def _curve(d: Dependence, x: FloatArray) -> FloatArray:
+    """The fitted function at a variable's values, by its own coefficients."""
+    if d.period:
+        return np.asarray(waves(x / d.period) @ d.coefficients)
+    return np.asarray(np.interp(x, d.knots, d.coefficients))
+
+
+def _factor(training: Training, fitted: Fitted, d: Dependence, own: BoolArray) -> FloatArray:
+    """What the function is multiplied by on the rows."""
+    if not d.times:
+        return np.ones(int(own.sum()))
+    needed: Sequence[str] = ("piston_velocity", "valve_signal")
+    values = {n: row_values(training.predictor, fitted.model, d.channel, n) for n in needed}
+    return np.asarray(factor_of(training.predictor, d.channel, values, own)[0][own])

@@ -1,0 +1,55 @@
+"""The free run: what the models do with the recorded voltages alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_ident.free_run import FreeRun, JointRollout
+from hydro_ident.report.figure import Figure, axis_title, line, one_after_another
+from hydro_ident.report.page import Row, Section, bullets, number, paragraph, table
+from hydro_ident.report.palette import BEFORE, INK, joint_colour
+
+_LEAD = (
+    "Each model is started from the recorded state and then gets the recorded valve voltages and"
+    " nothing else. Errors add up here: it is the hardest test of a model, and the one that a"
+    " simulation has to pass."
+)
+
+
+def free_run_section(run: FreeRun | None, joints: Sequence[str]) -> Section:
+    """Roll-outs from recorded voltages against the recording."""
+    title = "Free run from the recorded voltages"
+    if run is None:
+        return Section("free_run", title, _LEAD, paragraph("None was made."))
+    body = bullets(run.rejected, "no")
+    if run.joints:
+        body += paragraph(
+            f"{run.windows} windows of {run.window_s:.2g} s that took no part in the fit;"
+            f" {run.whole_runs} whole runs.",
+            "",
+        )
+        head = ("joint", "unit", "error before", "error after", "whole run before", "after")
+        body += table(head, [_row(j, joints) for j in run.joints])
+        body += "".join(_figure(j, joints).html() for j in run.joints)
+    return Section("free_run", title, _LEAD, body)
+
+
+def _row(j: JointRollout, joints: Sequence[str]) -> Row:
+    numbers = (j.rmse_before, j.rmse_after, j.whole_before, j.whole_after)
+    cells = (j.joint, j.unit, *(number(v) for v in numbers))
+    return Row(cells, dot=joint_colour(joints, j.joint))
+
+
+def _figure(j: JointRollout, joints: Sequence[str]) -> Figure:
+    time_s, colour = one_after_another(j.time_s), joint_colour(joints, j.joint)
+    traces = [line("measured", (time_s, j.measured), INK, width=1.2)]
+    sides = (("before", BEFORE, "dot", j.before), ("after", colour, "solid", j.after))
+    for name, shade, dash, values in sides:
+        if np.isfinite(values).all():
+            traces.append(line(name, (time_s, values), shade, dash=dash))
+            error = (time_s, j.measured - values)
+            traces.append(line(name, error, shade, panel=1, dash=dash, legend=False))
+    panels = (axis_title("position", j.unit), axis_title("error", j.unit))
+    return Figure(f"{j.joint}, free run", "time in s", panels, traces)

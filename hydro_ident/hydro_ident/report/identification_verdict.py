@@ -1,0 +1,134 @@
+"""The verdict of an identification in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hydro_ident.identification import Identification
+from hydro_ident.model_error import left_out
+from hydro_ident.parameters import Parameter
+from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.figure import unit_text
+from hydro_ident.report.page import Verdict, number
+from hydro_ident.report.verdict_words import (
+    error_line,
+    free_run_line,
+    health_line,
+    limited,
+    loss_line,
+    plain,
+    shortened,
+)
+from hydro_ident.verdict import IDENTIFIED, NOT_ENOUGH
+
+#: Parameters that are named as differing.
+_NAMED = 4
+
+
+def identification_verdict(found: Identification, held_out: Sequence[ChannelRows]) -> Verdict:
+    """What differs, what was left out, how sure, what to do next."""
+    known = [p for p in found.parameters if p.identifiable and not p.held]
+    physics = left_out(found.channels)
+    if found.verdict == NOT_ENOUGH:
+        tone, headline = "bad", "These recordings are not enough to identify the machine."
+    elif found.verdict != IDENTIFIED:
+        tone, headline = "warn", "Part of the machine was identified; the rest stays as given."
+    elif physics:
+        tone = "warn"
+        headline = "The machine was identified, but it does more than its model knows."
+    else:
+        tone, headline = "good", "The machine was identified."
+    cards = (
+        ("What differs", limited(_differs(known, found))),
+        ("What was left out", limited(_left_out(found, physics))),
+        ("How sure", limited(_sure(found, known, physics, held_out))),
+        ("What to do next", limited(_next(found, physics))),
+    )
+    return Verdict(tone, headline, found.verdict, cards)
+
+
+def _differs(known: Sequence[Parameter], found: Identification) -> list[str]:
+    """Parameters whose interval leaves the datasheet's value out, largest change first."""
+    if found.verdict == NOT_ENOUGH:
+        return ["Not known."]
+    compared = [p for p in known if p.datasheet and p.ci95 is not None]
+    off = [p for p in compared if not _inside(p)]
+    if not off:
+        return [f"None of {len(compared)} parameters differs from the datasheet."]
+    off.sort(key=lambda p: -abs(_change(p)))
+    lines = [
+        f"{len(off)} of {len(compared)} parameters differ from the datasheet by more than their"
+        " intervals, most of all:"
+    ]
+    for p in off[:_NAMED]:
+        unit = unit_text(p.unit)
+        lines.append(
+            f"{plain(p.name)}: {number(p.value, 3)} instead of"
+            f" {number(p.datasheet, 3)} {unit} ({_change(p):+.0%})"
+        )
+    return lines
+
+
+def _inside(p: Parameter) -> bool:
+    low, high = p.ci95 or (p.value, p.value)
+    return low <= (p.datasheet or 0.0) <= high
+
+
+def _change(p: Parameter) -> float:
+    return (p.value - (p.datasheet or 0.0)) / abs(p.datasheet or 1.0)
+
+
+def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
+    lines = []
+    if physics:
+        worst = max(physics, key=lambda name: physics[name])
+        lines.append(
+            f"Physics that the model does not have, in {shortened(list(physics))}: {worst} is off"
+            f" by {physics[worst]:.0f} times sensor noise."
+        )
+    unknown = [plain(p.name) for p in found.parameters if not p.identifiable]
+    if unknown:
+        lines.append(f"Not determined, greyed below: {shortened(unknown)}.")
+    lines += [f"{text[0].upper()}{text[1:]}." for text in found.problems]
+    lines += loss_line(found.losses)
+    return lines or ["Nothing."]
+
+
+def _sure(
+    found: Identification,
+    known: Sequence[Parameter],
+    physics: dict[str, float],
+    held_out: Sequence[ChannelRows],
+) -> list[str]:
+    lines = health_line(found.recordings)
+    relative = sorted(
+        (p.ci95[1] - p.ci95[0]) / (2.0 * abs(p.value)) for p in known if p.ci95 and p.value
+    )
+    if relative:
+        text = (
+            f"{len(known)} of {len(found.parameters)} parameters are determined, the middle one to"
+            f" ±{relative[len(relative) // 2]:.1%} (95 %)."
+        )
+        if physics:
+            text += " These intervals count noise alone: what was left out may bias them further."
+        lines.append(text)
+    lines += error_line(held_out)
+    lines += free_run_line(found.free_run)
+    return lines or ["Not at all."]
+
+
+def _next(found: Identification, physics: dict[str, float]) -> list[str]:
+    lines = []
+    if physics:
+        lines.append("Run `diagnose` on the same bags: it names what the model leaves out.")
+    if found.verdict != IDENTIFIED or any(not p.identifiable for p in found.parameters):
+        lines.append(
+            "For what is greyed, record a designed experiment (`excite`) and identify again with"
+            " both bags."
+        )
+    if found.robot is not None:
+        lines.append(
+            "Drive a path with controller.yaml and model.yaml, which stand beside this report, and"
+            " compare its control table with the old one."
+        )
+    return lines

@@ -1,0 +1,101 @@
+"""Parameters of a diagnosis as rows of a report: those of findings, and of the model's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.diagnosis import Diagnosis, Finding
+from hydro_ident.mismatch.diagnosis_file import finding_dict
+from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
+from hydro_ident.report.parameter_section import ParameterRow, identified_row
+from hydro_ident.report.verdict_words import plain
+from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
+
+_EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
+_HELD = "not fitted: as given"
+_WIDE = "hardly determined: its interval is wider than the value itself"
+_UNKNOWN = "these recordings do not determine it: the given value stays"
+
+
+def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> list[ParameterRow]:
+    """The parameters of one finding."""
+    data = finding_dict(found, one)
+    joint = owner.get(data["target"], data["channel"].split("/")[0])
+    rows = []
+    for p in data["parameters"]:
+        std = p["std"]
+        interval = None
+        if std is not None:
+            interval = p["value"] - NORMAL_95 * std, p["value"] + NORMAL_95 * std
+        below = f"{plain(data['target'])}; {data['equation']}"
+        below += "" if std is not None else "; not fitted: at the value it was weighed with"
+        name = plain(p["name"])
+        rows.append(
+            ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
+        )
+    return rows
+
+
+def model_rows(found: Diagnosis, owner: Mapping[str, str]) -> list[ParameterRow]:
+    """The model's own parameters as model.yaml states them; empty without a model."""
+    if found.robot is None:
+        return []
+    robot, given = found.robot, found.given
+    rows = _base_rows(robot, given)
+    pairs = zip(robot.cylinders, given.cylinders, strict=True)
+    for now, old in pairs:
+        viscous, bulk = f"{now.name}.viscous_friction", f"{now.name}.bulk_modulus"
+        rows.append(_row(robot, viscous, now.viscous_friction, old.viscous_friction, "N s/m"))
+        rows.append(_row(robot, bulk, now.bulk_modulus_pa, old.bulk_modulus_pa, "Pa"))
+    for valve, earlier in zip(robot.valves, given.valves, strict=True):
+        for edge in _EDGES:
+            values = float(getattr(valve, edge)), float(getattr(earlier, edge))
+            rows.append(_row(robot, f"{valve.name}.{edge}", *values, "m^3/(s sqrt(Pa))"))
+    delays = robot.command_delay_s, given.command_delay_s
+    rows.append(_row(robot, COMMAND_DELAY, *delays, "s"))
+    return [_told(identified_row(p, owner)) for p in rows]
+
+
+def _told(row: ParameterRow) -> ParameterRow:
+    """Greyed where the interval says that the value could as well be nothing or the double."""
+    if row.off or row.interval is None:
+        return row
+    if row.interval[1] - row.interval[0] <= 2.0 * max(abs(row.value), abs(row.datasheet or 0.0)):
+        return row
+    below = f"{row.below}; {_WIDE}" if row.below else _WIDE
+    return replace(row, below=below, off=True)
+
+
+def _row(robot: Robot, name: str, value: float, given: float, unit: str) -> Parameter:
+    std = float(robot.standard_deviations.get(name, 0.0))
+    held = std <= 0.0
+    reason = _HELD if held else ""
+    return Parameter(name, value, std, unit, given or None, not held, reason=reason, held=held)
+
+
+def _base_rows(robot: Robot, given: Robot) -> list[Parameter]:
+    units = dict(zip(STANDARD_PARAMETERS, STANDARD_UNITS, strict=True))
+    standard = dict(zip(given.parameter_names, given.parameter_vector.tolist(), strict=True))
+    covariance = robot.base_covariance
+    rows = []
+    for k, base in enumerate(robot.base_parameters):
+        std = 0.0 if covariance is None else float(np.sqrt(max(covariance[k, k], 0.0)))
+        sheet = sum(f * standard.get(n, 0.0) for n, f in base.combination.items())
+        known = std > 0.0
+        rows.append(
+            Parameter(
+                base.name,
+                base.value,
+                std,
+                units[base.name.rsplit(".", 1)[-1]],
+                sheet,
+                known,
+                base.combination,
+                reason="" if known else _UNKNOWN,
+                held=not known,
+            )
+        )
+    return rows

@@ -1,0 +1,214 @@
+"""The page around a report: its head, sections, tables and scripts."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+_ASSETS = Path(__file__).parent / "assets"
+#: Numbers below ten to this power are written without one.
+_PLAIN = 6
+#: Nothing but what stands in the file itself may run or be shown, whatever the library offers.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
+    " img-src data: blob:"
+)
+
+
+_HINT = (
+    "Plots: drag to look closer, double-click to go back, click a name in a legend to hide its"
+    " line. A joint has the same colour everywhere."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of a report.
+
+    Attributes
+    ----------
+    key, title : str
+        Anchor and heading.
+    lead : str
+        Plain text: what it is, in a sentence.
+    body : str
+        HTML.
+    """
+
+    key: str
+    title: str
+    lead: str
+    body: str
+
+    def html(self) -> str:
+        """The section element."""
+        return (
+            f'<section id="{self.key}"><h2>{escape(self.title)}</h2>'
+            f'<p class="lead">{_marked(self.lead)}</p>{self.body}</section>'
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a report says first, in plain words.
+
+    Attributes
+    ----------
+    tone : str
+        `good`, `warn` or `bad`.
+    headline : str
+    word : str
+        The verdict as the result file has it.
+    cards : tuple of (str, tuple of str)
+        Headings and lines of plain text.
+    """
+
+    tone: str
+    headline: str
+    word: str
+    cards: tuple[tuple[str, tuple[str, ...]], ...]
+
+    def html(self) -> str:
+        """The strip at the top."""
+        cards = "".join(
+            f'<div class="card"><h2>{escape(head)}</h2>{bullets(lines)}</div>'
+            for head, lines in self.cards
+        )
+        return (
+            f'<section id="verdict" class="verdict {self.tone}">'
+            f'<p class="headline">{escape(self.headline)}</p>'
+            f'<p class="word">Verdict: {escape(self.word.replace("_", " "))}</p>'
+            f'<div class="cards">{cards}</div></section>'
+        )
+
+
+def page(title: str, verdict: Verdict, sections: Sequence[Section]) -> str:
+    """A whole report.
+
+    Parameters
+    ----------
+    title : str
+    verdict : Verdict
+    sections : sequence of Section
+
+    Returns
+    -------
+    str
+    """
+    from plotly.offline import get_plotlyjs
+
+    links = "".join(f'<li><a href="#{s.key}">{escape(s.title)}</a></li>' for s in sections)
+    return "\n".join(
+        [
+            "<!DOCTYPE html>",
+            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+            '<meta name="viewport" content="width=device-width,initial-scale=1">',
+            f"<style>{_asset('report.css')}</style></head><body>",
+            f"<h1>{escape(title)}</h1>",
+            verdict.html(),
+            f"<nav><ol>{links}</ol></nav>",
+            paragraph(_HINT, "none"),
+            "<noscript><p>The plots need JavaScript; everything else is here.</p></noscript>",
+            *(section.html() for section in sections),
+            f"<script>{get_plotlyjs()}</script>",
+            f"<script>{_asset('report.js')}</script>",
+            "</body></html>\n",
+        ]
+    )
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number for reading: few digits, a short exponent; a dash for none."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    if exponent and 0 < int(exponent) < _PLAIN:
+        return f"{float(f'{value:.{digits}g}'):.0f}"
+    return mantissa + (f"e{int(exponent)}" if exponent else "")
+
+
+def bullets(lines: Sequence[str], style: str = "") -> str:
+    """A list, empty where there are no lines."""
+    if not lines:
+        return ""
+    kind = f' class="{style}"' if style else ""
+    return f"<ul{kind}>" + "".join(f"<li>{_marked(line)}</li>" for line in lines) + "</ul>"
+
+
+def paragraph(text: str, style: str = "none") -> str:
+    """A paragraph of plain text."""
+    return f'<p class="{style}">{_marked(text)}</p>'
+
+
+def _marked(text: str) -> str:
+    """Plain text with what stands between backticks as code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
+def folded(title: str, body: str) -> str:
+    """What is there for those who ask; empty where there is nothing."""
+    return f"<details><summary>{escape(title)}</summary>{body}</details>" if body else ""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row of a table that is more than plain cells.
+
+    Attributes
+    ----------
+    cells : tuple of str
+        Plain text.
+    below : str
+        Small print below the first cell.
+    dot : str
+        Colour of the joint it belongs to; empty for none.
+    off : bool
+        Greyed.
+    """
+
+    cells: tuple[str, ...]
+    below: str = ""
+    dot: str = ""
+    off: bool = False
+
+
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[str] | Row], text: Sequence[int] = ()
+) -> str:
+    """A table.
+
+    Parameters
+    ----------
+    head : sequence of str
+    rows : sequence of Row or of sequences of str
+        Plain text.
+    text : sequence of int
+        Columns of words: flush left, and they wrap.
+
+    Returns
+    -------
+    str
+    """
+    kinds = [' class="text"' if k in text else "" for k in range(len(head))]
+    top = "".join(f"<th{kind}>{escape(h)}</th>" for kind, h in zip(kinds, head, strict=True))
+    body = "".join(_row(r if isinstance(r, Row) else Row(tuple(r)), kinds) for r in rows)
+    inner = f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody>"
+    return f'<div class="scroll"><table>{inner}</table></div>'
+
+
+def _row(row: Row, kinds: Sequence[str]) -> str:
+    dot = f'<span class="dot" style="background:{row.dot}"></span>' if row.dot else ""
+    below = f"<small>{escape(row.below)}</small>" if row.below else ""
+    cells = [f"{escape(cell)}" for cell in row.cells]
+    cells[0] = f"{dot}{cells[0]}{below}"
+    inner = "".join(f"<td{kind}>{cell}</td>" for kind, cell in zip(kinds, cells, strict=True))
+    return f"<tr{' class=' + chr(34) + 'off' + chr(34) if row.off else ''}>{inner}</tr>"

@@ -1,0 +1,134 @@
+"""Measured against predicted, before and after: rows that took no part, and rows that did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.figure import APART_S, Figure, axis_title, band, line, unit_text
+from hydro_ident.report.page import Row, Section, folded, number, paragraph, table
+from hydro_ident.report.palette import BEFORE, INK, joint_colour
+
+_HEAD = (
+    "channel",
+    "unit",
+    "error before",
+    "error after",
+    "sensor noise alone",
+    "fit before %",
+    "fit after %",
+    "training: before",
+    "after",
+)
+
+
+def prediction_section(
+    held_out: Sequence[ChannelRows],
+    fitted: Sequence[ChannelRows],
+    joints: Sequence[str],
+    labels: tuple[str, str],
+) -> Section:
+    """The section.
+
+    Parameters
+    ----------
+    held_out, fitted : sequence of ChannelRows
+    joints : sequence of str
+        Of the robot, for the colours.
+    labels : pair of str
+        What "before" and "after" are.
+    """
+    lead = (
+        f"Before: {labels[0]}. After: {labels[1]}. The verdict rests on held-out rows, which took"
+        " no part in the fit; a model that does much better on training rows than on these has"
+        " learnt noise. Errors are root mean squares."
+    )
+    if not held_out and not fitted:
+        return Section("predictions", _TITLE, lead, paragraph("No channel could be predicted."))
+    body = _table(held_out, fitted, joints)
+    if not held_out:
+        body += paragraph("Nothing was held out: every row shown was fitted.", "no")
+    of_training = {one.name: one for one in fitted}
+    for joint in dict.fromkeys(one.joint for one in (*held_out, *fitted)):
+        colour = joint_colour(joints, joint)
+        body += f"<h3>{escape(joint)}</h3>"
+        for one in (c for c in held_out if c.joint == joint):
+            body += _figure(one, colour, "held-out rows").html()
+            body += _reversals(one, colour)
+        rest = [of_training[n] for n in of_training if of_training[n].joint == joint]
+        shown = "".join(_figure(one, colour, "training rows").html() for one in rest)
+        body += folded("Training rows", shown) if held_out else shown
+    return Section("predictions", _TITLE, lead, body)
+
+
+_TITLE = "Measured against predicted"
+
+
+def _table(
+    held_out: Sequence[ChannelRows], fitted: Sequence[ChannelRows], joints: Sequence[str]
+) -> str:
+    trained = {one.name: one for one in fitted}
+    checked = {one.name: one for one in held_out}
+    rows = []
+    for name in dict.fromkeys([*checked, *trained]):
+        one, other = checked.get(name), trained.get(name)
+        first = one or other
+        if first is None:
+            continue
+        keys = ("rmse_before", "rmse_after", "noise_floor", "fit_before_pct", "fit_after_pct")
+        cells = [number(one.value(k)) if one else "–" for k in keys]
+        cells += [number(other.value(k)) if other else "–" for k in keys[:2]]
+        dot = joint_colour(joints, first.joint)
+        rows.append(Row((name, unit_text(first.unit), *cells), dot=dot))
+    return table(_HEAD, rows)
+
+
+def _figure(one: ChannelRows, colour: str, kind: str) -> Figure:
+    """Values above, residuals with the noise's band below."""
+    before, after = one.residuals
+    floor = one.value("noise_floor")
+    ends = one.time_s[[0, -1]]
+    quantity = one.quantity
+    return Figure(
+        f"{one.title}, {kind}",
+        _time_title(one),
+        (axis_title(quantity, one.unit), axis_title("error", one.unit)),
+        [
+            line("measured", (one.time_s, one.measured), INK, width=1.2),
+            line("before", (one.time_s, one.before), BEFORE, dash="dot"),
+            line("after", (one.time_s, one.after), colour),
+            band("noise ±2σ", ends, np.full(2, -2 * floor), np.full(2, 2 * floor), panel=1),
+            line("b", (one.time_s, before), BEFORE, panel=1, dash="dot", legend=False),
+            line("a", (one.time_s, after), colour, panel=1, legend=False),
+        ],
+    )
+
+
+def _time_title(one: ChannelRows) -> str:
+    several = bool((np.diff(one.time_s) == APART_S).any())
+    return "time in s, recordings one after the other" if several else "time in s"
+
+
+def _reversals(one: ChannelRows, colour: str) -> str:
+    """Close-ups where the motion turns: what friction and valves leave out shows there first."""
+    figures = []
+    for rows in one.reversals():
+        t = one.time_s[rows]
+        middle = 0.5 * (t[0] + t[-1])
+        figures.append(
+            Figure(
+                f"{one.title}, reversal at {middle:.1f} s",
+                "time in s",
+                (axis_title(one.quantity, one.unit),),
+                [
+                    line("measured", (t, one.measured[rows]), INK, width=1.2),
+                    line("before", (t, one.before[rows]), BEFORE, dash="dot"),
+                    line("after", (t, one.after[rows]), colour, width=2.0),
+                ],
+            )
+        )
+    inner = "".join(f.html() for f in figures)
+    return f'<div class="pair">{inner}</div>' if inner else ""

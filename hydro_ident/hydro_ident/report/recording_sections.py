@@ -1,0 +1,170 @@
+"""What the recordings are worth: data health, excitation, and how well the tip was controlled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hydro_ident.inspection import Range
+from hydro_ident.recording_summary import JointMotion, RecordingSummary
+from hydro_ident.report.figure import Figure, axis_title, path, unit_text
+from hydro_ident.report.page import Row, Section, bullets, folded, number, paragraph, table
+from hydro_ident.report.palette import joint_colour
+from hydro_ident.verdict import BagLoss
+
+_NONE = "No recording could be read."
+
+
+def health_section(
+    recordings: Sequence[RecordingSummary], losses: Sequence[BagLoss], joints: Sequence[str]
+) -> Section:
+    """Rates, gaps, irregular signals and ranges."""
+    title = "Data health"
+    lead = "Whether the recordings can be trusted: nothing of what is listed here was repaired."
+    if not recordings:
+        return Section("health", title, lead, paragraph(_NONE))
+    rows: list[tuple[str, ...]] = [
+        (r.name, _role(r), f"{r.duration_s:.1f}", f"{r.rate_hz:.4g}", str(r.gaps), str(r.missing))
+        for r in recordings
+    ]
+    head = ("recording", "used to", "length s", "rate Hz", "gaps", "cycles missing")
+    body = table(head, rows) + _irregular(recordings) + _lost(losses)
+    body += bullets([f"{r.name}: {note}" for r in recordings for note in r.notes])
+    for r in recordings:
+        body += folded(f"Ranges of {r.name}", _ranges(r.ranges, joints))
+    return Section("health", title, lead, body)
+
+
+def _irregular(recordings: Sequence[RecordingSummary]) -> str:
+    rows = [
+        (r.name, one.signal, one.kind.replace("_", " "), one.text)
+        for r in recordings
+        for one in r.findings
+    ]
+    if not rows:
+        return paragraph("No signal is stuck, saturated, out of range or latched.", "")
+    head = ("recording", "signal", "what", "in numbers")
+    return "<h3>Irregular signals</h3>" + table(head, rows, text=(0, 1, 3))
+
+
+def _lost(losses: Sequence[BagLoss]) -> str:
+    if not losses:
+        return ""
+    rows = [(loss.bag, loss.channel, loss.reason) for loss in losses]
+    head = ("recording", "channel", "reason")
+    return "<h3>Channels lost</h3>" + table(head, rows, text=(2,))
+
+
+def _role(recording: RecordingSummary) -> str:
+    return "fit" if recording.training else "check"
+
+
+def _ranges(ranges: Sequence[Range], joints: Sequence[str]) -> str:
+    rows = []
+    for one in ranges:
+        joint = one.signal.split()[0]
+        dot = joint_colour(joints, joint) if joint in joints else ""
+        cells = (
+            one.signal,
+            unit_text(one.unit),
+            *(number(v) for v in (one.low, one.high, one.mean)),
+        )
+        rows.append(Row(cells, dot=dot))
+    return table(("signal", "unit", "lowest", "highest", "mean"), rows)
+
+
+def excitation_section(
+    recordings: Sequence[RecordingSummary],
+    joints: Sequence[str],
+    not_testable: Sequence[tuple[str, str]],
+) -> Section:
+    """How far and how fast the joints moved, and what could not have shown.
+
+    Parameters
+    ----------
+    recordings : sequence of RecordingSummary
+    joints : sequence of str
+    not_testable : sequence of pair of str
+        Effects that these recordings could not have shown, and why.
+    """
+    title = "Excitation"
+    lead = (
+        "What a recording never did, no fit can tell: a good one visits most of each joint's"
+        " range, slowly and fast, and turns round often."
+    )
+    rows = [
+        Row(_motion_cells(r, m), dot=joint_colour(joints, m.joint))
+        for r in recordings
+        for m in r.motion
+    ]
+    if not rows:
+        return Section("excitation", title, lead, paragraph("No joint position was recorded."))
+    head = ("joint", "recording", "from", "to", "share of range", "speed", "of limit", "moving",
+            "reversals")  # fmt: skip
+    body = table(head, rows)
+    body += paragraph(
+        "Positions in rad (m), speed not passed 99 % of the time in rad/s (m/s).", "none"
+    )
+    body += '<div class="pair">' + "".join(_covered(recordings, joints)) + "</div>"
+    if not_testable:
+        body += "<h3>What these recordings could not have shown</h3>"
+        plain = [(name.replace("_", " "), why) for name, why in not_testable]
+        body += table(("effect", "why"), plain, text=(1,))
+    return Section("excitation", title, lead, body)
+
+
+def _motion_cells(r: RecordingSummary, m: JointMotion) -> tuple[str, ...]:
+    limits = m.upper - m.lower
+    travel = f"{(m.high - m.low) / limits:.0%}" if limits > 0.0 else "–"
+    speed = f"{m.speed / m.speed_limit:.0%}" if m.speed_limit > 0.0 else "–"
+    return (
+        m.joint, r.name, number(m.low, 3), number(m.high, 3), travel,
+        number(m.speed, 3), speed, f"{m.moving_share:.0%}", str(m.reversals),
+    )  # fmt: skip
+
+
+def _covered(recordings: Sequence[RecordingSummary], joints: Sequence[str]) -> list[str]:
+    """Where in position and speed each joint has been, recording by recording."""
+    figures = []
+    for k, joint in enumerate(joints):
+        colour = joint_colour(joints, joint)
+        units = [m.unit for r in recordings for m in r.motion if m.joint == joint]
+        if not units:
+            continue
+        traces = []
+        for r in recordings:
+            way = r.position[:, k], r.velocity[:, k]
+            dash = "solid" if r.training else "dot"
+            traces.append(path(f"{_role(r)}: {r.name}", way, colour, dash=dash))
+        x, y = axis_title("position", units[0]), axis_title("speed", f"{units[0]}/s")
+        figures.append(Figure(f"{joint}: positions and speeds visited", x, (y,), traces).html())
+    return figures
+
+
+def control_section(recordings: Sequence[RecordingSummary]) -> Section:
+    """How well the tip followed its reference in each recording that has one."""
+    title = "Control"
+    lead = (
+        "How well the tip followed its reference in these recordings, by the encoders. Rho is the"
+        " largest error over the largest speed. What a new model is worth shows in a new recording"
+        " of the same path: the table of its report stands beside this one."
+    )
+    rows, thin = [], False
+    for r in recordings:
+        t = r.tracking
+        if t is not None:
+            thin |= r.thinned > 1
+            rows.append(
+                (r.name, f"{t.duration_s:.1f}", number(t.rmse_mm), number(t.max_error_mm),
+                 number(t.max_speed_m_s), number(t.rho_s))
+            )  # fmt: skip
+    if not rows:
+        text = (
+            "No recording holds a tip reference that moves: record a path driven by the controller"
+            " to see its errors here, or run `tracking` on such a bag."
+        )
+        return Section("control", title, lead, paragraph(text))
+    head = ("recording", "path s", "RMSE mm", "max error mm", "max speed m/s", "rho s")
+    body = table(head, rows)
+    if thin:
+        body += paragraph("Long recordings are judged on thinned cycles.", "none")
+    return Section("control", title, lead, body)

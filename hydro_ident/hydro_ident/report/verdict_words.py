@@ -1,0 +1,99 @@
+"""Words that the verdicts of both reports share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hydro_ident.free_run import FreeRun
+from hydro_ident.recording_summary import RecordingSummary
+from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.figure import unit_text
+from hydro_ident.report.page import number
+from hydro_ident.verdict import BagLoss
+
+#: A residual within so many times the sensors' noise is as good as explained.
+NEAR_NOISE = 2.0
+#: Lines of a card before the rest is counted.
+_LINES = 4
+
+
+def plain(name: str) -> str:
+    """An identifier in words."""
+    words = name.replace("_", " ").replace(".", ": ")
+    for proper in ("coulomb", "stribeck"):
+        words = words.replace(proper, proper.capitalize())
+    return words
+
+
+def error_line(channels: Sequence[ChannelRows]) -> list[str]:
+    """How much better the channels are predicted: most and least."""
+    known = [c for c in channels if c.value("rmse_before") > 0.0]
+    if not known:
+        return []
+    known.sort(key=lambda c: c.value("rmse_after") / c.value("rmse_before"))
+    best, least = known[0], known[-1]
+    a, b, n = (number(best.value(k), 3) for k in ("rmse_before", "rmse_after", "noise_floor"))
+    share = least.value("rmse_after") / least.value("rmse_before")
+    line = (
+        f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
+        f" {unit_text(best.unit)} (sensor noise alone: {n})"
+    )
+    return [line + (f"; least in {least.name}, to {share:.0%}." if len(known) > 1 else ".")]
+
+
+def noise_line(channels: Sequence[ChannelRows]) -> list[str]:
+    """How far above the sensors' noise the residuals are."""
+    ratios = {
+        c.name: c.value("rmse_after") / c.value("noise_floor")
+        for c in channels
+        if c.value("noise_floor") > 0.0
+    }
+    if not ratios:
+        return []
+    name = max(ratios, key=lambda k: ratios[k])
+    if ratios[name] <= NEAR_NOISE:
+        return [f"What is left is sensor noise: at most {ratios[name]:.1f} times it, in {name}."]
+    return [f"What is left is up to {ratios[name]:.0f} times sensor noise, most in {name}."]
+
+
+def free_run_line(run: FreeRun | None) -> list[str]:
+    """What the free run says, joint by joint."""
+    if run is None or not run.joints:
+        return []
+    parts = [
+        f"{j.joint} {number(j.rmse_before, 2)} → {number(j.rmse_after, 2)} {j.unit}"
+        for j in run.joints
+        if j.rmse_before is not None or j.rmse_after is not None
+    ]
+    if not parts:
+        return []
+    return [f"Simulated for {run.window_s:.2g} s from voltages alone, error: {', '.join(parts)}."]
+
+
+def loss_line(losses: Sequence[BagLoss]) -> list[str]:
+    """How many channels the bags do not give."""
+    if not losses:
+        return []
+    names = ", ".join(dict.fromkeys(loss.channel for loss in losses))
+    return [f"Not in every recording: {names} (data health says what was done without)."]
+
+
+def health_line(recordings: Sequence[RecordingSummary]) -> list[str]:
+    """Whether something is wrong with the recordings themselves."""
+    wrong = [f"{f.signal} {f.kind.replace('_', ' ')}" for r in recordings for f in r.findings]
+    if not wrong:
+        return []
+    return [f"The recordings are not clean ({shortened(wrong)}): see data health first."]
+
+
+def shortened(words: Sequence[str], most: int = _LINES) -> str:
+    """The first few of a list, and how many more there are."""
+    unique = list(dict.fromkeys(words))
+    more = len(unique) - most
+    return ", ".join(unique[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def limited(lines: Sequence[str], most: int = _LINES + 2) -> tuple[str, ...]:
+    """The first lines of a card, and how many more there are."""
+    more = len(lines) - most
+    return (*lines[:most], *([f"… and {more} more below."] if more > 0 else []))

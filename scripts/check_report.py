@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""Opens a report in Chromium and looks for what a reader would stumble over.
+
+    scripts/check_report.py REPORT.html [--shots DIR]
+
+At three widths, light and dark: errors on the console, anything that would be fetched, figures
+that are not drawn, contents wider than the screen; then the report as it is printed. Prints what
+it measured as JSON. Exit 0 nothing found; 1 something was; 2 no browser, or no such report.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+WIDTHS, SCHEMES = (390, 820, 1400), ("light", "dark")
+NARROW, HEIGHT = 600, 900
+WAIT_S = 60.0
+#: Scrolls through the page, frame by frame, so that every figure is drawn.
+SCROLL = """(async () => {
+  document.querySelectorAll('details').forEach(d => { d.open = true; });
+  const next = () => new Promise(done => requestAnimationFrame(done));
+  const frame = async () => { await next(); await next(); };
+  for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
+    scrollTo({top: y, behavior: 'instant'});
+    await frame();
+  }
+  scrollTo({top: 0, behavior: 'instant'});
+  await frame();
+})()"""
+MEASURE = """(() => {
+  const width = document.documentElement.clientWidth;
+  const wide = [];
+  for (const e of document.body.querySelectorAll('*')) {
+    if (e.closest('.scroll') || e.closest('svg')) continue;
+    const box = e.getBoundingClientRect();
+    if (box.width > 0 && box.right > width + 1) {
+      wide.push(e.tagName + ' ' + e.className + ' ' + e.textContent.slice(0, 40));
+    }
+  }
+  const canvases = [...document.querySelectorAll('.canvas')];
+  return {
+    overflow: document.documentElement.scrollWidth - width,
+    wide: wide.slice(0, 5),
+    figures: canvases.length,
+    drawn: canvases.filter(c => c.querySelector('.main-svg')).length,
+    height: document.documentElement.scrollHeight,
+    paper: getComputedStyle(document.body).backgroundColor,
+    load_ms: Math.round(performance.getEntriesByType('navigation')[0].loadEventEnd),
+  };
+})()"""
+
+
+class Browser:
+    """A headless Chromium, spoken to over a pipe in its DevTools protocol."""
+
+    def __init__(self, path: str, profile: str) -> None:
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+
+        def as_expected() -> None:
+            # The browser reads descriptor 3 and writes 4; neither may be overwritten on the way.
+            ends = os.dup(to_browser), os.dup(from_browser)
+            high = [os.dup2(end, 20 + k) for k, end in enumerate(ends)]
+            os.dup2(high[0], 3)
+            os.dup2(high[1], 4)
+
+        self._process = subprocess.Popen(
+            [path, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu",
+             "--no-first-run", "--hide-scrollbars", f"--user-data-dir={profile}"],
+            close_fds=False, preexec_fn=as_expected,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(to_browser)
+        os.close(from_browser)
+        self._count, self._rest = 0, b""
+        self.events: list[dict[str, Any]] = []
+        self.session: str | None = None
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """The result of a command; what happens meanwhile is kept in `events`."""
+        self._count += 1
+        message: dict[str, Any] = {"id": self._count, "method": method, "params": parameters}
+        if self.session is not None:
+            message["sessionId"] = self.session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._receive()
+            if answer.get("id") == self._count:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error'].get('message')}")
+                result: dict[str, Any] = answer["result"]
+                return result
+            self.events.append(answer)
+
+    def evaluate(self, script: str) -> Any:
+        """The value of a script, once it is there."""
+        found = self.call(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
+        if "exceptionDetails" in found:
+            raise RuntimeError(f"script failed: {found['exceptionDetails']}")
+        return found["result"].get("value")
+
+    def until(self, method: str) -> None:
+        """Wait for an event."""
+        end = time.monotonic() + WAIT_S
+        while not any(e.get("method") == method for e in self.events):
+            if time.monotonic() > end:
+                raise RuntimeError(f"no {method} within {WAIT_S:g} s")
+            self.events.append(self._receive())
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            more = os.read(self._in, 1 << 20)
+            if not more:
+                raise RuntimeError("the browser is gone")
+            self._rest += more
+        first, self._rest = self._rest.split(b"\0", 1)
+        answer: dict[str, Any] = json.loads(first)
+        return answer
+
+    def close(self) -> None:
+        """End the browser."""
+        self.session = None
+        os.write(self._out, json.dumps({"id": 0, "method": "Browser.close"}).encode() + b"\0")
+        try:
+            self._process.wait(10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+        os.close(self._out)
+        os.close(self._in)
+
+
+def complaints(events: list[dict[str, Any]]) -> list[str]:
+    """Errors of scripts and of the console, and addresses that were asked for."""
+    found = []
+    for event in events:
+        method, data = event.get("method"), event.get("params", {})
+        if method == "Runtime.exceptionThrown":
+            details = data["exceptionDetails"]
+            found.append("exception: " + str(details.get("exception", details))[:300])
+        elif method == "Runtime.consoleAPICalled" and data["type"] in ("error", "warning"):
+            found.append(f"console: {data['args']}"[:300])
+        elif method == "Log.entryAdded" and data["entry"]["level"] in ("error", "warning"):
+            found.append(f"log: {data['entry']['text']}"[:300])
+        elif method == "Network.requestWillBeSent":
+            url = data["request"]["url"]
+            if not url.startswith(("file:", "data:", "blob:")):
+                found.append(f"asks for {url}"[:300])
+    return found
+
+
+def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list[Any]:
+    """Open the report at a width, in every colour scheme one after the other."""
+    browser.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width, height=HEIGHT, deviceScaleFactor=1, mobile=width < NARROW,
+    )  # fmt: skip
+    browser.call("Emulation.setTouchEmulationEnabled", enabled=width < NARROW)
+    _choose(browser, SCHEMES[0])
+    browser.events.clear()
+    browser.call("Page.navigate", url=report.absolute().as_uri())
+    browser.until("Page.loadEventFired")
+    browser.evaluate(SCROLL)
+    views = []
+    for scheme in SCHEMES:
+        _choose(browser, scheme)
+        measured = browser.evaluate(MEASURE)
+        found = complaints(browser.events)
+        browser.events.clear()
+        if measured["overflow"] > 0 or measured["wide"]:
+            found.append(f"wider than the screen: {measured['overflow']} px, {measured['wide']}")
+        if measured["drawn"] != measured["figures"]:
+            found.append(f"{measured['drawn']} of {measured['figures']} figures drawn")
+        if shots is not None:
+            _shoot(browser, shots / f"{report.stem}-{width}-{scheme}", width, measured["height"])
+        views.append({"width": width, "scheme": scheme, **measured, "found": found})
+    return views
+
+
+def _choose(browser: Browser, scheme: str) -> None:
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.call("Emulation.setEmulatedMedia", features=features)
+
+
+def _shoot(browser: Browser, stem: Path, width: int, height: int) -> None:
+    part = 2400
+    for k, top in enumerate(range(0, height, part)):
+        clip = {"x": 0, "y": top, "width": width, "height": min(part, height - top), "scale": 1}
+        shot = browser.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
+        stem.with_name(f"{stem.name}-{k:02d}.png").write_bytes(base64.b64decode(shot["data"]))
+
+
+def printed(browser: Browser, report: Path, shots: Path | None) -> Any:
+    """The report on paper."""
+    browser.events.clear()
+    pdf = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
+    if shots is not None:
+        (shots / f"{report.stem}.pdf").write_bytes(pdf)
+    return {"printed_bytes": len(pdf), "found": complaints(browser.events)}
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("report", type=Path, help="report.html")
+    parser.add_argument("--shots", type=Path, metavar="DIR", help="folder for screenshots")
+    options = parser.parse_args()
+    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if path is None or not options.report.is_file():
+        what = f"no browser: none of {', '.join(BROWSERS)} is installed"
+        print(what if path is None else f"{options.report}: no such file", file=sys.stderr)
+        return 2
+    if options.shots is not None:
+        options.shots.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as profile:
+        browser = Browser(path, profile)
+        try:
+            views = [
+                view
+                for width in WIDTHS
+                for view in look(browser, options.report, width, options.shots)
+            ]
+            views.append(printed(browser, options.report, options.shots))
+        finally:
+            browser.close()
+    size = options.report.stat().st_size
+    print(json.dumps({"report": str(options.report), "bytes": size, "views": views}, indent=1))
+    return 1 if any(view["found"] for view in views) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
