@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.agreement import DEVIATIONS, SHARE
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.fit_form import (
     FittedForm,
@@ -79,10 +80,17 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """A form on held-out rows: improvement by block, and its chance."""
+    """A form on held-out rows: improvement by block, its chance, and its size over that found."""
 
     blocks: FloatArray
     p_value: float
+    size: float
+    std: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether these rows give the form the size that it was found with."""
+        return abs(self.size - 1.0) <= max(DEVIATIONS * self.std, SHARE)
 
 
 def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
@@ -115,7 +123,7 @@ def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
     told = [
         (f, h)
         for f, h in zip(fits, seen, strict=True)
-        if h.p_value <= level and _as_good(h.blocks, by_curve.blocks)
+        if h.p_value <= level and h.agrees and _as_good(h.blocks, by_curve.blocks)
     ]
     total = float(by_curve.blocks.sum())
     return tuple(
@@ -151,7 +159,18 @@ def _held_out(held: Rows, columns: FloatArray, theta: FloatArray, any_phase: boo
         return _any_phase(held, columns, float(np.hypot(theta[0], theta[1])))
     white = held.beyond(columns, theta)
     products = held.bench.by_block((white * held.bench.residual)[:, None])[:, 0]
-    return _Held(held.improvement(white), chance_of(products))
+    return _Held(held.improvement(white), chance_of(products), *_size(held, white))
+
+
+def _size(held: Rows, white: FloatArray) -> tuple[float, float]:
+    """Factor on a whitened function (M,) that fits rows best, and its deviation."""
+    squares = float(white @ white)
+    if squares <= 0.0:
+        return 0.0, 0.0
+    size = float(white @ held.bench.residual) / squares
+    rest = held.bench.residual - size * white
+    by_block = held.bench.by_block((white * rest)[:, None])[:, 0]
+    return size, float(np.sqrt(max(float(by_block @ by_block), squares))) / squares
 
 
 def _any_phase(held: Rows, waves: FloatArray, size: float) -> _Held:
@@ -170,7 +189,7 @@ def _any_phase(held: Rows, waves: FloatArray, size: float) -> _Held:
         gain += float(sums @ phase)
         drawn = drawn + np.einsum("fi,ij,fj->f", flipped, inverse, flipped)
     p_value = float((1 + np.sum(drawn >= gain)) / (1 + drawn.size))
-    return _Held(held.improvement(white), p_value)
+    return _Held(held.improvement(white), p_value, *_size(held, white))
 
 
 def _as_good(form: FloatArray, curve: FloatArray) -> bool:
