@@ -163,8 +163,9 @@ def _coefficients(one: FittedForm, unit: str, per: str) -> tuple[Value, ...]:
     theta, covariance = one.theta, one.covariance
     std = np.sqrt(np.diag(covariance))
     last = theta.size - 1
-    constant = (Value("constant", float(theta[last]), float(std[last]), unit),)
-    constant = constant if one.offset else ()
+    constant: tuple[Value, ...] = ()
+    if one.offset:
+        constant = (Value("constant", float(theta[last]), float(std[last]), unit),)
     if one.kind is not COSINE:
         power = one.kind.power
         name = "constant" if one.kind is CONSTANT else "coefficient"

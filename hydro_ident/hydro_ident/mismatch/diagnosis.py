@@ -11,6 +11,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import FreeRun, free_run
 from hydro_ident.mismatch.agreement import fitted_there
+from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
@@ -22,7 +23,7 @@ from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import FEW_MOTIONS, NAMED_SHARE, DiagnosisSettings
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained, not_testable, unexplained
-from hydro_ident.mismatch.verify import Check, Verification, verify
+from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.sources import Source, sources_of
 from hydro_ident.survey import Survey, survey_source

@@ -10,10 +10,11 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
-from hydro_ident.mismatch.fitting import Fitted, Training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factor_of, row_values
+from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factors_of, row_values
+from hydro_ident.mismatch.training import Training
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.figure import axis_title, unit_text
 from hydro_ident.report.law_section import LawView
@@ -153,4 +154,5 @@ def _factor(training: Training, fitted: Fitted, d: Dependence, own: BoolArray) -
         return np.ones(int(own.sum()))
     needed: Sequence[str] = ("piston_velocity", "valve_signal")
     values = {n: row_values(training.predictor, fitted.model, d.channel, n) for n in needed}
-    return np.asarray(factor_of(training.predictor, d.channel, values, own)[0][own])
+    factors = factors_of(training.predictor, fitted.model, d.channel, values, own)
+    return factors[d.times][own]
