@@ -34,6 +34,8 @@ Value = TypeVar("Value", bound=np.generic)
 #: A joint rests where it is slower than this share of its usual fast speed for so long; the
 #: filters smear what it does there into some rows before and after, at least so many seconds.
 REST_SPEED, REST_S, REST_REACH_S = 0.01, 0.1, 0.1
+#: A valve's signal below this share of its usual large one does nothing on purpose.
+IDLE_SIGNAL = 0.1
 #: A motion is one beyond this share of the usual fast speed.
 MOTION_SPEED = 0.1
 
@@ -175,9 +177,9 @@ class Material:
         """Rows whose joint moves.
 
         At rest dry friction is whatever holds the load: no law of velocity says anything about
-        it, and every one that is asked is wrong in its own way. And a valve's signal is then what
-        the controller makes of the disturbances in the same row: held against it, they look like
-        a law of the valve near its middle.
+        it, and every one that is asked is wrong in its own way. And a small valve signal is then
+        what the controller makes of the disturbances in the same row: held against it, they look
+        like a law of the valve near its middle. A larger one that moves nothing is not.
         """
         result = np.ones(self.size, dtype=np.bool_)
         reach_s = max(REST_REACH_S, 1.0 / self.filters.parallel_hz)
@@ -194,8 +196,18 @@ class Material:
                     noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
                     slow = speed[:, joint] < max(REST_SPEED * usual, noise)
                     resting = _lasting(slow, stretch, reach_s)
+                    if self.is_flow(k):
+                        resting &= self._idle(stretch, self.chambers[self.chamber_index(k)].index)
                     result[place.rows] = ~self.on_rows(stretch, k, resting)
         return result
+
+    def _idle(self, stretch: Stretch, cylinder: int) -> BoolArray:
+        """Samples whose valve signal is small beside what is usual."""
+        signals = [np.abs(s.trace.valve_signal[:, cylinder]) for s in self.stretches]
+        together = np.concatenate(signals)
+        known = together[np.isfinite(together)]
+        usual = float(np.quantile(known, 0.95)) if known.size else 0.0
+        return np.asarray(np.abs(stretch.trace.valve_signal[:, cylinder]) < IDLE_SIGNAL * usual)
 
     @property
     def motions(self) -> int:
