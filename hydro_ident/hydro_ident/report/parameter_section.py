@@ -94,7 +94,7 @@ def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         if p.interval is not None:
             interval = " … ".join(number(bound, 5) for bound in p.interval)
         given = number(p.datasheet, 5)
-        change = "–" if p.change is None else _percent(100.0 * p.change)
+        change = "–" if p.off or p.change is None else _percent(100.0 * p.change)
         texts = (p.name, number(p.value, 5), interval, unit_text(p.unit), given, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
         cells.append(Row(texts, p.below, dot, p.off))

@@ -9,6 +9,7 @@ from hydro_ident.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.report.figure import Figure, axis_title, path, unit_text
 from hydro_ident.report.page import Row, Section, bullets, folded, number, paragraph, table
 from hydro_ident.report.palette import joint_colour
+from hydro_ident.report.verdict_words import plain
 from hydro_ident.verdict import BagLoss
 
 _NONE = "No recording could be read."
@@ -107,8 +108,8 @@ def excitation_section(
     body += '<div class="pair">' + "".join(_covered(recordings, joints)) + "</div>"
     if not_testable:
         body += "<h3>What these recordings could not have shown</h3>"
-        plain = [(name.replace("_", " "), why) for name, why in not_testable]
-        body += table(("effect", "why"), plain, text=(1,))
+        named = [(plain(name), why) for name, why in not_testable]
+        body += table(("effect", "why"), named, text=(1,))
     return Section("excitation", title, lead, body)
 
 
