@@ -1,10 +1,11 @@
-"""Memory and time of `identify` against the length of a bag.
+"""Memory and time of `identify` or `diagnose` against the length of a bag.
 
     python -m hydro_ident.study.long_bag [--minutes 10 40 160] [--folder DIR]
+        [--command diagnose] [--repeat BAG]
 
-Writes a bag of each length (a 40 s run of the crane xs031 repeated, 500 Hz, four topics),
-identifies from it in a process of its own and prints that process's peak memory and time. Bags
-are removed again.
+Writes a bag of each length (a 40 s run of the crane xs031, or another bag of it, repeated, 500 Hz,
+four topics), runs the command on it in a process of its own and prints that process's peak memory
+and time. Bags are removed again.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
@@ -89,8 +90,18 @@ def write_repeated(path: Path, recording: Recording, repeats: int) -> None:
                 writer.write_stamped(topic, stamp, values, names=names)
 
 
-def measure(minutes: float, folder: Path) -> Measured:
-    """Write a bag of this length, identify from it, remove it.
+def measure(
+    minutes: float, folder: Path, command: str = "identify", recording: Recording | None = None
+) -> Measured:
+    """Write a bag of this length, run a command on it, remove it.
+
+    Parameters
+    ----------
+    minutes : float
+    folder : Path
+    command : {"identify", "diagnose"}
+    recording : Recording, optional
+        To repeat; by default a synthetic one.
 
     Raises
     ------
@@ -98,13 +109,14 @@ def measure(minutes: float, folder: Path) -> Measured:
         The command failed.
     """
     bag, out = folder / f"run_{minutes:g}", folder / f"out_{minutes:g}"
-    recording = synthetic_recording(load_robot(ROBOT), RUN_S, seed=1)
-    write_repeated(bag, recording, max(1, round(60.0 * minutes / (RUN_S + 1.0))))
+    recording = recording or synthetic_recording(load_robot(ROBOT), RUN_S, seed=1)
+    run_s = len(recording) * PERIOD_NS / 1e9
+    write_repeated(bag, recording, max(1, round(60.0 * minutes / (run_s + 1.0))))
     size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
-    command = [sys.executable, "-m", "hydro_ident.commands.identify", str(bag)]
-    command += ["--robot", ROBOT, "--out", str(out)]
+    words = [sys.executable, "-m", f"hydro_ident.commands.{command}", str(bag)]
+    words += ["--robot", ROBOT, "--out", str(out)]
     began = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     peak_kb = 0
     while process.poll() is None:
         peak_kb = max(peak_kb, _peak_kb(process.pid))
@@ -112,7 +124,7 @@ def measure(minutes: float, folder: Path) -> Measured:
     seconds = time.monotonic() - began
     if process.returncode:
         text = "" if process.stderr is None else process.stderr.read().decode()
-        raise IdentError(f"identify ended with {process.returncode}: {text}")
+        raise IdentError(f"{command} ended with {process.returncode}: {text}")
     shutil.rmtree(bag)
     return Measured(minutes, peak_kb / 1024.0, seconds, size)
 
@@ -133,11 +145,14 @@ def _run(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="long_bag", description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[10.0, 40.0, 160.0])
     parser.add_argument("--folder", type=Path, help="where the bags go for a while")
+    parser.add_argument("--command", choices=("identify", "diagnose"), default="identify")
+    parser.add_argument("--repeat", type=Path, help=f"a bag of {ROBOT} at 500 Hz to repeat")
     options = parser.parse_args(arguments)
+    recording = options.repeat and read_recording(options.repeat, load_robot(ROBOT))
     print("| minutes | bag, MB | peak memory, MB | seconds |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         for minutes in options.minutes:
-            one = measure(minutes, Path(folder))
+            one = measure(minutes, Path(folder), options.command, recording)
             print(f"| {minutes:g} | {one.bag_mb:.0f} | {one.peak_mb:.0f} | {one.seconds:.0f} |")
             sys.stdout.flush()
     return 0
