@@ -2,7 +2,7 @@
 
 A spike is replaced by a line between its neighbours. A dropout (a reading that jumps and
 then stands still to the last bit) is made a gap, so that no equation uses it. Both are counted
-and said; only the robust estimator does this.
+and said. The robust estimator does this, and the diagnosis for what is gross.
 """
 
 from __future__ import annotations
@@ -61,11 +61,26 @@ class Cleaner:
     limits: tuple[Limit, ...]
 
     @staticmethod
-    def of(robot: Robot, signals: SignalSurvey) -> Cleaner:
-        """From what the survey found; a sensor that it knows no noise of is left alone."""
+    def of(robot: Robot, signals: SignalSurvey, gross: float = 0.0) -> Cleaner:
+        """From what the survey found; a sensor that it knows no noise of is left alone.
+
+        Parameters
+        ----------
+        robot : Robot
+        signals : SignalSurvey
+        gross : float
+            Share of a sensor's usual size below which nothing is a spike.
+        """
         return Cleaner(
             tuple(
-                Limit(s.name, s.field, s.column, s.noise, s.floor, s.sensor.lone)
+                Limit(
+                    s.name,
+                    s.field,
+                    s.column,
+                    s.noise,
+                    max(s.floor, gross * s.sensor.usual_size),
+                    s.sensor.lone,
+                )
                 for s in watched_sensors(robot, signals)
                 if s.noise > 0.0
             )

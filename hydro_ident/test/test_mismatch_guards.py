@@ -182,7 +182,7 @@ def test_what_no_law_explains_is_reported(plain: Any) -> None:
     x = stroke(cylinder, plain.q[:, 0])
     work = _work(_pushed(plain, 1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
     left = dependences(work.training, work.base)
-    holds = Confirmer(work.check, work.base).holds
+    holds = Confirmer(work.training, work.check, work.base).holds
     found = unexplained(work.training, work.base, left, holds)
     assert "lift/force" in {one.channel for one in found}
     assert not unexplained(work.training, work.base, [], holds)

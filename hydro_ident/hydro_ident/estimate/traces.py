@@ -13,6 +13,9 @@ from hydro_ident.bag.streaming import Piece
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 
+#: A sensor that is missing for this share of a recording is left out instead of all others.
+LONG_LOSS = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class Trace:
@@ -109,12 +112,18 @@ def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
 
 
 def _pieces(recording: Recording) -> list[slice]:
-    """Contiguous stretches whose positions, pressures and torques are there in every cycle."""
+    """Contiguous stretches whose positions, pressures and torques are there in every cycle.
+
+    A sensor that is missing for long takes its own channels away, not those of the others.
+    """
     usable = np.ones(len(recording), dtype=bool)
-    for values in (recording.q, recording.p_a, recording.p_b, _used_efforts(recording)):
+    watched = (recording.p_a, recording.p_b, _used_efforts(recording), recording.supply)
+    for values in (recording.q, *watched, recording.tank):
         if values is not None:
-            recorded = ~np.isnan(values).all(axis=0)
-            usable &= np.isfinite(values[:, recorded]).all(axis=1)
+            columns = values.reshape(len(recording), -1)
+            missing = np.isnan(columns).mean(axis=0)
+            least = 1.0 if values is recording.q else LONG_LOSS
+            usable &= np.isfinite(columns[:, missing < least]).all(axis=1)
     return [
         slice(segment.start + begin, segment.start + end)
         for segment in recording.segments

@@ -48,12 +48,13 @@ class Agreement:
         return apart <= max(DEVIATIONS * self.std, SHARE * larger)
 
 
-def fitted_there(check: Check, whole: Fitted) -> Fitted | None:
+def fitted_there(training: Training, check: Check, whole: Fitted) -> Fitted | None:
     """A model fitted anew to rows that took no part; None where they are too few."""
     rows = check.mask & check.moving
     if np.count_nonzero(rows) < 10 * whole.columns.shape[1]:
         return None
-    return fit(Training.of(check.predictor, rows), whole.model, passes=_PASSES)
+    there = check.training(training.prior, training.predictor.names)
+    return fit(there, whole.model, passes=_PASSES)
 
 
 def agreements(

@@ -180,6 +180,15 @@ class Bench:
         extra = self._y.size - self.measured
         return np.concatenate([white, np.zeros((extra, *white.shape[1:]))]) if extra else white
 
+    def spread(self, column: FloatArray) -> float:
+        """How many blocks of equal weight a whitened column (M,) is worth.
+
+        What lives in a few blocks only is one event or two: no flips of so few signs are rare.
+        """
+        energy = np.bincount(self.block[: self.measured], weights=column[: self.measured] ** 2)
+        squares = float(np.sum(energy**2))
+        return float(np.sum(energy)) ** 2 / squares if squares > 0.0 else 0.0
+
     def by_block(self, values: FloatArray) -> FloatArray:
         """Sums (B, k) of rows by block of time."""
         result = np.zeros((self.blocks, values.shape[1]))

@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.training import Prior, Training
+from hydro_ident.mismatch.whitening import Noise
 from hydro_model.robot import FloatArray
+
+
+def noise_there(noise: Noise, names: Sequence[str], there: Sequence[str]) -> Noise:
+    """Noise of some channels for rows of others, by name; rows of further channels count nothing.
+
+    Parameters
+    ----------
+    noise : Noise
+        Of the channels `names`.
+    names, there : sequence of str
+    """
+    at = [names.index(name) if name in names else -1 for name in there]
+    phi = tuple(noise.phi[k] if k >= 0 else np.zeros(0) for k in at)
+    return Noise(phi, np.array([float(noise.std[k]) if k >= 0 else np.inf for k in at]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +44,20 @@ class Check:
     predictor: Predictor
     mask: BoolArray
     moving: BoolArray
+
+    def training(self, prior: Prior | None, names: Sequence[str]) -> Training:
+        """The rows as if they were to be fitted.
+
+        Parameters
+        ----------
+        prior : Prior or None
+            What is known of the base, by the parameters `names`: of those of these rows.
+        names : sequence of str
+        """
+        if prior is not None and tuple(names) != self.predictor.names:
+            own = [list(names).index(n) for n in self.predictor.names if n in names]
+            prior = Prior(prior.root[:, own], prior.values[own]) if own else None
+        return Training.of(self.predictor, self.mask & self.moving, prior)
 
     def residual(self, model: Model) -> FloatArray:
         """Residual of a model on all rows of the material."""

@@ -84,7 +84,7 @@ def choices_of(forces: ForceModel, signals: SignalSurvey, traces: Sequence[Trace
     usual, step_s = Choices(), max(t.step_s for t in traces)
     quickest, window_s = usual.filters.differentiation_hz, usual.windows_s[0]
     band = usual.filters.parallel_hz
-    noise = np.array([sensor.noise(0.0) for sensor in signals.q])
+    noise = np.array([sensor.noise(sensor.smallest_change) for sensor in signals.q])
     speeds = _usual_speeds(traces)
     moving = (noise > 0.0) & (speeds > _MOVES * math.sqrt(2.0) * noise / _SPEED_S)
     worst = ""

@@ -28,6 +28,8 @@ class Confirmer:
 
     Parameters
     ----------
+    training : Training
+        The rows that the dependence was found on.
     check : Check
     whole : Fitted
         The final model on the training rows.
@@ -40,41 +42,47 @@ class Confirmer:
         The model on them.
     """
 
-    def __init__(self, check: Check, whole: Fitted) -> None:
-        self.training = Training.of(check.predictor, check.mask & check.moving)
+    def __init__(self, training: Training, check: Check, whole: Fitted) -> None:
+        self._channels = training.predictor.material.channels
+        self.training = check.training(training.prior, training.predictor.names)
         self.fitted = fitted(self.training, whole.model, None)
 
-    def holds(self, found: Dependence) -> bool:
-        """Whether a dependence is there on the other rows."""
-        names = self.training.predictor.material.channels
-        if found.channel >= len(names) or found.variable == "time":
-            return True
-        own, bench = alone(self.training, self.fitted, found.channel)
+    def holds(self, found: Dependence) -> bool | None:
+        """Whether a dependence is there on the other rows; None where they cannot say."""
+        names, name = self.training.predictor.material.channels, self._channels[found.channel]
+        if name not in names or found.variable == "time":
+            return None
+        channel = names.index(name)
+        own, bench = alone(self.training, self.fitted, channel)
         if bench is None:
-            return True
-        values = values_of(own, self.fitted, found.channel)
+            return None
+        values = values_of(own, self.fitted, channel)
         factor = np.ones(own.mask.size)
         if found.times:
             model = self.fitted.model
-            factor = factors_of(own.predictor, model, found.channel, values, own.mask)[found.times]
+            factor = factors_of(own.predictor, model, channel, values, own.mask)[found.times]
         at = values[found.variable]
         if not np.isfinite(at[own.mask]).all() or not np.isfinite(factor[own.mask]).all():
-            return True
+            return None
         if found.period:
             pieces = waves(at[own.mask] / found.period)
         else:
             pieces = hats(at[own.mask], found.knots)
         column = np.zeros(own.mask.size)
         column[own.mask] = pieces @ found.coefficients * factor[own.mask]
-        return _chance(bench, column[own.mask]) <= VERIFIED
+        chance = _chance(bench, column[own.mask])
+        return None if chance is None else chance <= VERIFIED
 
 
-def _chance(bench: Bench, column: FloatArray) -> float:
-    """Share of sign flips of whole blocks that reach the column's product with the residual."""
+def _chance(bench: Bench, column: FloatArray) -> float | None:
+    """Share of sign flips of whole blocks that reach the column's product with the residual.
+
+    None where there are too few blocks to say.
+    """
     white = bench.beyond(column[:, None])
     sums = bench.by_block(white * bench.residual[:, None])[:, 0]
     if sums.size < _LEAST_BLOCKS:
-        return 0.0  # Too few to speak against it.
+        return None
     total = float(sums.sum())
     if total <= 0.0:
         return 1.0

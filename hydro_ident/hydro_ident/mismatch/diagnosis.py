@@ -243,7 +243,7 @@ def _described(
     work: Residuals, whole: Fitted, left: Sequence[Dependence]
 ) -> tuple[Unexplained, ...]:
     """Dependence without a name, with its short form where the data allow one."""
-    confirmer = Confirmer(work.check, whole)
+    confirmer = Confirmer(work.training, work.check, whole)
     found = unexplained(work.training, whole, left, confirmer.holds)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
@@ -280,7 +280,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         whole = fit(work.training, model, passes=4)
     rejected: list[Finding] = []
     while named:
-        there = fitted_there(work.check, whole)
+        there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n) for n in named]
         failed = [f for f in found if not f.verification.stands]
         if not failed:
@@ -331,8 +331,10 @@ def _withdrawn(
 ) -> tuple[Fitted, list[Finding], list[Finding]]:
     """Take back names that explain less than what is left in their own channel."""
     material, taken = work.training.predictor.material, list[Finding]()
-    significant = unexplained(work.training, whole, left, Confirmer(work.check, whole).holds)
-    remains = {u.channel: u.dependence.gain for u in significant}
+    holds = Confirmer(work.training, work.check, whole).holds
+    significant = unexplained(work.training, whole, left, holds)
+    # What other rows could not confirm takes no name away.
+    remains = {u.channel: u.dependence.gain for u in significant if u.confirmed}
     for finding in findings:
         channel = finding.channels[0]
         total = _gains(work, whole, finding.named)[material.channels.index(channel)]

@@ -235,6 +235,7 @@ def _unexplained_dict(one: Unexplained) -> dict[str, Any]:
         },
         "text": one.text,
         "p_value": one.p_value,
+        "confirmed": one.confirmed,
         "curve": _curve(d),
         "form": None if one.form is None else _form(one.form),
     }

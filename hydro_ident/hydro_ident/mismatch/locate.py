@@ -25,7 +25,7 @@ from hydro_ident.mismatch.dependence import (
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import lines_of
 from hydro_ident.mismatch.scoring import signs
-from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
 from hydro_ident.mismatch.state_space import factors_of, hats, knots_of
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
@@ -38,6 +38,8 @@ SOFTENING = ("piston_position", "joint_angle", "pressure_a", "pressure_b", "time
 TIME_BLOCKS = 3
 #: Rows by which a variable is looked at later, and the value from which it is worth looking.
 _AHEAD, _NOTABLE = (2, 3, 5), 3.0
+#: Chance below which what comes later explains more.
+_ANSWERED = 0.05
 
 
 @dataclass(slots=True)
@@ -118,7 +120,7 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     functions = _functions(own, fitted, channel)
     for variable, times, knots, columns in functions:
         one = dependence_of(own, fitted, bench, (channel, variable, times), knots, columns)
-        if one is not None:
+        if one is not None and bench.spread(_shown(bench, columns[own.mask])) >= LEAST_EFFECTIVE:
             if variable != "time" and _answered(own, bench, one[0], columns):
                 into.answered.add(len(into.found) + len(found))
             found.append(one[0])
@@ -152,19 +154,44 @@ def _answered(training: Training, bench: Bench, found: Dependence, columns: Floa
     """Whether it is rather the variable that answers to the residual: through a feedback loop.
 
     What a controller or the machine itself makes of a disturbance comes after it: the same
-    function of the variable a little later explains more of the residual than now.
+    function of the variable a little later explains more of the residual than now, by more than
+    sign flips of whole blocks do.
     """
     if found.value < _NOTABLE:
         return False
-    seen, ahead = columns[training.mask], np.zeros_like(columns)
+    flips, _ = _flips(bench, 1)
+    now = _explained(bench, columns[training.mask])
     for rows in _AHEAD:
-        ahead[training.mask] = np.roll(seen, -rows, axis=0)
-        white = bench.beyond(ahead[training.mask])
-        _, inverse = inverse_of(white.T @ white)
-        sums = white.T @ bench.residual
-        if float(sums @ inverse @ sums) > found.gain:
+        ahead = _later(training, columns, rows, found.channel)
+        better = _explained(bench, ahead[training.mask]) - now
+        total = float(better.sum())
+        if total > 0.0 and np.mean(flips @ better >= total) <= _ANSWERED:
             return True
     return False
+
+
+def _explained(bench: Bench, columns: FloatArray) -> FloatArray:
+    """What a function of columns (M, m) takes off the sum of squares, by block, (B,)."""
+    shown = _shown(bench, columns)
+    return bench.by_block((shown * (2.0 * bench.residual - shown))[:, None])[:, 0]
+
+
+def _shown(bench: Bench, columns: FloatArray) -> FloatArray:
+    """What a function of columns (M, m) explains of the whitened residual."""
+    white = bench.beyond(columns)
+    _, inverse = inverse_of(white.T @ white)
+    return np.asarray(white @ (inverse @ (white.T @ bench.residual)))
+
+
+def _later(training: Training, columns: FloatArray, rows: int, channel: int) -> FloatArray:
+    """Columns as they are so many rows later, within each stretch of a channel."""
+    result = np.zeros_like(columns)
+    for place in training.predictor.material.of_channels([channel]):
+        own = columns[place.rows]
+        result[place.rows] = np.concatenate([own[rows:], np.repeat(own[-1:], rows, axis=0)])[
+            : len(own)
+        ]
+    return result
 
 
 def _functions(training: Training, fitted: Fitted, channel: int) -> list[Function]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
@@ -18,6 +17,8 @@ from hydro_ident.mismatch.scoring import (
     Bank,
     Score,
     chance_of,
+    effective_blocks,
+    lost_by_fits,
     p_value,
     score,
     signs,
@@ -28,6 +29,7 @@ from hydro_ident.mismatch.settings import (
     FEW_MOTIONS,
     FOLD_BLOCK_S,
     FOLDS,
+    LEAST_EFFECTIVE,
     MOST_EFFECTS,
 )
 from hydro_ident.mismatch.stepping import is_free
@@ -37,8 +39,6 @@ from hydro_ident.mismatch.worth import resolved, worth
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
-#: Around held-out blocks, as far as the default filters reach.
-_GUARD_S = GUARD_PERIODS / FilterSettings().parallel_hz
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
@@ -152,8 +152,11 @@ class Searcher:
         bench = self.training.bench(noise, current.residual, current.columns, current.offset)
         left = self._left_over(current, noise, best)
         scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
-        chance = chance_of(scores, signs(bench.blocks))
+        flips = signs(bench.blocks)
+        chance = chance_of(scores, flips)
         scores.sort(key=lambda s: -s.value)
+        if p_value(scores[0].value, chance) <= FAMILY_ERROR:
+            chance = chance_of(scores, flips, lost_by_fits(bench, scores, scores[0], mask))
         weighed, contests, firsts = list[ActiveEffect](), 0, _firsts(scores)
         chances = [p_value(one.value, chance) for one in firsts]
         quiet = tuple(s for s, p in zip(firsts, chances, strict=True) if p > FAMILY_ERROR)
@@ -162,6 +165,8 @@ class Searcher:
                 break
             active = candidate.entry.trial.active
             if any(_is(active, one) for one in weighed):
+                continue
+            if effective_blocks(bench, candidate, mask) < LEAST_EFFECTIVE:
                 continue
             if worth(self.training, self.base, current, bench, candidate):
                 fresh = [
@@ -308,9 +313,10 @@ class Searcher:
         gain = without.squares - whole.squares
         return Contender(term, whole, gain, held, float(cost))
 
-    @staticmethod
-    def _held_out(one: Fitted) -> float:
-        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, _GUARD_S)))
+    def _held_out(self, one: Fitted) -> float:
+        # Around held-out blocks, as far as the filters reach.
+        guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
+        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))
 
     # Back again ----------------------------------------------------------------------------
 

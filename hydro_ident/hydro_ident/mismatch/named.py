@@ -82,6 +82,8 @@ class Named:
         Overdispersion of sums over blocks.
     refused : int
         Effects of the set that held-out rows have refused before.
+    few : float
+        As `named_of`.
     """
 
     contenders: tuple[Contender, ...]
@@ -91,6 +93,7 @@ class Named:
     tried: tuple[Contender, ...]
     spread: float
     refused: int = 0
+    few: float = 1.0
 
     @property
     def modelled(self) -> Contender:
@@ -133,7 +136,8 @@ class Named:
         ]
         if not rest:
             return None
-        return replace(named_of(rest, self.p_value, self.spread), refused=self.refused + 1)
+        other = named_of(rest, self.p_value, self.spread, self.few)
+        return replace(other, refused=self.refused + 1)
 
     @property
     def first(self) -> Contender:
@@ -197,7 +201,8 @@ def named_of(contenders: Sequence[Contender], p: float, spread: float, few: floa
         for n in names
     }
     gain = ranked[0].gain
-    return Named(kept, tuple(total[n] for n in names), p, gain, tuple(ranked), own)
+    shares = tuple(total[n] for n in names)
+    return Named(kept, shares, p, gain, tuple(ranked), own, few=few)
 
 
 def _near(one: Contender, other: Contender) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
@@ -34,6 +35,8 @@ from hydro_model.robot import Robot
 
 #: Longer than any recording: a piece is the whole.
 _WHOLE_S = 1.0e6
+#: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
+_GROSS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +94,23 @@ class Residuals:
         return {name: float(floors[name]) for name in material.channels}
 
 
-def whole_traces(sources: Sequence[Source]) -> tuple[Trace, ...]:
-    """The contiguous traces of whole recordings, in memory."""
+def whole_traces(
+    sources: Sequence[Source], cleaner: Cleaner, cleaned: dict[str, int]
+) -> tuple[Trace, ...]:
+    """The contiguous traces of whole recordings, in memory, without outliers.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    cleaner : Cleaner
+    cleaned : dict of str to int
+        Counts by sensor what was taken out.
+    """
     return tuple(
         trace
         for source in sources
         for piece in source.pieces(_WHOLE_S)
-        for trace in traces_of_piece(piece)
+        for trace in traces_of_piece(cleaner.cleaned(piece, cleaned))
     )
 
 
@@ -134,17 +147,23 @@ def residuals(
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
     forces = own_forces(robot, torque)
     still = still_positions(surveys, still_joints_of(robot, signals))
-    traces = whole_traces(sources)
+    cleaner, cleaned = Cleaner.of(robot, signals, _GROSS), dict[str, int]()
+    traces = whole_traces(sources, cleaner, cleaned)
     if not traces:
         return None
     choices = choices_of(forces, signals, traces)
+    outliers = [f"{count} readings of {name} are outliers: left out" for name, count in
+                cleaned.items()]  # fmt: skip
     notes = tuple(
-        dict.fromkeys((*(n for s in surveys for n in s.recording.notes), *choices.notes))
+        dict.fromkeys(
+            (*(n for s in surveys for n in s.recording.notes), *choices.notes, *outliers)
+        )
     )
     material = _material(robot, forces, traces, choices, still)
     every = 0 if others else settings.hold_out_every
     durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
-    split = HoldOut.of(durations, every) if every else HoldOut(every=0)
+    guarded = choices.filters.parallel_hz
+    split = HoldOut.of(durations, every, parallel_hz=guarded) if every else HoldOut(every=0)
     fit_rows, check_rows = material.masks(split)
     moving = material.moving()
     predictor = Predictor(material)
@@ -168,7 +187,7 @@ def residuals(
         return Residuals(
             robot, training, base, scan, check, traces, split, signals, notes, bank
         )  # fmt: skip
-    there = whole_traces(others)
+    there = whole_traces(others, cleaner, dict[str, int]())
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None

@@ -22,6 +22,8 @@ _COLLINEAR = 1.0e-6
 #: Effects that balances cannot tell: a chamber's pressure answers to whatever flow the valve adds
 #: by chance, and what follows its rise then follows the noise.
 _TOLD_BY_FORCES = ("pressure_delay",)
+#: Trials whose columns are taken at a time, and the least share of noise that fits leave.
+_TOGETHER, _LEAST_LEFT = 40, 0.05
 #: What a further coefficient gains by chance, in a maximum over many.
 _PER_COEFFICIENT = 2.0
 
@@ -217,7 +219,44 @@ def signs(blocks: int) -> FloatArray:
     return np.where(rng.random((FLIPS, blocks)) < 0.5, -1.0, 1.0)
 
 
-def chance_of(scores: Sequence[Score], flips: FloatArray) -> FloatArray:
+def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:
+    """How many blocks of equal weight a trial's strongest column is worth."""
+    used = int(np.argmax(np.abs(one.coefficients) / one.std))
+    left = bench.beyond(one.entry.columns(mask.size)[mask][:, used : used + 1])
+    return bench.spread(left[:, 0])
+
+
+def lost_by_fits(
+    bench: Bench, scores: Sequence[Score], best: Score, mask: BoolArray
+) -> list[FloatArray]:
+    """What every column's products with the residual are to be raised by, (k,) of each trial.
+
+    A refit of the base, and taking the best trial out, make the residual of every block smaller
+    than the noise: its products with a column c have the variance ``sum_b c_b' (I - Q Q')_bb c_b``
+    with the fit's directions Q, where noise itself would give ``c' c``.
+    """
+    fresh = bench.beyond(best.entry.columns(mask.size)[mask][:, best.coefficients != 0.0])
+    directions = np.concatenate([bench.basis, np.linalg.qr(fresh)[0]], axis=1)
+    order = np.argsort(bench.block, kind="stable")
+    edges = np.searchsorted(bench.block[order], np.arange(bench.blocks + 1))
+    directions = directions[order]
+    result: list[FloatArray] = []
+    for begin in range(0, len(scores), _TOGETHER):
+        some = scores[begin : begin + _TOGETHER]
+        columns = [one.entry.columns(mask.size)[mask] for one in some]
+        left = bench.beyond(np.concatenate(columns, axis=1))[order]
+        lost = np.zeros(left.shape[1])
+        for a, b in itertools.pairwise(edges.tolist()):
+            lost += np.sum((directions[a:b].T @ left[a:b]) ** 2, axis=0)
+        whole = np.maximum(np.sum(left**2, axis=0), 1e-300)
+        raised = 1.0 / np.sqrt(np.maximum(1.0 - lost / whole, _LEAST_LEFT))
+        result += np.split(raised, np.cumsum([c.shape[1] for c in columns])[:-1])
+    return result
+
+
+def chance_of(
+    scores: Sequence[Score], flips: FloatArray, raised: Sequence[FloatArray] | None = None
+) -> FloatArray:
     """The largest value of any trial under every sign flip, (F,).
 
     Parameters
@@ -225,10 +264,14 @@ def chance_of(scores: Sequence[Score], flips: FloatArray) -> FloatArray:
     scores : sequence of Score
         Of a residual without the best trial in it: what is left is what chance has to work with.
     flips : (F, B) array
+    raised : sequence of (k,) array, optional
+        As `lost_by_fits`.
     """
     largest = np.zeros(flips.shape[0])
-    for one in scores:
+    for k, one in enumerate(scores):
         drawn = flips @ one.partial.chance
+        if raised is not None:
+            drawn *= raised[k]
         kept = np.diag(one.partial.gram) > SWALLOWED * one.partial.plain
         gains, coefficients = best_subset(one.partial.gram, drawn, one.entry.trial.signed, kept)
         extra = np.maximum(np.count_nonzero(coefficients, axis=1) - 1, 0)

@@ -47,6 +47,8 @@ class Unexplained:
     dependence : Dependence
     form : Form or None
         A short form of it that held-out rows confirm.
+    confirmed : bool
+        It is there on rows that took no part, too; else these could not say.
     """
 
     channel: str
@@ -56,6 +58,7 @@ class Unexplained:
     text: str
     dependence: Dependence
     form: Form | None = None
+    confirmed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ def unexplained(
     training: Training,
     fitted: Fitted,
     found: Sequence[Dependence],
-    holds: Callable[[Dependence], bool],
+    holds: Callable[[Dependence], bool | None],
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, one entry per channel.
 
@@ -98,7 +101,8 @@ def unexplained(
         if one.share < LEAST_SHARE or one.size < least[one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
-        if not holds(one):
+        there = holds(one)
+        if there is False:
             continue
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
@@ -107,8 +111,9 @@ def unexplained(
         )
         on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
         result[one.channel] = Unexplained(
-            name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one
-        )
+            name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one,
+            confirmed=bool(there),
+        )  # fmt: skip
     return tuple(result[k] for k in sorted(result))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements
 from hydro_ident.mismatch.candidates import instants_of
-from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit, linearised
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
@@ -95,7 +95,8 @@ def verify(
     rest = tuple(t for t in whole.model.terms if not same(t, mine))
     terms = [t for t in whole.model.terms if same(t, mine)]
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
-    noise, used = whole.bench.noise, check.mask & check.moving
+    used, material = check.mask & check.moving, training.predictor.material
+    noise = noise_there(whole.bench.noise, material.channels, check.predictor.material.channels)
     layout = layout_of(check.predictor).take(used)
     model, instants = _at_own_instant(training, check, whole.model, mine)
     before, after = check.residual(without.model), check.residual(model)

@@ -84,8 +84,10 @@ GOALS = (
     ),
     _share("first name right where the set is one name", "first_where_alone", least=0.92),
     _at_most("clean recordings given any finding", "rates", clean_with_finding=0.01),
+    _at_most("clean recordings given any unknown", "rates", clean_with_unknown=0.01),
     _at_most("outside the catalogue: given a wrong name", "rates", outside_wrong_name=0.02),
     _share("outside the catalogue: reported unknown", "outside_unknown", least=0.90),
+    _share("... in a channel of it", "outside_unknown_there", least=0.90),
     _share("two or three effects: all in the sets", "several_all_in_sets", least=0.85),
     _at_most(
         "held-out residual over the fit with the true structure, mean", "means", heldout_ratio=1.05

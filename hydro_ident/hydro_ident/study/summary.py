@@ -91,14 +91,17 @@ def summarise(scores: Sequence[CaseScore], strong: float = STRONG) -> Summary:
 def _without_names(out: Summary, scores: Sequence[CaseScore], strong: float) -> None:
     """Cases of which no name is right: clean ones, and effects of no catalogue."""
     clean = [s for s in scores if s.kind == "clean"]
-    out.rates["clean_with_finding"] = rate([s.findings > 0 for s in clean])
-    out.rates["clean_with_unknown"] = rate([s.unknown for s in clean])
+    # One that broke down has not said that nothing is wrong.
+    out.rates["clean_with_finding"] = rate([s.findings > 0 or s.exit != 0 for s in clean])
+    out.rates["clean_with_unknown"] = rate([s.unknown or s.exit != 0 for s in clean])
     outside = [s for s in scores if s.kind == "outside"]
     for label, picked in (
         ("outside", [s for s in outside if (s.ratio or 0.0) >= strong]),
         ("outside_weak", [s for s in outside if (s.ratio or 0.0) < strong]),
     ):
-        out.rates[f"{label}_wrong_name"] = rate([bool(s.false_names) for s in picked])
+        out.rates[f"{label}_wrong_name"] = rate(
+            [bool(s.false_names) or s.exit != 0 for s in picked]
+        )
         out.rates[f"{label}_unknown"] = rate([s.unknown for s in picked])
         out.rates[f"{label}_unknown_there"] = rate([s.unknown_there for s in picked])
 
