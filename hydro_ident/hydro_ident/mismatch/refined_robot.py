@@ -65,8 +65,9 @@ class Refinable:
         count = directions.shape[1]
         rows += [(0.0, -np.inf, np.inf, _BASE_STEP)] * count
         start, lower, upper, step_ = np.array(rows).T
-        known = np.arange(start.size) >= len(labels)
-        unknowns = Unknowns(start, lower, upper, step_, known)
+        once = np.arange(start.size) >= len(labels)
+        information = _information(fit, [name for name, _ in labels], directions)
+        unknowns = Unknowns(start, lower, upper, step_, once, information)
         return Refinable(predictor, fit, given, tuple(labels), directions, unknowns)
 
     @property
@@ -145,6 +146,31 @@ def _directions(predictor: Predictor, fit: Fitted, given: Robot) -> FloatArray:
     open_ = values > _LEAST * max(values.max(initial=0.0), 1e-300)
     result = np.zeros((count, int(open_.sum())))
     result[at] = size[at, None] * vectors[:, open_] * np.sqrt(values[open_])
+    return result
+
+
+def _information(fit: Fitted, names: list[str], directions: FloatArray) -> FloatArray:
+    """What the fit knows of effects and base together: an inverse covariance.
+
+    Nothing of a parameter that it has no deviation of.
+    """
+    rows, count = directions.shape
+    whole, at = fit.covariance, [fit.names.index(name) for name in names]
+    # Least-squares inverse of the directions: coordinates of a step of the base.
+    into = np.linalg.pinv(directions)
+    size = len(at) + count
+    covariance = np.eye(size)
+    covariance[: len(at), : len(at)] = whole[np.ix_(at, at)]
+    cross = whole[np.ix_(at, range(rows))] @ into.T
+    covariance[: len(at), len(at) :], covariance[len(at) :, : len(at)] = cross, cross.T
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    known = np.isfinite(deviation) & (deviation > 0.0)
+    own = deviation[known]
+    scaled = covariance[np.ix_(known, known)] / np.outer(own, own)
+    values, vectors = np.linalg.eigh(scaled)
+    inverse = (vectors / np.maximum(values, _LEAST * values.max(initial=1.0))) @ vectors.T
+    result = np.zeros((size, size))
+    result[np.ix_(known, known)] = inverse / np.outer(own, own)
     return result
 
 

@@ -19,11 +19,10 @@ from hydro_ident.mismatch.fitting import Fitted, fitted
 from hydro_ident.mismatch.named import at_a_bound
 from hydro_ident.mismatch.refined_robot import Refinable
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, RefineSettings
 from hydro_ident.mismatch.shooting import Solution, Unknowns, shoot
 from hydro_ident.mismatch.shots import Shots, sensor_noise, weights_of
-from hydro_ident.mismatch.verify import VERIFIED, WORSE
+from hydro_ident.mismatch.verify import VERIFIED, WORSE, chance
 from hydro_model.robot import FloatArray, Robot
 
 #: Steps of a fit, and trials of a step that a budget counts with.
@@ -154,7 +153,7 @@ def refine(
 
 def _windows(unknowns: Unknowns, settings: RefineSettings) -> int:
     """Windows that the budget of roll-outs allows."""
-    free = int(np.sum(~unknowns.known))
+    free = int(np.sum(~unknowns.once))
     each = 1 + unknowns.start.size + _PASSES * (free + _TRIALS)
     return min(settings.windows, settings.rollouts // each)
 
@@ -190,8 +189,8 @@ def _decided(
     if len(pairs) < LEAST_WINDOWS:
         why = f"{len(pairs)} held-out windows, {LEAST_WINDOWS} are needed"
         return replace(found, reason=why)
-    gains = np.array([np.sum(((b * weights) ** 2)) - np.sum((a * weights) ** 2) for b, a in pairs])
-    p = _chance(gains)
+    gains = np.array([np.sum((b * weights) ** 2) - np.sum((a * weights) ** 2) for b, a in pairs])
+    p = chance(gains)
     found = replace(found, p_value=p, rmse=_rmse(work.robot, pairs))
     robot, terms = space.robot(solution.x), space.terms(solution.x)
     reason = _against(found, robot) or next((r for t in terms if (r := at_a_bound(t))), "")
@@ -204,14 +203,6 @@ def _decided(
     return replace(
         found, accepted=True, whole=whole, robot=space.with_deviations(robot, covariance)
     )
-
-
-def _chance(gains: FloatArray) -> float:
-    """Share of sign flips of windows that reach the gain."""
-    if gains.sum() <= 0.0:
-        return 1.0
-    drawn = signs(gains.size) @ gains
-    return float((1 + np.sum(drawn >= gains.sum())) / (1 + drawn.size))
 
 
 def _against(found: Refinement, robot: Robot) -> str:

@@ -105,13 +105,13 @@ def verify(
     noise, used = whole.bench.noise, check.mask & check.moving
     layout = layout_of(check.predictor).take(used)
     gains = _gains(layout, noise, before[used], after[used])
-    p = _chance(gains)
+    p = chance(gains)
     real = float(gains.sum())
     tried = _placebos(training, without, check, whole.model, terms)
     shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in tried]
     # What is the same at all times has no placebo.
     share = float(np.median(shares)) / real if tried and real > 0.0 else float(real > 0.0)
-    against = [_chance(_gains(layout, noise, r[used], after[used])) for r in tried]
+    against = [chance(_gains(layout, noise, r[used], after[used])) for r in tried]
     names = check.predictor.material.channels
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     acting = _acting(check.predictor, whole.model, terms)
@@ -162,8 +162,8 @@ def _parts(layout: Layout) -> IndexArray:
     return np.unique(np.minimum((layout.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
 
 
-def _chance(gains: FloatArray) -> float:
-    """Share of sign flips that reach the sum; the largest block may not carry it alone."""
+def chance(gains: FloatArray) -> float:
+    """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
     if not gains.size or gains.sum() <= 0.0:
         return 1.0
     drawn = signs(gains.size) @ gains
