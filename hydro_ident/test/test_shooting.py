@@ -12,6 +12,7 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.refined_robot import Refinable
 from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
@@ -223,3 +224,34 @@ def test_what_cannot_be_refined_is_said(work: Residuals, whole: Fitted) -> None:
     assert "no effects" in _refined(work, work.base).reason
     dry: Robot = replace(work.robot, cylinders=(), valves=())
     assert "cylinder" in refine(work, whole, dry, BUDGET, False).reason
+
+
+def test_an_accepted_base_carries_its_own_deviations(work: Residuals, whole: Fitted) -> None:
+    start = _supposed(work, whole, 1800.0, 500.0)
+    predictor = work.training.predictor
+    given = robot_of(predictor, start, work.robot).robot
+    space = Refinable.of(predictor, start, given, False)
+    base = space.directions.shape[1]
+    assert space.start[space.free :] == pytest.approx(np.zeros(base))
+    own = np.diag([4.0e4, *np.full(space.free - 1, 1e-8), *np.full(base, 0.25)])
+    covariance = space.covariance(start, own)
+    robot = space.with_deviations(given, covariance)
+    fresh, old = robot.standard_deviations, given.standard_deviations
+    assert fresh["lift_cylinder.coulomb_friction.force"] == pytest.approx(200.0)
+    # Half the deviations of every direction are half those of every number.
+    for name in (
+        "tilt_cylinder.bulk_modulus",
+        "lift_valve.c_pa",
+        "lift_cylinder.viscous_friction",
+    ):
+        assert fresh[name] == pytest.approx(0.5 * old[name], rel=1e-3)
+    assert np.diag(robot.base_covariance) == pytest.approx(
+        0.25 * np.diag(given.base_covariance), rel=1e-3
+    )
+    # And a point one deviation off in a direction is the robot's own step by it.
+    x = space.start.copy()
+    x[space.free] += 1.0
+    moved = space.robot(x)
+    at = predictor.names.index("lift_valve.c_pa")
+    step = moved.valves[0].c_pa - given.valves[0].c_pa
+    assert step == pytest.approx(space.directions[at, 0], abs=1e-16)

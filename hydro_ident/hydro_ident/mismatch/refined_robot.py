@@ -107,22 +107,37 @@ class Refinable:
         return shots.errors(self.robot(x), self.terms(x))
 
     def covariance(self, whole: Fitted, own: FloatArray) -> FloatArray:
-        """Covariance by `Fitted.names`: of the effects a refinement's, of the base the fit's."""
-        result, at = whole.bench.covariance().copy(), []
-        for name, _ in self.labels:
-            at.append(whole.names.index(name))
-        result[at, :] = result[:, at] = 0.0
-        result[np.ix_(at, at)] = own[: self.free, : self.free]
+        """Covariance by `Fitted.names` of a refinement whose unknowns have the covariance `own`.
+
+        What was not refined keeps the fit's.
+        """
+        rows, at = len(self.predictor.names), [whole.names.index(name) for name, _ in self.labels]
+        into = np.zeros((len(whole.names), own.shape[0]))
+        into[at, range(self.free)] = 1.0
+        into[:rows, self.free :] = self.directions
+        fresh, result = into @ own @ into.T, whole.bench.covariance().copy()
+        refined = np.flatnonzero(np.diag(fresh) > 0.0)
+        result[refined, :] = result[:, refined] = 0.0
+        result[np.ix_(refined, refined)] = fresh[np.ix_(refined, refined)]
         return result
 
     def with_deviations(self, robot: Robot, covariance: FloatArray) -> Robot:
-        """The robot with the deviations of its effects' parameters by `Fitted.names`."""
+        """The robot with the deviations of a covariance by `Fitted.names`."""
+        sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         fresh = dict(robot.standard_deviations)
-        for name, _ in self.labels:
-            size = float(np.sqrt(covariance.diagonal()[self.fit.names.index(name)]))
-            if np.isfinite(size) and size > 0.0:
-                fresh[name] = size
-        return replace(robot, standard_deviations=fresh)
+        modulus = {f"{c.name}.{INVERSE_BULK}": c.bulk_modulus_pa for c in robot.cylinders}
+        for name, size in zip(self.fit.names, sizes, strict=True):
+            plain = name.replace(INVERSE_BULK, "bulk_modulus")
+            if plain in fresh and np.isfinite(size) and size > 0.0:
+                fresh[plain] = size * modulus[name] ** 2 if name in modulus else size
+        delays = [sizes[k] for k, n in enumerate(self.predictor.names) if n.endswith(DELAY)]
+        if DELAY in fresh and max(delays, default=0.0) > 0.0:
+            fresh[DELAY] = max(delays)
+        known, inertial = robot.base_covariance, len(self.predictor.material.forces.base.names)
+        if known is not None and len(known) == inertial and self.directions.size:
+            mask = np.diag(known) > 0.0
+            known = np.where(np.outer(mask, mask), covariance[:inertial, :inertial], 0.0)
+        return replace(robot, standard_deviations=fresh, base_covariance=known)
 
     def _base_step(self, x: FloatArray) -> FloatArray:
         return np.asarray(self.directions @ x[self.free :])

@@ -126,16 +126,9 @@ def refine(
     if robot.dry_joints:
         return replace(kept, reason="not every joint has a cylinder")
     space = Refinable.of(work.training.predictor, whole, robot, fixed_base)
-    count = _windows(space.unknowns, settings)
-    if count < LEAST_WINDOWS:
-        return replace(kept, reason=f"{settings.rollouts} roll-outs are too few")
-    predictor, length_s = work.training.predictor, settings.window_s
-    shots = _possible(Shots.of(predictor, work.split, length_s, count, False), space)
-    least = max(LEAST_WINDOWS, _PER_UNKNOWN * space.free)
-    if len(shots.spans) < least:
-        why = f"{len(shots.spans)} training windows can be rolled out, {least} are needed"
-        return replace(kept, reason=why)
-    kept = replace(kept, windows=len(shots.spans))
+    shots, reason = _training_shots(work, space, settings)
+    if reason:
+        return replace(kept, reason=reason)
     noise = sensor_noise(work.robot, work.signals)
     weights = weights_of([e for e in space.errors(shots, space.start) if e is not None], noise)
 
@@ -145,10 +138,25 @@ def refine(
         return found if len(found) == len(missed) else None
 
     solution = shoot(errors, space.unknowns, _PASSES)
-    kept = replace(kept, rollouts=shots.rollouts)
+    kept = replace(kept, windows=len(shots.spans), rollouts=shots.rollouts)
     if solution is None:
         return replace(kept, reason="windows cannot be rolled out beside the fit's parameters")
     return _decided(work, kept, space, solution, weights, settings)
+
+
+def _training_shots(
+    work: Residuals, space: Refinable, settings: RefineSettings
+) -> tuple[Shots, str]:
+    """Windows to fit on, and why there are too few; empty where there are enough."""
+    predictor, count = work.training.predictor, _windows(space.unknowns, settings)
+    shots = Shots.of(predictor, work.split, settings.window_s, count, False)
+    if count < LEAST_WINDOWS:
+        return shots, f"{settings.rollouts} roll-outs are too few"
+    shots = _possible(shots, space)
+    least = max(LEAST_WINDOWS, _PER_UNKNOWN * space.free)
+    if len(shots.spans) < least:
+        return shots, f"{len(shots.spans)} training windows can be rolled out, {least} are needed"
+    return shots, ""
 
 
 def _windows(unknowns: Unknowns, settings: RefineSettings) -> int:
