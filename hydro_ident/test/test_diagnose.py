@@ -156,7 +156,7 @@ class _Closed(HTMLParser):
 
 def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    arguments = [str(bags[0]), "--robot", "xs031", "--validate", str(bags[1])]
+    arguments = [str(bags[0]), "--robot", "xs031", "--validate", str(bags[1]), "--refine"]
     assert run([*arguments, "--out", str(out)]) == 0
     files = {f.name for f in out.iterdir()}
     assert {"result.json", "report.html", "model.yaml", "controller.yaml"} <= files
@@ -164,6 +164,10 @@ def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path
     assert set(result) >= KEYS
     assert result["schema"] == "hydro_ident/diagnosis/1"
     assert result["verdict"] == "explained"
+    refined = result["refinement"]
+    assert {p["name"] for p in refined["parameters"]} >= {"tilt_cylinder.valve_null_bias.bias"}
+    assert refined["windows"] >= refined["held_out_windows"] > 0
+    assert refined["accepted"] != bool(refined["reason"])
     for channel in result["channels"].values():
         assert set(channel) >= CHANNEL_KEYS
     for finding in result["findings"]:

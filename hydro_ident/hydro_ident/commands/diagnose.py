@@ -50,6 +50,12 @@ def parser() -> argparse.ArgumentParser:
         help="keep the robot's base parameters as they are (to their stated deviations), so that"
         " payload, offsets and tilt can be told",
     )
+    p.add_argument(
+        "--refine",
+        action="store_true",
+        help="refine the effects' parameters by roll-outs over windows of the bags, where that"
+        " rolls held-out windows out better (some seconds more)",
+    )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
     return p
 
@@ -81,7 +87,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         The robot file says what cannot be.
     """
     from hydro_ident.mismatch.diagnosis import NOT_ENOUGH, diagnose
-    from hydro_ident.mismatch.settings import DiagnosisSettings
+    from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.results import provenance
     from hydro_ident.sources import bag_source
     from hydro_model.robot_files import load_robot
@@ -93,13 +99,16 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     command = ["diagnose", *options.bags, "--robot", options.robot]
     command += ["--validate", *options.validate] if options.validate else []
     command += ["--fixed-base"] if options.fixed_base else []
+    command += ["--refine"] if options.refine else []
     origin = provenance(
         shlex.join(command),
         options.robot,
         [source.path for source in training],
         [source.path for source in validation],
     )
-    found = diagnose(robot, training, validation, DiagnosisSettings(options.fixed_base))
+    refine = RefineSettings() if options.refine else None
+    settings = DiagnosisSettings(options.fixed_base, refine=refine)
+    found = diagnose(robot, training, validation, settings)
     write_results(found, origin, options.out)
     print(summary_text(found))
     if found.verdict == NOT_ENOUGH:

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.model import robot_of, summary_of
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import FEW_MOTIONS, NAMED_SHARE, DiagnosisSettings
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained, not_testable, unexplained
@@ -106,6 +107,8 @@ class Diagnosis:
     fitted : tuple of ChannelResult
         As `channels`, on the training rows.
     recordings : tuple of RecordingSummary
+    refinement : Refinement or None
+        By roll-outs, where it was asked for.
     """
 
     verdict: str
@@ -125,6 +128,7 @@ class Diagnosis:
     whole: Fitted | None = None
     fitted: tuple[ChannelResult, ...] = ()
     recordings: tuple[RecordingSummary, ...] = ()
+    refinement: Refinement | None = None
 
 
 def diagnose(
@@ -199,6 +203,10 @@ def _diagnosed(
     before = modelled
     if findings:
         before = robot_of(work.training.predictor, work.base, work.robot, settings.fixed_base)
+    refined = None
+    if settings.refine is not None:
+        refined = refine(work, whole, modelled.robot, settings.refine, settings.fixed_base)
+        whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
     run = free_run(
         before.robot, modelled.robot, work.check_traces, work.split,
         work.training.predictor.material.filters,
@@ -207,6 +215,7 @@ def _diagnosed(
     few = motions < FEW_MOTIONS
     notes = [_FEW.format(motions)] if few else []
     notes += [*work.notes, *modelled.notes, *run.rejected]
+    notes += [refined.note] if refined is not None else []
     notes += [
         f"{f.named.term.effect.name} of {f.named.term.target} was named on the training rows and"
         f" not confirmed: {f.verification.reason}"
@@ -235,7 +244,8 @@ def _diagnosed(
         losses,
         work,
         whole,
-        _channels(work, whole, _of_training(work)),
+        fitted=_channels(work, whole, _of_training(work)),
+        refinement=refined,
     )
 
 

@@ -13,6 +13,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.unknown import Unexplained
@@ -44,8 +45,9 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
     -------
     dict
         The contract's keys; `training` (scores on the rows fitted), `recordings`, `located`,
-        `rejected`, `losses`, `free_run`, `problems`, `notes` and `provenance` are added, and to
-        every finding what verified it and its parameters' `covariance`.
+        `rejected`, `losses`, `free_run`, `problems`, `notes` and `provenance` are added, where it
+        was asked for `refinement`, and to every finding what verified it and its parameters'
+        `covariance`.
     """
     return {
         "schema": SCHEMA,
@@ -71,6 +73,7 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
             for loss in found.losses
         ],
         "free_run": free_run_dict(found.free_run),
+        **({} if found.refinement is None else {"refinement": refinement_dict(found.refinement)}),
         "problems": list(found.problems),
         "notes": list(found.notes),
         "provenance": origin.as_dict(),
@@ -205,7 +208,7 @@ def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
 
 
 def _covariance(fitted: Fitted, term: ActiveEffect) -> FloatArray:
-    matrix = fitted.bench.covariance().copy()
+    matrix = fitted.covariance.copy()
     for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
         if name in fitted.names:
@@ -219,6 +222,35 @@ def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:
         return None
     size = float(std[fitted.names.index(name)])
     return size if math.isfinite(size) else None
+
+
+def refinement_dict(one: Refinement) -> dict[str, Any]:
+    """What roll-outs made of the effects' parameters, and whether it was taken."""
+    return {
+        "accepted": one.accepted,
+        "reason": one.reason,
+        "windows": one.windows,
+        "held_out_windows": one.held_out_windows,
+        "rollouts": one.rollouts,
+        "p_value": one.p_value,
+        "rollout_rmse": {n: {"before": b, "after": a} for n, (b, a) in one.rmse.items()},
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "before": p.before,
+                "before_std": _number(p.before_std),
+                "value": p.value,
+                "std": _number(p.std),
+                "ci95": [_number(end) for end in p.ci95],
+            }
+            for p in one.parameters
+        ],
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _unexplained_dict(one: Unexplained) -> dict[str, Any]:

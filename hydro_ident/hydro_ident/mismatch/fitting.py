@@ -38,6 +38,8 @@ class Fitted:
         Of the residual on the training rows: behind it nothing is left in these columns.
     offset : (m,) array
         How far the base is from what was known of it, in deviations.
+    refined : (p, p) array or None
+        Covariance of an output-error refinement, where the model is one's.
     """
 
     model: Model
@@ -46,6 +48,12 @@ class Fitted:
     names: tuple[str, ...]
     bench: Bench
     offset: FloatArray
+    refined: FloatArray | None = None
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the numbers by `names`, robust against dependence in blocks."""
+        return self.bench.covariance() if self.refined is None else self.refined
 
     @property
     def start_squares(self) -> float:

@@ -68,7 +68,7 @@ def robot_of(
     effects = tuple(spec_of(term) for term in fitted.model.terms)
     if fixed_base:
         return Modelled(replace(given, effects=effects), ())
-    covariance = fitted.bench.covariance()
+    covariance = fitted.covariance
     names, current = predictor.names, predictor.parameters(fitted.model)
     robot, notes = _with_base(predictor, fitted, given, covariance)
     std = dict(

@@ -58,6 +58,25 @@ SEED = 20240229
 
 
 @dataclass(frozen=True, slots=True)
+class RefineSettings:
+    """What an output-error refinement of the effects may cost.
+
+    Attributes
+    ----------
+    windows : int
+        At most so many to fit on, and as many held-out ones to decide on.
+    window_s : float
+        Their longest length.
+    rollouts : int
+        At most about so many; there are fewer windows where that asks for it.
+    """
+
+    windows: int = 24
+    window_s: float = 2.0
+    rollouts: int = 2000
+
+
+@dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
     """What may be chosen per run.
 
@@ -67,7 +86,10 @@ class DiagnosisSettings:
         The given base parameters are kept as they are.
     hold_out_every : int
         Without bags to validate on, every so many blocks one is kept for verification.
+    refine : RefineSettings or None
+        How the effects' parameters are refined by roll-outs; None: they are not.
     """
 
     fixed_base: bool = False
     hold_out_every: int = 5
+    refine: RefineSettings | None = None

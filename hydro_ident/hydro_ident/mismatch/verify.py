@@ -101,13 +101,13 @@ def verify(
     model, instants = _at_own_instant(training, check, whole.model, mine)
     before, after = check.residual(without.model), check.residual(model)
     gains = _gains(layout, noise, before[used], after[used])
-    p = min(1.0, instants * _chance(gains))
+    p = min(1.0, instants * chance(gains))
     real = float(gains.sum())
     tried = _placebos(training, without, check, whole.model, terms)
     shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in tried]
     # What is the same at all times has no placebo.
     share = float(np.median(shares)) / real if tried and real > 0.0 else float(real > 0.0)
-    against = [_chance(_gains(layout, noise, r[used], after[used])) for r in tried]
+    against = [chance(_gains(layout, noise, r[used], after[used])) for r in tried]
     names = check.predictor.material.channels
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     agreement = agreements(whole, there, terms)
@@ -203,8 +203,8 @@ def _parts(layout: Layout) -> IndexArray:
     return np.unique(np.minimum((layout.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
 
 
-def _chance(gains: FloatArray) -> float:
-    """Share of sign flips that reach the sum; the largest block may not carry it alone."""
+def chance(gains: FloatArray) -> float:
+    """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
     if not gains.size or gains.sum() <= 0.0:
         return 1.0
     drawn = signs(gains.size) @ gains

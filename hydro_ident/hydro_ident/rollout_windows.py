@@ -1,0 +1,162 @@
+"""Windows of recordings to roll a robot out over, and the roll-outs themselves.
+
+A window gives the model the recorded valve voltages (and supply and tank pressure where recorded;
+the joint torques of joints without cylinder) and the state at its first sample, and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.scores import HoldOut
+from hydro_ident.estimate.traces import Trace
+from hydro_model.robot import FloatArray, Robot
+
+if TYPE_CHECKING:
+    from hydro_model.simulate import Rollout
+
+#: A roll-out is restarted after at most this long; shorter pieces than `SHORTEST_S` say nothing.
+WINDOW_S, SHORTEST_S = 3.0, 0.5
+#: Samples at the ends of a trace whose velocity the filter does not know well.
+_EDGE_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Samples of a trace to roll out from the first on.
+
+    Attributes
+    ----------
+    trace : Trace
+    begin, end : int
+    velocity : (N, n) array
+        Of the joints, over the whole trace.
+    """
+
+    trace: Trace
+    begin: int
+    end: int
+    velocity: FloatArray
+
+    @property
+    def where(self) -> str:
+        """Name of the recording and begin, for messages."""
+        name = self.trace.label.rsplit("#", 1)[0]
+        return f"{name} from {self.trace.time_s[self.begin]:.2f} s on"
+
+    @property
+    def seconds(self) -> float:
+        """Its length."""
+        return (self.end - self.begin) * self.trace.step_s
+
+
+def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[Piece]:
+    """Stretches of a trace in which everything that a roll-out needs was recorded."""
+    from hydro_ident.bag.grid import runs
+
+    known: BoolArray = np.asarray(np.isfinite(trace.q).all(axis=1))
+    for values in (trace.valve_signal, trace.p_a, trace.p_b):
+        known = np.asarray(known & np.isfinite(values).all(axis=1))
+    dry = trace.joint_torque[:, list(robot.dry_joints)]
+    known = np.asarray(known & np.isfinite(dry).all(axis=1))
+    if not known.any() or not np.isfinite(trace.q).all():
+        return []
+    if trace.samples * trace.step_s < SHORTEST_S + 2.0 * _EDGE_S:
+        return []
+    _, velocity, _ = motion(trace.q, trace.step_s, filters)
+    edge = math.ceil(_EDGE_S / trace.step_s)
+    known[:edge] = known[trace.samples - edge :] = False
+    least = round(SHORTEST_S / trace.step_s)
+    return [Piece(trace, a, b, velocity) for a, b in runs(known) if b - a >= least]
+
+
+def windows(
+    piece: Piece, split: HoldOut, window_s: float = WINDOW_S, held: bool = True
+) -> list[Piece]:
+    """Held-out stretches of a piece, or the others, in equal parts of at most `window_s`.
+
+    Parameters
+    ----------
+    piece : Piece
+    split : HoldOut
+        Where it holds out nothing, every stretch is one of either kind.
+    window_s : float
+    held : bool
+    """
+    from hydro_ident.bag.grid import runs
+
+    trace = piece.trace
+    mask = np.ones(piece.end - piece.begin, dtype=bool)
+    if split.every:
+        block = split.block_s[trace.label.rsplit("#", 1)[0]]
+        index = np.floor(trace.time_s[piece.begin : piece.end] / block).astype(int)
+        mask = np.asarray((index % split.every == split.every - 1) == held)
+    least = round(SHORTEST_S / trace.step_s)
+    found = []
+    for a, b in runs(mask):
+        count = max(1, math.ceil((b - a) * trace.step_s / window_s))
+        ends = np.linspace(a, b, count + 1).round().astype(int) + piece.begin
+        found += [
+            Piece(trace, int(s), int(e), piece.velocity)
+            for s, e in pairwise(ends)
+            if e - s >= least
+        ]
+    return found
+
+
+def spread(pieces: Sequence[Piece], most: int) -> list[Piece]:
+    """At most `most` of the windows, evenly spread: a day's bag needs no more."""
+    if len(pieces) <= most:
+        return list(pieces)
+    return [pieces[k * len(pieces) // most] for k in range(most)]
+
+
+def rolled_out(
+    robot: Robot,
+    piece: Piece,
+    start: tuple[FloatArray, FloatArray, FloatArray] | None = None,
+) -> Rollout:
+    """The robot over a piece.
+
+    Parameters
+    ----------
+    robot : Robot
+    piece : Piece
+    start : ((n,), (n,), (m, 2)) arrays, optional
+        Positions, velocities and pressures; by default as recorded.
+
+    Raises
+    ------
+    SimulationError
+        It cannot be integrated.
+    """
+    from hydro_model.simulate import simulate
+
+    trace, at = piece.trace, slice(piece.begin, piece.end)
+    rated = [robot.valve_of(c.name).rated_voltage_v for c in robot.cylinders]
+    torque = np.zeros((at.stop - at.start, robot.dof))
+    dry = list(robot.dry_joints)
+    torque[:, dry] = trace.joint_torque[at, dry]
+    pressures = np.stack([trace.p_a[piece.begin], trace.p_b[piece.begin]], axis=1)
+    return simulate(
+        robot,
+        trace.time_s[at],
+        trace.valve_signal[at] * np.array(rated),
+        *(start or (trace.q[piece.begin], piece.velocity[piece.begin], pressures)),
+        supply=_measured(trace.supply[at], robot.supply_pressure_pa),
+        tank=_measured(trace.tank[at], robot.tank_pressure_pa),
+        torque=torque,
+    )
+
+
+def _measured(pressure: FloatArray, constant_pa: float) -> FloatArray | None:
+    """A rail as recorded; None where it is the robot file's constant, on which effects act."""
+    return None if bool(np.all(pressure == constant_pa)) else pressure
