@@ -36,7 +36,7 @@ def _rows(seed: int, truth: Function, noise: float = NOISE, shift: float = 0.0) 
     y = truth(at) + noise * rng.normal(size=ROWS)
     base = np.stack([np.ones(ROWS), at], axis=1)
     bench = Bench(layout, Noise((np.zeros(0),), np.array([noise])), y, base, 1.0)
-    return Rows(bench, at, np.ones(ROWS), recording)
+    return Rows(bench, at, np.ones(ROWS), recording, "piston_velocity")
 
 
 def _told(truth: Function, held: Function | None = None, **options: float) -> tuple[Told, ...]:

@@ -36,12 +36,14 @@ class Rows:
     at, factor : (n,) array
         The variable, and what a function of it is multiplied by.
     recording : (n,) int array
+    variable : str
     """
 
     bench: Bench
     at: FloatArray
     factor: FloatArray
     recording: IndexArray
+    variable: str
 
     def columns(self, kind: Kind, shape: float, offset: bool) -> FloatArray:
         """Columns (n, k) of a form times the factor, with a constant last where asked for."""
