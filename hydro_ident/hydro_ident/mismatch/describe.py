@@ -116,6 +116,23 @@ def form_of(
     return replace(forms[0], others=tuple(forms[1:]))
 
 
+def each_form(form: Form | None) -> tuple[Form, ...]:
+    """A form and those that do equally well; none of none."""
+    return () if form is None else (form, *form.others)
+
+
+def form_text(form: Form) -> str:
+    """A form with its deviations and what it is worth, in words."""
+    sizes = [
+        f"{v.name} {v.value:.3g}" + ("" if v.std is None else f" +- {v.std:.2g}") + f" {v.unit}"
+        for v in form.values
+    ]
+    return (
+        f"{form.text} ({', '.join(sizes)}; {form.share:.0%} of the curve's gain,"
+        f" {form.held_share:.0%} on held-out rows)"
+    )
+
+
 def _sizes(training: Training, fitted: Fitted, found: Dependence) -> dict[str, float]:
     """Sizes of the factors on the training rows of a channel."""
     own, _ = alone(training, fitted, found.channel)

@@ -99,6 +99,13 @@ class FittedForm:
         return self.kind.freedom + self.offset
 
     @property
+    def size_std(self) -> float:
+        """Deviation of the size of the form as a whole, as a share of it."""
+        own = self.covariance[: self.theta.size, : self.theta.size]
+        weight = float(self.theta @ np.linalg.solve(own, self.theta))
+        return weight**-0.5 if weight > 0.0 else np.inf
+
+    @property
     def net(self) -> float:
         """The gain, less what as many coefficients gain by chance."""
         return self.gain - self.freedom

@@ -108,10 +108,10 @@ class _Held:
     size: float
     std: float
 
-    @property
-    def agrees(self) -> bool:
-        """Whether these rows give the form the size that it was found with."""
-        return abs(self.size - 1.0) <= max(DEVIATIONS * self.std, SHARE)
+    def agrees(self, found_std: float) -> bool:
+        """Whether these rows give a form the size that it was found with, to its deviation."""
+        std = float(np.hypot(self.std, found_std))
+        return abs(self.size - 1.0) <= max(DEVIATIONS * std, SHARE)
 
 
 def told_forms(
@@ -148,7 +148,7 @@ def told_forms(
     kept = []
     for one in tries:
         seen_there = _held_out(one.held, one.columns(one.held), one.form.theta, curve.any_phase)
-        good = seen_there.p_value <= level and seen_there.agrees
+        good = seen_there.p_value <= level and seen_there.agrees(one.form.size_std)
         if good and _as_good(seen_there.blocks, by_curve.blocks):
             kept.append((one, seen_there))
     return tuple(

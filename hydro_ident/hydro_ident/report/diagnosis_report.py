@@ -6,16 +6,20 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from hydro_ident.mismatch.dependence import Dependence
+import numpy as np
+
+from hydro_ident.mismatch.describe import each_form, form_text
 from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
 from hydro_ident.mismatch.state_space import UNITS
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.html import bullets, opening, table
 from hydro_ident.report.identification_report import provenance_table
 from hydro_ident.report.svg import Line, line_plot
 from hydro_ident.report.validation_report import free_run_section, losses_section
 
 _MEASURED, _BEFORE, _AFTER = "#222222", "#c0792a", "#2267b5"
+_FORMS = ("#2267b5", "#c0792a", "#3a8f4d", "#8a4fa3")
 _PLOT_ROWS = 4000
 
 
@@ -39,7 +43,7 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
         *([_finding(found, one) for one in found.findings] or ["<p>None.</p>"]),
         "<h2>Unexplained</h2>",
         bullets([one.text for one in found.unexplained]) or "<p>Nothing.</p>",
-        *[_curve(one.channel, one.dependence) for one in found.unexplained],
+        *[_unexplained(one) for one in found.unexplained],
         losses_section(found.losses),
         "<h2>Channels on data that took no part</h2>",
         _channels(found),
@@ -93,8 +97,20 @@ def _plot(channel: ChannelResult) -> str:
     return line_plot(title, channel.time_s[::every], lines, "time in s", channel.unit)
 
 
-def _curve(channel: str, d: Dependence) -> str:
-    lines = (Line("residual", _MEASURED, d.curve),)
+def _unexplained(one: Unexplained) -> str:
+    """The curve of a dependence, with the short forms that say the same."""
+    d, forms = one.dependence, each_form(one.form)
+    at, curve = d.knots, d.curve
+    drawn = [form for form in forms if form.at.size]
+    if drawn:
+        at = drawn[0].at
+        curve = np.interp(at, d.knots, d.curve)
+    lines = [Line("residual", _MEASURED, curve)]
+    lines += [
+        Line(form.name.replace("_", " "), colour, form.curve)
+        for form, colour in zip(drawn, _FORMS, strict=False)
+    ]
     times = f" (times {d.times.replace('_', ' ')})" if d.times else ""
     label = f"{d.variable} in {UNITS[d.variable]}"
-    return line_plot(f"{channel} against {d.variable}{times}", d.knots, lines, label, "")
+    plot = line_plot(f"{one.channel} against {d.variable}{times}", at, lines, label, "")
+    return plot + bullets([form_text(form) for form in forms])
