@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from html import unescape
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.describe import form_of, form_text
+from hydro_ident.mismatch.diagnosis import Diagnosis
+from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of
@@ -17,6 +22,8 @@ from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.report.diagnosis_report import report_html
+from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.cylinder import stroke
@@ -186,3 +193,41 @@ def test_what_no_law_explains_is_reported(plain: Any) -> None:
     found = unexplained(work.training, work.base, left, holds)
     assert "lift/force" in {one.channel for one in found}
     assert not unexplained(work.training, work.base, [], holds)
+
+
+def test_what_has_no_name_is_told_as_a_form(plain: Any, seen_again: Any) -> None:
+    """A ripple over the stroke, and a second recording that confirms it: in every result."""
+    x = [stroke(plain.robot.cylinders[0], run.q[:, 0]) for run in (plain, seen_again)]
+    period = 0.4 * float(np.ptp(x[0]))
+    pushed = [
+        _pushed(run, 1500.0 * np.cos(2.0 * np.pi * at / period + 1.0))
+        for run, at in zip((plain, seen_again), x, strict=True)
+    ]
+    work = _work(pushed[0], pushed[1:])
+    confirmer = Confirmer(work.training, work.check, work.base)
+    left = dependences(work.training, work.base)
+    found = unexplained(work.training, work.base, left, confirmer.holds)
+    one = next(u for u in found if u.channel == "lift/force")
+    form = form_of(work.training, work.base, confirmer, one.dependence)
+    assert form is not None
+    assert (form.name, form.variable) == ("cosine", "piston_position")
+    value = {v.name: v for v in form.values}
+    assert value["amplitude"].value == pytest.approx(1500.0, rel=0.1)
+    assert value["amplitude"].unit == "N"
+    assert value["period"].value == pytest.approx(period, rel=0.03)
+    said = Diagnosis("unknown", work.robot, None, unexplained=(replace(one, form=form),))
+    origin = Provenance("diagnose", "0", "xs031", {}, {})
+    entry = result_dict(said, origin)["unexplained"][0]
+    assert entry["form"]["text"] == form.text
+    assert entry["form"]["share_of_curve"]["held_out"] > 0.8
+    page = report_html(said, origin.as_dict())
+    assert form_text(form) in unescape(page)
+    assert form_text(form) in summary_text(said)
+    assert result_dict(replace(said, unexplained=(one,)), origin)["unexplained"][0]["form"] is None
+
+
+@pytest.fixture(scope="module")
+def seen_again(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Any:
+    """The plain machine on another path."""
+    true_crane, simulated_run = make_run
+    return simulated_run(true_crane(), SECONDS, seed=3)

@@ -153,6 +153,7 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
 
 def summary_text(found: Diagnosis) -> str:
     """The result as lines for the terminal."""
+    from hydro_ident.mismatch.describe import each_form, form_text
     from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
     from hydro_ident.validation_results import rollout_lines
 
@@ -171,7 +172,9 @@ def summary_text(found: Diagnosis) -> str:
         lines.append(f"    held-out RMSE {before:.4g} -> {after:.4g} with it")
         if len(data["names"]) > 1:
             lines.append(f"    to tell them apart: {data['separating_experiment']}")
-    lines += [f"unexplained: {one.text}" for one in found.unexplained]
+    for unknown in found.unexplained:
+        lines.append(f"unexplained: {unknown.text}")
+        lines += [f"    a form of it: {form_text(form)}" for form in each_form(unknown.form)]
     for channel in found.channels:
         s = channel_dict(channel)
         lines.append(

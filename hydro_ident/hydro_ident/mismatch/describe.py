@@ -17,6 +17,8 @@ from hydro_ident.mismatch.symbolic import Curve, Told, told_forms
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
 
+#: Variables that say the same, where the machine is, and over which something may repeat.
+_TWINS = {"joint_angle": ("piston_position",), "piston_position": ("joint_angle",)}
 #: Points at which a form is drawn.
 _POINTS = 181
 SYMBOLS = {
@@ -53,20 +55,22 @@ class Form:
 
     Attributes
     ----------
-    name, text : str
+    name, text, variable : str
     values : tuple of Value
         Coefficients with deviations, and shape values.
     share, held_share : float
         Its gain over the free curve's on training and on held-out rows.
     held_p_value : float
     at, curve : (m,) array
-        The form as the free curve is given: in the same factor, less the mean at its knots.
+        The form as the free curve is given: in the same factor, less the mean at its knots;
+        empty where it is of another variable.
     others : tuple of Form
         That do equally well.
     """
 
     name: str
     text: str
+    variable: str
     values: tuple[Value, ...]
     share: float
     held_share: float
@@ -95,17 +99,38 @@ def form_of(
     if held.predictor.material.channels != names:
         return None
     sizes = _sizes(training, fitted, found)
-    train_rows = _rows(training, fitted, found, sizes)
-    held_rows = _rows(held, confirmer.fitted, found, sizes)
-    if train_rows is None or held_rows is None:
+    variables = (found.variable, *_TWINS.get(found.variable, ()))
+    both = [
+        (_rows(training, fitted, found, sizes, v), _rows(held, confirmer.fitted, found, sizes, v))
+        for v in variables
+    ]
+    rows = [(here, there) for here, there in both if here is not None and there is not None]
+    if not rows or rows[0][0].variable != found.variable:
         return None
     elsewhere = found.variable == "time" and held.predictor is not training.predictor
-    told = told_forms(train_rows, held_rows, Curve(found.knots, found.period, elsewhere))
+    told = told_forms(*rows[0], Curve(found.knots, found.period, elsewhere), rows[1:])
     if not told:
         return None
     unit = training.predictor.material.units[found.channel]
     forms = [_form(one, found, unit, sizes) for one in told]
     return replace(forms[0], others=tuple(forms[1:]))
+
+
+def each_form(form: Form | None) -> tuple[Form, ...]:
+    """A form and those that do equally well; none of none."""
+    return () if form is None else (form, *form.others)
+
+
+def form_text(form: Form) -> str:
+    """A form with its deviations and what it is worth, in words."""
+    sizes = [
+        f"{v.name} {v.value:.3g}" + ("" if v.std is None else f" +- {v.std:.2g}") + f" {v.unit}"
+        for v in form.values
+    ]
+    return (
+        f"{form.text} ({', '.join(sizes)}; {form.share:.0%} of the curve's gain,"
+        f" {form.held_share:.0%} on held-out rows)"
+    )
 
 
 def _sizes(training: Training, fitted: Fitted, found: Dependence) -> dict[str, float]:
@@ -116,9 +141,13 @@ def _sizes(training: Training, fitted: Fitted, found: Dependence) -> dict[str, f
 
 
 def _rows(
-    training: Training, fitted: Fitted, found: Dependence, sizes: dict[str, float]
+    training: Training,
+    fitted: Fitted,
+    found: Dependence,
+    sizes: dict[str, float],
+    variable: str,
 ) -> Rows | None:
-    """Rows of a dependence's channel, its factor in its own unit."""
+    """Rows of a dependence's channel over a variable, its factor in its own unit."""
     own, bench = alone(training, fitted, found.channel)
     if bench is None:
         return None
@@ -133,23 +162,26 @@ def _rows(
             own.predictor, fitted.model, found.channel, values, own.mask, units
         )  # fmt: skip
         factor = factors[found.times]
-    at, factor = values[found.variable][own.mask], factor[own.mask]
+    at, factor = values[variable][own.mask], factor[own.mask]
     if not np.isfinite(at).all() or not np.isfinite(factor).all():
         return None
-    return Rows(bench, at, factor, own.layout.recording)
+    return Rows(bench, at, factor, own.layout.recording, variable)
 
 
 def _form(told: Told, found: Dependence, unit: str, sizes: dict[str, float]) -> Form:
-    one = told.fitted
+    one, variable = told.fitted, told.variable
     unit = "1/Pa" if found.times == "compression" else unit
-    values = (*_coefficients(one, unit, UNITS[found.variable]), *_shape(one, found.variable))
-    at = np.linspace(found.knots[0], found.knots[-1], _POINTS)
-    # The curve's factor is in units of its size, a direction has none.
-    size = sizes[found.times] if found.times not in ("", "direction") else 1.0
-    level = float(_function(one, found.knots).mean())
+    values = (*_coefficients(one, unit, UNITS[variable]), *_shape(one, variable))
+    at, drawn = np.zeros(0), np.zeros(0)
+    if variable == found.variable:
+        at = np.linspace(found.knots[0], found.knots[-1], _POINTS)
+        # The curve's factor is in units of its size, a direction has none.
+        size = sizes[found.times] if found.times not in ("", "direction") else 1.0
+        drawn = size * (_function(one, at) - float(_function(one, found.knots).mean()))
+    text = _text(told, values, found.times, unit, sizes)
     return Form(
-        one.kind.name, _text(one, values, found, unit, sizes), values, told.share,
-        told.held_share, told.held_p_value, at, size * (_function(one, at) - level),
+        one.kind.name, text, variable, values, told.share, told.held_share, told.held_p_value,
+        at, drawn,
     )  # fmt: skip
 
 
@@ -197,12 +229,11 @@ def _shape(one: FittedForm, variable: str) -> tuple[Value, ...]:
 
 
 def _text(
-    one: FittedForm, values: tuple[Value, ...], found: Dependence, unit: str,
-    sizes: dict[str, float],
-) -> str:  # fmt: skip
+    told: Told, values: tuple[Value, ...], times: str, unit: str, sizes: dict[str, float]
+) -> str:
     """A form in words: numbers, its variable and what it is multiplied by."""
-    number = {v.name: v.value for v in values}
-    symbol, own = SYMBOLS[found.variable], UNITS[found.variable]
+    one, number = told.fitted, {v.name: v.value for v in values}
+    symbol, own = SYMBOLS[told.variable], UNITS[told.variable]
     own = "" if own == "1" else own
     if one.kind is CONSTANT:
         body = f"{number['constant']:.3g}"
@@ -215,14 +246,14 @@ def _text(
         body = f"{number.get('amplitude', number.get('coefficient', 0.0)):.3g} {body}"
         if one.offset:
             body = f"({number['constant']:.3g} {_signed(body)})"
-    if found.times == "direction":
+    if times == "direction":
         body += f" tanh(piston_velocity / {rounding(sizes['direction']):.2g} m/s)"
-    elif found.times == "valve_signal":
+    elif times == "valve_signal":
         body += " valve_signal"
     text = f"{body} {unit}"
-    if found.times == "compression":
+    if times == "compression":
         text += " times the compression of the chamber"
-    return text if one.kind is CONSTANT else f"{text}, {symbol} = {found.variable} in {own or 1}"
+    return text if one.kind is CONSTANT else f"{text}, {symbol} = {told.variable} in {own or 1}"
 
 
 def _signed(body: str) -> str:

@@ -278,6 +278,7 @@ def _form(one: Form) -> dict[str, Any]:
     return {
         "name": one.name,
         "text": one.text,
+        "variable": one.variable,
         "values": [
             {"name": v.name, "value": v.value, "std": v.std, "unit": v.unit} for v in one.values
         ],

@@ -36,12 +36,14 @@ class Rows:
     at, factor : (n,) array
         The variable, and what a function of it is multiplied by.
     recording : (n,) int array
+    variable : str
     """
 
     bench: Bench
     at: FloatArray
     factor: FloatArray
     recording: IndexArray
+    variable: str
 
     def columns(self, kind: Kind, shape: float, offset: bool) -> FloatArray:
         """Columns (n, k) of a form times the factor, with a constant last where asked for."""
@@ -95,6 +97,13 @@ class FittedForm:
     def freedom(self) -> int:
         """Coefficients, and the shape value."""
         return self.kind.freedom + self.offset
+
+    @property
+    def size_std(self) -> float:
+        """Deviation of the size of the form as a whole, as a share of it."""
+        own = self.covariance[: self.theta.size, : self.theta.size]
+        weight = float(self.theta @ np.linalg.solve(own, self.theta))
+        return weight**-0.5 if weight > 0.0 else np.inf
 
     @property
     def net(self) -> float:

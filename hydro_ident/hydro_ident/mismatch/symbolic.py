@@ -23,7 +23,7 @@ from hydro_ident.mismatch.fit_form import (
     needs_offset,
     theta_of,
 )
-from hydro_ident.mismatch.forms import CONSTANT, COSINE, kinds_for
+from hydro_ident.mismatch.forms import CONSTANT, COSINE, Kind, kinds_for
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_model.robot import FloatArray
@@ -66,6 +66,8 @@ class Told:
     Attributes
     ----------
     fitted : FittedForm
+    variable : str
+        That it is of.
     share, held_share : float
         Its gain over the free curve's on training and on held-out rows.
     held_p_value : float
@@ -73,9 +75,28 @@ class Told:
     """
 
     fitted: FittedForm
+    variable: str
     share: float
     held_share: float
     held_p_value: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Try:
+    """A fitted form and the rows of its variable."""
+
+    form: FittedForm
+    train: Rows
+    held: Rows
+
+    def columns(self, rows: Rows) -> FloatArray:
+        """Columns of the form on rows."""
+        return rows.columns(self.form.kind, self.form.shape, self.form.offset)
+
+    @property
+    def function(self) -> FloatArray:
+        """The form's whitened function on the training rows, the base refitted around it."""
+        return self.train.beyond(self.columns(self.train), self.form.theta)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +108,15 @@ class _Held:
     size: float
     std: float
 
-    @property
-    def agrees(self) -> bool:
-        """Whether these rows give the form the size that it was found with."""
-        return abs(self.size - 1.0) <= max(DEVIATIONS * self.std, SHARE)
+    def agrees(self, found_std: float) -> bool:
+        """Whether these rows give a form the size that it was found with, to its deviation."""
+        std = float(np.hypot(self.std, found_std))
+        return abs(self.size - 1.0) <= max(DEVIATIONS * std, SHARE)
 
 
-def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
+def told_forms(
+    train: Rows, held: Rows, curve: Curve, twins: Sequence[tuple[Rows, Rows]] = ()
+) -> tuple[Told, ...]:
     """Short forms that describe a dependence, the simplest first; none where none does.
 
     Parameters
@@ -103,6 +126,9 @@ def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
     held : Rows
         That took no part.
     curve : Curve
+    twins : sequence of (Rows, Rows)
+        The same over another variable that says where the machine is: what repeats may repeat
+        over that one.
     """
     if held.bench.blocks < LEAST_BLOCKS or (curve.any_phase and not curve.period):
         return ()
@@ -110,41 +136,43 @@ def told_forms(train: Rows, held: Rows, curve: Curve) -> tuple[Told, ...]:
     full, rank = gain_of(train, columns)
     if full <= rank:
         return ()
-    fits = [f for f in _fits(train, curve) if _short(f, full, rank, curve)]
-    if not fits:
-        return ()
+    tries = [_Try(form, train, held) for form in _fits(train, curve)]
+    for seen, other in twins:
+        form = fit_kind(seen, COSINE, False)
+        tries += [] if form is None else [_Try(form, seen, other)]
+    tries = [one for one in tries if _short(one.form, full, rank, curve)]
     theta = theta_of(train, columns)
     by_curve = _held_out(held, held.curve(curve.knots, curve.period), theta, curve.any_phase)
-    seen = [
-        _held_out(held, held.columns(f.kind, f.shape, f.offset), f.theta, curve.any_phase)
-        for f in fits
-    ]
-    level = HELD_OUT_ERROR / len(fits)
-    told = [
-        (f, h)
-        for f, h in zip(fits, seen, strict=True)
-        if h.p_value <= level and h.agrees and _as_good(h.blocks, by_curve.blocks)
-    ]
     total = float(by_curve.blocks.sum())
+    level = HELD_OUT_ERROR / max(len(tries), 1)
+    kept = []
+    for one in tries:
+        seen_there = _held_out(one.held, one.columns(one.held), one.form.theta, curve.any_phase)
+        good = seen_there.p_value <= level and seen_there.agrees(one.form.size_std)
+        if good and _as_good(seen_there.blocks, by_curve.blocks):
+            kept.append((one, seen_there))
     return tuple(
-        Told(f, f.gain / full, _share(float(h.blocks.sum()), total), h.p_value)
-        for f, h in _equals(train, told)
-    )
+        Told(
+            one.form, one.train.variable, one.form.gain / full,
+            _share(float(there.blocks.sum()), total), there.p_value,
+        )
+        for one, there in _equals(kept)
+    )  # fmt: skip
 
 
 def _fits(train: Rows, curve: Curve) -> list[FittedForm]:
-    """Every form at its best on the training rows, beside a constant where it takes one."""
+    """Every form at its best on the training rows, with a constant beside it if it takes one."""
     if curve.period:
         found = fit_kind(train, COSINE, False, curve.period)
         return [] if found is None else [found]
-    result = []
-    for kind in kinds_for(train.at):
-        plain = fit_kind(train, kind, False)
-        more = None if kind is CONSTANT else fit_kind(train, kind, True)
-        chosen = more if needs_offset(plain, more) else plain
-        if chosen is not None:
-            result.append(chosen)
-    return result
+    return [f for f in (_with_constant(train, k) for k in kinds_for(train.at)) if f is not None]
+
+
+def _with_constant(train: Rows, kind: Kind) -> FittedForm | None:
+    """A form, with a constant beside it where it takes one."""
+    plain = fit_kind(train, kind, False)
+    more = None if kind is CONSTANT else fit_kind(train, kind, True)
+    return more if needs_offset(plain, more) else plain
 
 
 def _short(form: FittedForm, full: float, rank: int, curve: Curve) -> bool:
@@ -205,29 +233,22 @@ def _share(gain: float, full: float) -> float:
     return gain / full if full > 0.0 else 1.0
 
 
-def _equals(
-    train: Rows, told: Sequence[tuple[FittedForm, _Held]]
-) -> list[tuple[FittedForm, _Held]]:
+def _equals(told: Sequence[tuple[_Try, _Held]]) -> list[tuple[_Try, _Held]]:
     """Forms that do as well as the best, the simplest of them; none where they are too many."""
     if not told:
         return []
     blocks = [
-        np.concatenate([train.improvement(_function(train, f)), held.blocks]) for f, held in told
+        np.concatenate([one.train.improvement(one.function), there.blocks]) for one, there in told
     ]
-    worth = [float(b.sum()) - f.freedom for b, (f, _) in zip(blocks, told, strict=True)]
-    best = int(np.argmax(worth))
-    slack = FORM_TOLERANCE**2 * float(blocks[best].sum())
+    net = [float(b.sum()) - one.form.freedom for b, (one, _) in zip(blocks, told, strict=True)]
+    best = blocks[int(np.argmax(net))]
+    slack = FORM_TOLERANCE**2 * float(best.sum())
     equal = [
-        one
-        for one, b in zip(told, blocks, strict=True)
-        if float((blocks[best] - b).sum()) <= slack or chance_of(blocks[best] - b) > WORSE
+        pair
+        for pair, b in zip(told, blocks, strict=True)
+        if float((best - b).sum()) <= slack or chance_of(best - b) > WORSE
     ]
-    least = min(f.freedom for f, _ in equal)
+    least = min(one.form.freedom for one, _ in equal)
     # What takes more to say the same is no rival.
-    kept = [one for one in equal if one[0].freedom <= least + 1]
+    kept = [pair for pair in equal if pair[0].form.freedom <= least + 1]
     return kept if len(kept) <= MOST_TOLD else []
-
-
-def _function(rows: Rows, form: FittedForm) -> FloatArray:
-    """A form's whitened function (M,), the base refitted around it."""
-    return rows.beyond(rows.columns(form.kind, form.shape, form.offset), form.theta)

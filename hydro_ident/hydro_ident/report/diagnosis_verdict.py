@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hydro_ident.mismatch.describe import each_form, form_text
 from hydro_ident.mismatch.diagnosis import (
     EXPLAINED,
     MATCHES,
@@ -89,6 +90,11 @@ def _left_out(found: Diagnosis) -> list[str]:
         f"{one.share:.0%} of what is left in {one.channel} follows the"
         f" {plain(one.dependence.variable)}; no effect of the catalogue stands for it."
         for one in found.unexplained
+    ]
+    lines += [
+        f"{one.channel}, as a formula that held-out rows confirm: {form_text(form)}."
+        for one in found.unexplained
+        for form in each_form(one.form)
     ]
     if found.rejected:
         names = [plain(f.named.names[0]) for f in found.rejected]
