@@ -37,32 +37,43 @@ def drive(truth: Truth, model: Robot, gains: Gains, seed: int = 0) -> Tracking:
     return tracking(stamp_ns, run.tip_m, run.tip_reference_m, half_width=TRUTH_HALF_WIDTH)
 
 
-def test_plant_that_equals_the_model_is_followed_almost_exactly(robot: Robot) -> None:
+@pytest.fixture(scope="module")
+def right(robot: Robot) -> Tracking:
+    return drive(Truth.ideal(robot), robot, UNFILTERED)
+
+
+@pytest.fixture(scope="module")
+def realistic(robot: Robot) -> tuple[Truth, Robot, Tracking]:
+    """A realistic machine, a model of it, and how the shipped gains drive it."""
+    truth = load_truth("realistic", robot)
+    model = exact_model(robot, truth)
+    return truth, model, drive(truth, model, Gains(), seed=1)
+
+
+def test_plant_that_equals_the_model_is_followed_almost_exactly(right: Tracking) -> None:
     # The truth plant shares no physics code with the controller's model: only right ones agree.
-    row = drive(Truth.ideal(robot), robot, UNFILTERED)
-    assert row.rho_s < 2e-4
-    assert row.max_error_mm < 0.1
+    assert right.rho_s < 2e-4
+    assert right.max_error_mm < 0.1
 
 
-def test_a_model_that_is_wrong_is_followed_worse(robot: Robot) -> None:
-    right = drive(Truth.ideal(robot), robot, UNFILTERED)
+def test_a_model_that_is_wrong_is_followed_worse(robot: Robot, right: Tracking) -> None:
     heavier = replace(robot, link_inertia=1.2 * robot.link_inertia)
     weaker = replace(robot, valves=tuple(replace(v, c_pa=0.8 * v.c_pa) for v in robot.valves))
     for wrong in (heavier, weaker):
         assert drive(Truth.ideal(robot), wrong, UNFILTERED).rmse_mm > 5.0 * right.rmse_mm
 
 
-def test_shipped_gains_are_steady_on_a_realistic_machine(robot: Robot) -> None:
-    truth = load_truth("realistic", robot)
-    row = drive(truth, exact_model(robot, truth), Gains())
+def test_shipped_gains_are_steady_on_a_realistic_machine(
+    realistic: tuple[Truth, Robot, Tracking],
+) -> None:
+    row = realistic[2]
     assert row.max_speed_m_s < 1.02 * row.reference_speed_m_s
     # Unmodelled friction, deadband and delay leave an error of millimetres, not of centimetres.
     assert 0.5 < row.max_error_mm < 15.0
 
 
-def test_noise_decides_little(robot: Robot) -> None:
-    truth = load_truth("realistic", robot)
-    model = exact_model(robot, truth)
-    rows = [drive(truth, model, Gains(), seed).rmse_mm for seed in (1, 2)]
+def test_noise_decides_little(realistic: tuple[Truth, Robot, Tracking]) -> None:
+    truth, model, first = realistic
+    rows = [first.rmse_mm, drive(truth, model, Gains(), seed=2).rmse_mm]
     assert rows[0] != rows[1]
     assert abs(rows[0] - rows[1]) < 0.05 * rows[0]

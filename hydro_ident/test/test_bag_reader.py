@@ -121,11 +121,12 @@ def test_a_file_cut_off_anywhere_gives_its_prefix_and_says_so(
 
 
 def test_a_project_bag_cut_at_every_byte(tmp_path: Path, write_bag, run_columns, robot) -> None:
-    columns = {k: v for k, v in run_columns(12).items() if k != "/joint_reference"}
+    columns = {k: v for k, v in run_columns(8).items() if k != "/joint_reference"}
     (file,) = write_bag(columns, compression="none").glob("*.mcap")
     whole = file.read_bytes()
     cut = tmp_path / "cut.mcap"
-    for size in range(0, len(whole), 3):
+    # Every fifth: records are no multiples of it, so every kind of place is met.
+    for size in range(0, len(whole), 5):
         cut.write_bytes(whole[:size])
         try:
             bag = read_bag(cut)

@@ -1,0 +1,284 @@
+"""`can_bridge` as a process between a scripted device on the bus and ROS over DDS."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hydro_hw_bridge.bus import Bus, open_bus
+from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+
+DOMAIN = 10 + os.getpid() % 90
+#: How long to wait for what must come, however busy the machine is.
+PATIENCE_S = 120.0
+#: How long until what was published is published again: before the far end matched, it is lost.
+AGAIN_S = 1.0
+NAMES = ["lift_valve", "tilt_valve"]
+CONFIGURE = 1
+Make = Callable[..., Readings]
+_ports = itertools.count(20_000 + os.getpid() % 20_000)
+
+
+def _executable() -> str:
+    from ament_index_python.packages import get_package_prefix
+
+    return str(Path(get_package_prefix("hydro_hw_bridge")) / "lib/hydro_hw_bridge/can_bridge")
+
+
+def _start(can_name: str, *parameters: str, log: Any = subprocess.PIPE) -> subprocess.Popen[str]:
+    environment = os.environ | {
+        "ROS_DOMAIN_ID": str(DOMAIN),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    arguments = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
+    return subprocess.Popen(
+        [_executable(), "--ros-args", *arguments],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=log,
+        text=True,
+    )
+
+
+class Device:
+    """The machine's end of the bus, cycle by cycle."""
+
+    def __init__(self, bus: Bus, codec: Codec, readings: Make) -> None:
+        self.bus, self.codec, self.readings = bus, codec, readings
+        self.counter = 0
+        self.lockstep = False
+
+    def send(self, counter: int, **changes: Any) -> None:
+        self.counter = counter
+        changes = {"lockstep": self.lockstep} | changes
+        for message in self.codec.encode_cycle(self.readings(counter, **changes)):
+            self.bus.send(message)
+
+    def commands(self, wait_s: float) -> list[CommandFrame]:
+        """Valve frames that come in within a while."""
+        found, end = [], time.monotonic() + wait_s
+        while (command := self.next_command(end - time.monotonic())) is not None:
+            found.append(command)
+        return found
+
+    def next_command(self, wait_s: float) -> CommandFrame | None:
+        """The next valve frame, if there is one within a while."""
+        end = time.monotonic() + wait_s
+        while (left := end - time.monotonic()) > 0:
+            message = self.bus.receive(left)
+            frame = None if message is None else self.codec.receive(message)
+            if frame is not None and frame.role == "command":
+                assert frame.intact
+                return self.codec.decode_command(frame)
+        return None
+
+    def answer(self, wait_s: float = PATIENCE_S) -> CommandFrame:
+        """The next valve frame."""
+        found = self.next_command(wait_s)
+        assert found is not None, f"no valve frame within {wait_s} s of cycle {self.counter}"
+        return found
+
+
+class Processes:
+    """Started bridges and their log: a file, as an unread pipe blocks its writer."""
+
+    def __init__(self, log: Path) -> None:
+        self.log = log
+        self.started: list[subprocess.Popen[str]] = []
+
+    def start(self, can_name: str, *parameters: str) -> None:
+        with self.log.open("a", encoding="utf-8") as log:
+            self.started.append(_start(can_name, *parameters, log=log))
+
+    def wait(self, index: int) -> int:
+        """Until a bridge has ended; its exit code."""
+        return self.started[index].wait(PATIENCE_S)
+
+    def __getitem__(self, index: int) -> subprocess.Popen[str]:
+        return self.started[index]
+
+    def close(self) -> None:
+        for process in self.started:
+            process.terminate()
+        for process in self.started:
+            process.communicate(timeout=PATIENCE_S)
+        print(self.log.read_text(encoding="utf-8"))  # pytest shows it where the test failed
+
+
+class Ros:
+    """The ROS end: what the bridge published, and the services it offers."""
+
+    def __init__(self) -> None:
+        import rclpy
+        from diagnostic_msgs.msg import DiagnosticArray
+        from lifecycle_msgs.srv import ChangeState
+        from rclpy.event_handler import SubscriptionEventCallbacks
+        from rclpy.executors import SingleThreadedExecutor
+        from sensor_msgs.msg import FluidPressure, JointState, Temperature
+        from std_srvs.srv import Trigger
+
+        from hydro_msgs_docs.topics import reliable
+
+        self.context = rclpy.Context()
+        self.context.init(domain_id=DOMAIN)
+        self.node = rclpy.create_node("bridge_test", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: dict[str, list[Any]] = {}
+        self.publishers: dict[str, int] = {}
+        for topic, kind in {
+            "/joint_states": JointState,
+            "/chamber_pressures": JointState,
+            "/valve_state": JointState,
+            "/pressure/lift_cylinder/a": FluidPressure,
+            "/oil_temperature": Temperature,
+            "/diagnostics": DiagnosticArray,
+        }.items():
+            into = self.heard.setdefault(topic, [])
+            events = SubscriptionEventCallbacks(matched=self._on_match(topic))
+            self.node.create_subscription(
+                kind, topic, into.append, reliable(100), event_callbacks=events
+            )
+        self.command = self.node.create_publisher(JointState, "/valve_command", reliable())
+        self.change_state = self.node.create_client(ChangeState, "/can_bridge/change_state")
+        self.clear_trip = self.node.create_client(Trigger, "/can_bridge/clear_trip")
+
+    def _on_match(self, topic: str) -> Callable[[Any], None]:
+        self.publishers[topic] = 0
+
+        def matched(event: Any) -> None:
+            self.publishers[topic] = event.current_count
+
+        return matched
+
+    def until(self, condition: Callable[[], object]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end, f"nothing within {PATIENCE_S} s; heard {self.counts()}"
+            self.executor.spin_once(0.02)
+
+    def counts(self) -> dict[str, int]:
+        return {topic: len(messages) for topic, messages in self.heard.items()}
+
+    def call(self, client: Any, request: Any) -> Any:
+        assert client.wait_for_service(PATIENCE_S)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def transition(self, number: int) -> None:
+        from lifecycle_msgs.srv import ChangeState
+
+        request = ChangeState.Request()
+        request.transition.id = number
+        assert self.call(self.change_state, request).success
+
+    def clear(self) -> Any:
+        from std_srvs.srv import Trigger
+
+        return self.call(self.clear_trip, Trigger.Request())
+
+    def ask(self, stamp_ns: int, *voltages: float) -> None:
+        from hydro_msgs_docs.messages import joint_state
+
+        self.command.publish(joint_state(stamp_ns, NAMES, effort=list(voltages)))
+
+    def answer_to(self, device: Device, stamp_ns: int, *voltages: float) -> CommandFrame:
+        """Ask until a valve frame comes: the first one. A repeated command changes nothing."""
+        end = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end:
+            self.ask(stamp_ns, *voltages)
+            if (answer := device.next_command(AGAIN_S)) is not None:
+                return answer
+        raise AssertionError(f"no valve frame within {PATIENCE_S} s of a command")
+
+    def diagnosis(self) -> dict[str, str]:
+        self.until(lambda: self.heard["/diagnostics"])
+        status = self.heard["/diagnostics"][-1].status[0]
+        return {v.key: v.value for v in status.values} | {"message": status.message}
+
+    @staticmethod
+    def stamp_of(message: Any) -> int:
+        from hydro_msgs_docs.messages import stamp_ns
+
+        return stamp_ns(message)
+
+    def bring_up(self, processes: Processes, can_name: str, *parameters: str) -> None:
+        """Start a bridge, configure it and wait until both ends know each other."""
+        processes.start(can_name, *parameters)
+        self.transition(CONFIGURE)
+        # The bridge knows all of this end: it answered a service that was made last.
+        self.until(lambda: all(self.publishers.values()))
+        self.until(lambda: self.command.get_subscription_count() == 1)
+        assert self.clear_trip.wait_for_service(PATIENCE_S)
+
+    def first_sample(self, device: Device, counter: int) -> int:
+        """Send a cycle until it is heard; its stamp."""
+        states = self.heard["/joint_states"]
+        while not states:
+            device.send(counter)
+            for _ in range(10):
+                self.executor.spin_once(0.02)
+        self.until(lambda: self.heard["/chamber_pressures"])
+        return self.stamp_of(states[-1])
+
+    def send_and_hear(self, device: Device, counter: int, stamp: int) -> None:
+        """Send a cycle and wait for its sample: a command before it would be of no cycle."""
+        heard = self.heard["/chamber_pressures"]
+        before = len(heard)
+        device.send(counter)
+        self.until(lambda: stamp in map(self.stamp_of, heard[before:]))
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.shutdown()
+
+
+@pytest.fixture
+def can_name() -> str:
+    return f"udp_multicast:239.74.163.2:{next(_ports)}"
+
+
+@pytest.fixture
+def device(can_name: str, codec: Codec, readings: Make) -> Iterator[Device]:
+    with open_bus(can_name, codec.bridge_ids) as bus:
+        yield Device(bus, codec, readings)
+
+
+@pytest.fixture
+def ros() -> Iterator[Ros]:
+    ros = Ros()
+    yield ros
+    ros.close()
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[Processes]:
+    processes = Processes(tmp_path / "log.txt")
+    yield processes
+    processes.close()
+
+
+@pytest.fixture
+def run_bridge() -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`run_bridge(can_name, *parameters)`: a bridge that ends by itself."""
+
+    def run(can_name: str, *parameters: str) -> subprocess.CompletedProcess[str]:
+        process = _start(can_name, *parameters)
+        out, error = process.communicate(timeout=PATIENCE_S)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, error)
+
+    return run
+
+
+@pytest.fixture
+def executable() -> str:
+    return _executable()
