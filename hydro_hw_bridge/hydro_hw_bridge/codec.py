@@ -170,6 +170,11 @@ class Codec:
         self._answered = None if mapping.answered is None else layout.raw(mapping.answered)
         self._instance = layout.raw(mapping.instance)
 
+    @property
+    def position_steps(self) -> tuple[float, ...]:
+        """What one count of every joint's sensor is worth, rad or m, signed."""
+        return tuple(binding.gain for binding in self._positions)
+
     @classmethod
     def load(
         cls,
