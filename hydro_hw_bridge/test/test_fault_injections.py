@@ -103,6 +103,13 @@ def test_valve_frames_that_are_late_on_the_bus_never_drive_for_long(
     kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
 
 
+@pytest.mark.parametrize("late", [*range(1, 16), 23])
+def test_machine_frames_that_are_all_late_never_drive_for_long(trial: Trial, late: int) -> None:
+    """The bridge sees nothing wrong, as its clock is the machine's: the machine does."""
+    fault = BusFault("late", AT, 60, DEVICE, amount=late)
+    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
+
+
 @pytest.mark.parametrize("joint", ["lift", "tilt"])
 def test_an_encoder_that_is_stuck_ends_driving(trial: Trial, joint: str) -> None:
     signal = trial.codec.mapping.joints[joint].signal
