@@ -11,9 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_control.errors import ControlError
 from hydro_control.required_motion import JointMotion
 from hydro_model.cylinder import stroke
 from hydro_model.kinematics import tip_state
+from hydro_model.paths import Path, TipPath
 from hydro_model.robot import FloatArray, Robot
 
 #: Braking before an end: this many velocity limits per second, so at most 0.2 s from full speed.
@@ -22,6 +24,8 @@ BRAKING_PER_VELOCITY_1_S = 5.0
 _GRID = 2001
 #: Tip speed unless told otherwise.
 TIP_SPEED_M_S = 3.0
+#: Spacing at which the speed of a path is looked at.
+_STEP_S = 0.01
 #: A valve stops feeding a chamber over this share of pressure below the limit.
 RELIEF_BAND = 0.1
 
@@ -139,6 +143,32 @@ def _before_the_ends(
         qdd_r=np.where(changed, slowing, motion.qdd_r),
         notes=(*motion.notes, "braking before the end of a joint or stroke"),
     )
+
+
+def refuse_fast(path: Path, tip_speed_m_s: float) -> None:
+    """Refuse a path of the tip that is too fast.
+
+    Parameters
+    ----------
+    path : Path
+        Paths of joints pass: their tip is slowed while they are played.
+    tip_speed_m_s : float
+
+    Raises
+    ------
+    ControlError
+        Where and how fast it is.
+    """
+    if not isinstance(path, TipPath):
+        return
+    times = np.linspace(0.0, path.duration_s, max(2, int(path.duration_s / _STEP_S) + 1))
+    speeds = np.linalg.norm(path.sample_many(times)[1], axis=1)
+    worst = int(np.argmax(speeds))
+    if speeds[worst] > tip_speed_m_s:
+        raise ControlError(
+            f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.2f} s of the path,"
+            f" expected at most {tip_speed_m_s:g} m/s"
+        )
 
 
 def relieved(signal: float, p_a: float, p_b: float, limit_pa: float) -> float:

@@ -7,12 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_control.core import ControllerCore
+from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import MotionLimits, limited, limits_of, relieved
 from hydro_control.required_motion import JointMotion, Reference, required_motion
 from hydro_model.cylinder import stroke
 from hydro_model.kinematics import tip_position, tip_state
+from hydro_model.paths import TipPath
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
@@ -112,6 +115,13 @@ def test_the_tip_is_slowed_without_turning(robot: Robot) -> None:
     assert np.linalg.norm(jacobian @ found.qd_r) == pytest.approx(0.25)
     assert found.qd_r[0] * asked[1] == pytest.approx(found.qd_r[1] * asked[0])
     assert "tip speed" in found.notes[0]
+
+
+def test_a_tip_path_that_is_too_fast_is_refused(robot: Robot) -> None:
+    path = TipPath.through([[2.0, 0.0, -1.2], [3.0, 0.0, -1.2]], [3.0])
+    ControllerCore(robot, Gains(), path, tip_speed_m_s=0.63)
+    with pytest.raises(ControlError, match=r"reaches 0\.625 m/s at 1\.50 s .* at most 0\.6 m/s"):
+        ControllerCore(robot, Gains(), path, tip_speed_m_s=0.6)
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 0.0])

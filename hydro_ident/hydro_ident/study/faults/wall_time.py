@@ -30,10 +30,6 @@ LATCHED_S = 0.15
 DRIVING_S = 30.0
 
 
-class TooBusyError(IdentError):
-    """The valves could not be driven before the fault."""
-
-
 @dataclass(frozen=True, slots=True)
 class WallOutcome:
     """One injection into running processes.
@@ -111,7 +107,7 @@ class WallRun:
         end = time.monotonic() + DRIVING_S
         while not self.stage.driven():
             if time.monotonic() > end:
-                raise TooBusyError("the valves are not driven: the computer is too busy")
+                raise IdentError("the valves are not driven: the computer is too busy")
             gate = self.ros.diagnosis.get("can_bridge", {}).get("gate")
             if gate == "tripped":
                 self.unasked_trips += 1
