@@ -110,6 +110,19 @@ def test_machine_frames_that_are_all_late_never_drive_for_long(trial: Trial, lat
     kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
 
 
+@pytest.mark.parametrize("late", range(17, 32))
+def test_a_frame_far_too_late_is_in_no_sample(trial: Trial, late: int) -> None:
+    fault = BusFault("late", AT, 2, DEVICE, (trial.codec.device_ids[1],), amount=late)
+    kept(trial.run(Injection("bus", fault, None, ("cycles_incomplete",)), late))
+
+
+def test_a_frame_of_exactly_sixteen_cycles_ago_is_the_known_limit(trial: Trial) -> None:
+    """Its alive counter is that of the present cycle. The safety case says so."""
+    fault = BusFault("late", AT, 1, DEVICE, (trial.codec.device_ids[1],), amount=16)
+    outcome = trial.run(Injection("bus", fault, None, ("cycles_duplicates",)), 1)
+    assert outcome.broken == (f"partial sample: cycle {AT + 16}: ENCODERS not of it",)
+
+
 @pytest.mark.parametrize("joint", ["lift", "tilt"])
 def test_an_encoder_that_is_stuck_ends_driving(trial: Trial, joint: str) -> None:
     signal = trial.codec.mapping.joints[joint].signal

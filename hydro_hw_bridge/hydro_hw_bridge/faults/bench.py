@@ -139,7 +139,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self.codec.made_of = []
-        self.cycle = 0
+        self.cycle = self.steps = 0
         self.line = FaultLine(self.codec, self.bus)
         self.end = LineBus(self.line)
         self.device = Device(self.rig, self.codec, self.end, lockstep=self.lockstep)
@@ -166,7 +166,11 @@ class Bench:
             self.step()
 
     def step(self) -> None:
-        """One cycle of the device."""
+        """One cycle of the device; in lockstep, where nobody answers, a few tries of it."""
+        self._step()
+        self.steps += 1
+
+    def _step(self) -> None:
         self._turn_inputs()
         if self._acting("device_restart"):
             self.rig.counter = 0
@@ -256,7 +260,7 @@ class Bench:
             self._follow(self.core.command(one.stamp_ns, one.names, one.voltages))
 
     def _acting(self, *kinds: str) -> bool:
-        return any(f.kind in kinds and f.acts(self.cycle) for f in self.machine)
+        return any(f.kind in kinds and f.acts(self.steps) for f in self.machine)
 
     def _turn_inputs(self) -> None:
         self.rig.set_inputs(

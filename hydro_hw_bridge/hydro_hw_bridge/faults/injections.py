@@ -16,7 +16,9 @@ from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, MachineFault
 #: Cycles of 2 ms: at once (the answer of the same cycle), a command's age, the watchdog.
 AT_ONCE, AGE, WATCHDOG = 1, 6, 25
 FIRST_CYCLE = (12, 45)
-#: Frames exactly this many cycles late carry the alive counter of the present cycle.
+#: A frame that comes exactly so many cycles late, or a multiple, and before the one that belongs
+#: there, has the alive counter of the present cycle: nothing in it tells it apart. Frames of one
+#: identifier do not overtake each other on CAN, so no injection makes them.
 ALIVE_SPAN = 16
 
 
@@ -63,7 +65,7 @@ def _lost(source: random.Random, codec: Codec, at: int) -> Injection:
 
 
 def _late(source: random.Random, codec: Codec, at: int) -> Injection:
-    amount = source.choice([n for n in range(1, 31) if n % ALIVE_SPAN])
+    amount = source.randrange(1, ALIVE_SPAN)
     frames = () if source.random() < 0.3 else (source.choice(codec.device_ids),)
     fault = BusFault("late", at, source.randint(1, 12), DEVICE, frames, amount=amount)
     shows = ("cycles_out_of_order", "cycles_lost", "cycles_incomplete")

@@ -98,7 +98,9 @@ class Trial:
             machine=[fault] if isinstance(fault, MachineFault) else (),
             lockstep=lockstep,
         )
-        bench.run(fault.first_cycle + fault.cycles + AFTER + random.Random(seed).randrange(8))
+        held = int(fault.amount) if fault.kind == "late" else 0
+        rest = AFTER + random.Random(seed).randrange(8)
+        bench.run(fault.first_cycle + fault.cycles + held + rest)
         core = bench.core
         tripped, reason = core.gate.state is GateState.TRIPPED, core.gate.reason
         broken = [*self._judged(bench, injection), *self._unnamed(bench, injection, tripped)]
@@ -157,7 +159,7 @@ class Trial:
         start = len(bench.rows)
         bench.run(AGAIN)
         rows = bench.rows[start - 1 :]
-        if not any(row.enabled for row in rows):
+        if not any(row.enabled for row in rows[1:]):
             return 0.0, ["not driving again after the trip was cleared"]
         largest = max(_step(a, b) for a, b in pairwise(rows))
         cleared = kind not in ("bridge_dead", "deactivated")

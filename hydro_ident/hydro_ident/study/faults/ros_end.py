@@ -40,7 +40,6 @@ class RosEnd:
         import rclpy
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.executors import SingleThreadedExecutor
-        from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
         from std_srvs.srv import Trigger
 
@@ -60,7 +59,6 @@ class RosEnd:
         make(JointState, topics.CHAMBER_PRESSURES, self._on_sample, reliable)
         make(DiagnosticArray, topics.DIAGNOSTICS, self._on_diagnostics, reliable)
         self.command = self.node.create_publisher(JointState, topics.VALVE_COMMAND, reliable)
-        self.clock = self.node.create_publisher(Clock, "/clock", 10)
         self._trip = self.node.create_client(Trigger, "/can_bridge/clear_trip")
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
