@@ -161,7 +161,11 @@ class Trial:
         rows = bench.rows[start - 1 :]
         if not any(row.enabled for row in rows[1:]):
             return 0.0, ["not driving again after the trip was cleared"]
-        largest = max(_step(a, b) for a, b in pairwise(rows))
+        if lockstep and kind == "bridge_dead":
+            # Its time stood still at the voltage of before, which may still be on its way out of
+            # the amplifiers; a new bridge ramps from 0 V.
+            rows = rows[1 + bench.rig.truth.command_delay_cycles :]
+        largest = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
         cleared = kind not in ("bridge_dead", "deactivated")
         most = self.limits.reenable_step_v if cleared else self.limits.legal_step_v
         above = largest > most + ROUNDING_V

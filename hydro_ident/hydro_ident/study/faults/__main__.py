@@ -13,6 +13,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from hydro_hw_bridge.endings import on_end
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults import device_time, page, wall_time
 from hydro_model.command import run_command
@@ -74,6 +75,8 @@ def _in_wall_time(count: int, seed: int) -> dict[str, Any]:
     from hydro_ident.study.faults.ros_end import RosEnd
     from hydro_ident.study.faults.stage import Stage
 
+    # Its processes end with it, whatever ends it.
+    on_end(lambda: sys.exit(143))
     robot = load_robot("xs031")
     limits, source = device_time.limits_of(robot), random.Random(seed)
     port = 20_000 + os.getpid() % 20_000
