@@ -15,7 +15,7 @@ from typing import Any
 
 from hydro_hw_bridge.endings import on_end
 from hydro_ident.errors import IdentError
-from hydro_ident.study.faults import device_time, page, wall_time
+from hydro_ident.study.faults import device_time, page, wall_outcomes, wall_time
 from hydro_model.command import run_command
 from hydro_model.robot_files import load_robot
 
@@ -81,7 +81,7 @@ def _in_wall_time(count: int, seed: int) -> dict[str, Any]:
     limits, source = device_time.limits_of(robot), random.Random(seed)
     port = 20_000 + os.getpid() % 20_000
     buses = (f"udp_multicast:239.74.163.2:{port}", f"udp_multicast:239.74.163.2:{port + 1}")
-    found: list[wall_time.WallOutcome] = []
+    found: list[wall_outcomes.WallOutcome] = []
     left_out = 0
     with tempfile.TemporaryDirectory(prefix="hydro-faults.") as folder:
         stage = Stage(Path(folder), robot)
@@ -102,13 +102,13 @@ def _in_wall_time(count: int, seed: int) -> dict[str, Any]:
                         run_.start_bridge()
                     continue
                 print(_line(found[-1]), flush=True)
-            return wall_time.summary(found, stage, run_.unasked_trips, left_out)
+            return wall_outcomes.summary(found, stage, run_.unasked_trips, left_out)
         finally:
             ros.close()
             stage.end()
 
 
-def _line(one: wall_time.WallOutcome) -> str:
+def _line(one: wall_outcomes.WallOutcome) -> str:
     stop = "drives on" if one.stop_ms is None else f"0 V after {one.stop_ms:.1f} ms"
     return f"{one.kind}: {stop}" + (f": {one.broken}" if one.broken else "")
 

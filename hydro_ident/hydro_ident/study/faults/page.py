@@ -60,8 +60,11 @@ def _device(date: str, found: Mapping[str, Any]) -> str:
         f"Run of {date}, device time: {found['injections']} injections"
         f" ({found['lockstep']} of them in lockstep), {found['tripped']} trips,"
         f" {len(found['broken'])} broken promises. Largest step at a valve"
-        f" {found['largest_step_v']:.3f} V per cycle, {found['largest_reenable_step_v']:.4f} V"
-        f" after a cleared trip. Worst case to 0 V {found['worst_ms']:.0f} ms.",
+        f" {found['largest_step_v']:.3f} V per cycle,"
+        f" {found['largest_reenable_step_v']:.3f} V where a gate drives again:"
+        " one whose trip was cleared is held to 10 V/s and judged by that,"
+        " a bridge started anew to the slew limit."
+        f" Worst case to 0 V {found['worst_ms']:.0f} ms.",
         "",
         "| fault | injections | of them with a promised stop | promised, ms | worst, ms |",
         "|---|---|---|---|---|",
