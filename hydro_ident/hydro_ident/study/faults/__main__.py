@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run the campaign; 0 where every promise was kept, 1 where one was not."""
+    """Run the campaign; 0 where every promise was kept, 1 where one was not or none was tried."""
     options = parser().parse_args(arguments)
     if options.injections < 1 or options.processes < 0:
         raise IdentError("expected at least one injection in device time, and none below 0")
@@ -63,7 +63,8 @@ def run(arguments: Sequence[str]) -> int:
         page.renew(options.json)
     print(page.told(result))
     broken = [result[key]["broken"] for key in ("device_time", "wall_time") if key in result]
-    return 1 if any(broken) else 0
+    nothing = bool(options.processes) and not result["wall_time"]["injections"]
+    return 1 if any(broken) or nothing else 0
 
 
 def _tell_device(outcome: Any) -> None:
