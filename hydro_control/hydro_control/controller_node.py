@@ -58,7 +58,12 @@ class ControllerNode(LifecycleNode):
         path = load_path(settings.path) if settings.path else None
         robot = load_robot(settings.robot)
         return ControllerCore(
-            robot, settings.gains, path, settings.start_delay_s, settings.adaptation
+            robot,
+            settings.gains,
+            path,
+            settings.start_delay_s,
+            settings.adaptation,
+            settings.tip_speed_limit_m_s,
         )
 
     def _on_parameters(self, changed: list[Parameter]) -> SetParametersResult:

@@ -17,6 +17,7 @@ from hydro_control.applied import AppliedWatch
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
+from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
 from hydro_control.output import Output
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
@@ -105,6 +106,8 @@ class ControllerCore:
         Hold before the path.
     adaptation : AdaptationSettings, optional
         Off by default.
+    tip_speed_m_s : float
+        Faster tip paths are refused, faster required motion is slowed.
 
     Raises
     ------
@@ -117,11 +120,17 @@ class ControllerCore:
     path: TipPath | JointPath | None = None
     start_delay_s: float = 0.0
     adaptation: AdaptationSettings | None = None
+    tip_speed_m_s: float = TIP_SPEED_M_S
     counts: Counts = field(default_factory=Counts)
     message: str = ""
 
     def __post_init__(self) -> None:
-        self.law = ControlLaw(self.robot, self.gains, adaptation=self.adaptation)
+        self.law = ControlLaw(
+            self.robot,
+            self.gains,
+            adaptation=self.adaptation,
+            tip_speed_m_s=self.tip_speed_m_s,
+        )
         self._sensors = SensorCorrection(self.robot, self.law.plan.active)
         self._run: _Run | None = None
         self._last: Answer | None = None
@@ -129,6 +138,7 @@ class ControllerCore:
         self._watch = AppliedWatch()
         if self.path is not None:
             check_path(self.robot, self.path)
+            refuse_fast(self.path, self.tip_speed_m_s)
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -260,7 +270,8 @@ class ControllerCore:
 
     def _first(self, sample: Sample) -> _Run:
         """Capture the pose, and start the path from it."""
-        run = _Run(sample.stamp_ns, ReferencePlayer(self.robot, sample.q), 0.0, sample.q)
+        player = ReferencePlayer(self.robot, sample.q, self.tip_speed_m_s)
+        run = _Run(sample.stamp_ns, player, 0.0, sample.q)
         self._play_path(run)
         return run
 

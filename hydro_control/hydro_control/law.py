@@ -23,6 +23,7 @@ from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
 from hydro_control.filters import FilteredDifference, difference_lag_s
 from hydro_control.gains import Gains
+from hydro_control.motion_limits import TIP_SPEED_M_S, limited, limits_of, relieved
 from hydro_control.oil_columns import OilColumns, swept_columns
 from hydro_control.output import Output, stopped
 from hydro_control.required_motion import (
@@ -55,9 +56,12 @@ class ControlLaw:
         Sample time; by default the sensors' rate.
     adaptation : AdaptationSettings, optional
         Off by default.
+    tip_speed_m_s : float
+        Required motion of the tip is never faster.
 
     Attributes
     ----------
+    limits : MotionLimits
     plan : CompensationPlan
         What becomes of the effects that the robot lists.
     compensation : Compensation or None
@@ -81,9 +85,11 @@ class ControlLaw:
         gains: Gains,
         dt_s: float | None = None,
         adaptation: AdaptationSettings | None = None,
+        tip_speed_m_s: float = TIP_SPEED_M_S,
     ) -> None:
         self.plan = plan(robot)
         robot = self.robot = self.plan.robot
+        self.limits = limits_of(robot, tip_speed_m_s)
         self.gains = gains
         self.dt_s = 1.0 / robot.sensors.rate_hz if dt_s is None else dt_s
         self._axes = axes_of(robot)
@@ -179,6 +185,7 @@ class ControlLaw:
             state = self._state.predicted(now, self.lead_s, *rates)
         aim = reference if ahead is None else ahead
         asked = required_motion(self.robot, state.q, state.qd, aim, self.gains.k_p_1_s)
+        asked = limited(self.robot, self.limits, state.q, state.qd, asked)
         self._asked_acceleration = asked.qdd_r
         motion = asked if ahead is None else desired_at(self.robot, now.q, reference, asked)
         arm = np.array(
@@ -197,7 +204,7 @@ class ControlLaw:
             self.reset()
             fault = f"expected finite valve signals, found {signal.tolist()}"
             return stopped(q, reference, len(self._voltage_v), fault)
-        voltage_v = self._driven(signal)
+        voltage_v = self._driven(signal, now.pressures)
         if self.adaptation is not None:
             self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
         return Output(
@@ -298,11 +305,13 @@ class ControlLaw:
             return opening
         return self.compensation.signals(opening, steps)
 
-    def _driven(self, signal: FloatArray) -> FloatArray:
-        """Voltages in the robot's order of valves, saturated and slewed."""
+    def _driven(self, signal: FloatArray, pressures: FloatArray) -> FloatArray:
+        """Voltages in the robot's order of valves: relieved, saturated and slewed."""
         wanted = np.zeros_like(self._rated_v)
         for i, axis in enumerate(self._axes):
-            wanted[axis.valve_index] = signal[i] * axis.valve.rated_voltage_v
+            p_a, p_b = pressures[:, axis.cylinder_index].tolist()
+            u = relieved(float(signal[i]), p_a, p_b, self.limits.pressure_pa)
+            wanted[axis.valve_index] = u * axis.valve.rated_voltage_v
         return self._slewed(np.clip(wanted, -self._rated_v, self._rated_v))
 
     def _slewed(self, wanted_v: FloatArray) -> FloatArray:

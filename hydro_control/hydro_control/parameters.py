@@ -8,6 +8,7 @@ from typing import Any
 from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_of
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
+from hydro_control.motion_limits import TIP_SPEED_M_S
 
 Value = str | int | float
 
@@ -87,6 +88,14 @@ PARAMETERS = (
         "greatest change of a valve voltage; keep at or below the bridge's",
         1,
         1e5,
+    ),
+    Parameter(
+        "tip_speed_limit_m_s",
+        TIP_SPEED_M_S,
+        "m/s",
+        "greatest tip speed: faster tip paths are refused, faster required motion is slowed",
+        0.01,
+        20,
     ),
     Parameter(
         "adaptation",
@@ -210,6 +219,7 @@ class Settings:
     start_delay_s : float
     required_recorders : int
     gains : Gains
+    tip_speed_limit_m_s : float
     adaptation : AdaptationSettings
     """
 
@@ -218,6 +228,7 @@ class Settings:
     start_delay_s: float
     required_recorders: int
     gains: Gains
+    tip_speed_limit_m_s: float
     adaptation: AdaptationSettings
 
 
@@ -230,6 +241,7 @@ def read(node: Any) -> Settings:
         start_delay_s=values["start_delay_s"],
         required_recorders=values["required_recorders"],
         gains=Gains(**{f.name: values[f.name] for f in fields(Gains)}),
+        tip_speed_limit_m_s=values["tip_speed_limit_m_s"],
         adaptation=AdaptationSettings(
             kinds=kinds_of(values["adaptation"]),
             **{

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from hydro_control.errors import ControlError
+from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
 from hydro_control.required_motion import Reference
 from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
@@ -51,10 +52,13 @@ class ReferencePlayer:
     robot : Robot
     q : (n,) array
         Joint positions to hold first.
+    tip_speed_m_s : float
+        Faster tip paths are refused.
     """
 
-    def __init__(self, robot: Robot, q: FloatArray) -> None:
+    def __init__(self, robot: Robot, q: FloatArray, tip_speed_m_s: float = TIP_SPEED_M_S) -> None:
         self.robot = robot
+        self._tip_speed_m_s = tip_speed_m_s
         self._plan = _hold("joint", np.array(q, dtype=float))
         self._start_s = 0.0
 
@@ -212,6 +216,7 @@ class ReferencePlayer:
             check_path(self.robot, path, near=q, step_s=step_s)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
+        refuse_fast(path, self._tip_speed_m_s)
 
 
 def _hold(space: Literal["tip", "joint"], position: FloatArray) -> Plan:

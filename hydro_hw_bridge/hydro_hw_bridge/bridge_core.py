@@ -11,6 +11,7 @@ import can
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.codec import Codec, Frame, Readings
 from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome
+from hydro_hw_bridge.plausibility import ReadingsWatch
 from hydro_hw_bridge.sample_clock import SampleClock
 
 SUPPLY = "supply"
@@ -20,6 +21,8 @@ SILENCE_S = 0.05
 CLOSING_CYCLES = 5
 #: Name of the fault of a device on another clock than the bridge was told.
 OTHER_CLOCK = "other_clock"
+#: Name of the fault of readings that cannot be.
+IMPOSSIBLE = "impossible_readings"
 CLOCK_WORDS = {True: "lockstep", False: "real_time"}
 
 
@@ -116,6 +119,7 @@ class BridgeCore:
     clock : SampleClock
     assembler : Assembler
     commands : CommandCounters
+    watch : ReadingsWatch
     active : bool
     ready : bool
         The subscribers that the bridge was told to wait for are there.
@@ -139,6 +143,7 @@ class BridgeCore:
         self.clock = SampleClock(round(limits.period_s * 1e9), whole_seconds=lockstep)
         self.assembler = Assembler(codec.cycle_frames, codec.sample_counter)
         self.commands = CommandCounters()
+        self.watch = ReadingsWatch(codec, limits.period_s)
         self.active = False
         self.ready = False
         self.sample: Sample | None = None
@@ -147,6 +152,7 @@ class BridgeCore:
         self._answered = -1
         self._stated = -1
         self._closing = 0
+        self._standing_still = 0
 
     def activate(self, *, ready: bool = False) -> None:
         """From now on, drive.
@@ -218,6 +224,7 @@ class BridgeCore:
         if self.gate.state is GateState.DRIVING:
             self.gate.trip("the device restarted: its sample counter went back")
         self.gate.forget()
+        self.watch.forget()
         self._answered = self._stated = -1
         self._on_wire = (0.0,) * len(self._on_wire)
         self.sample = None
@@ -225,11 +232,13 @@ class BridgeCore:
     def _cycle(self, cycle: Cycle) -> Step:
         if cycle.kind is CycleKind.REPEAT and self.sample is not None:
             return self._repeated(self.sample)
+        self._standing_still = 0
         late = self._state_of_last()
         counter = self.clock.extend(cycle.counter)
         readings = self.codec.readings(cycle.data)
         self.sample = Sample(self.clock.stamp_ns(counter), counter, readings, False)
         self.gate.check(self._inputs(readings))
+        self._look_at(readings, counter)
         self._compare_clocks(readings)
         answer = self._own_answer()
         # Inactive in lockstep the cycle is still open: it may be answered once active.
@@ -241,26 +250,50 @@ class BridgeCore:
         """A cycle that the device sent again, as its answer did not come or was lost."""
         self.sample = Sample(known.stamp_ns, known.counter, known.readings, True)
         answered = self._answered == known.counter
+        if not self.lockstep:
+            self._stands_still()
         if answered and self.active and self.gate.state is GateState.DRIVING:
-            answer = self._transmit()
+            # In real time an old command must not keep the amplifiers' watchdog quiet.
+            answer = self._transmit() if self.lockstep else None
         else:
             answer = self._own_answer()
         own = self._state_of_last() if answer is not None else ()
         return Step(None if answered else self.sample, own, answer)
+
+    def _stands_still(self) -> None:
+        """In real time no cycle is sent again: ages cannot be told by a counter that stands."""
+        self._standing_still += 1
+        if (
+            self._standing_still > self.gate.limits.max_age_cycles
+            and self.gate.state is GateState.DRIVING
+        ):
+            self.gate.trip(
+                f"the device's sample counter stood still for {self._standing_still} cycles"
+            )
+
+    def _look_at(self, readings: Readings, counter: int) -> None:
+        """Nothing is driven by readings that cannot be."""
+        found = self.watch.look(readings, counter, self._on_wire)
+        if found.passing and self.gate.state is GateState.DRIVING:
+            self.gate.trip(found.passing)
+        self._stands(IMPOSSIBLE, found.standing)
 
     def _compare_clocks(self, readings: Readings) -> None:
         """A device on the other clock cannot be driven: neither would wait for the other."""
         if not self.codec.tells_clock:
             return
         found, told = CLOCK_WORDS[readings.status.lockstep], CLOCK_WORDS[self.lockstep]
-        if found == told:
-            self.gate.end_fault(OTHER_CLOCK)
-            return
         reason = f"the device's clock is {found}, the bridge's parameter 'clock' says {told}"
-        if self.active:
-            self.gate.set_fault(OTHER_CLOCK, reason)
+        self._stands(OTHER_CLOCK, "" if found == told else reason)
+
+    def _stands(self, name: str, reason: str) -> None:
+        """A fault of the cycle at hand, which is not answered yet; empty: there is none."""
+        if not reason:
+            self.gate.end_fault(name)
+        elif self.active:
+            self.gate.set_fault(name, reason)
         else:
-            self.gate.faults[OTHER_CLOCK] = reason
+            self.gate.faults[name] = reason
 
     def _inputs(self, readings: Readings) -> Inputs:
         names, status = self.codec.pressure_names, readings.status

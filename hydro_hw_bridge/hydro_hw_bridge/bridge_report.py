@@ -69,6 +69,8 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         "trips": gate.trips,
         **{f"cycles_{key}": n for key, n in asdict(core.assembler.counters).items()},
         **{f"commands_{key}": n for key, n in asdict(core.commands).items()},
+        **{f"readings_{key}": n for key, n in asdict(core.watch.counters).items()},
+        "readings_last_fault": core.watch.newest,
         **{f"bus_{key}": n for key, n in asdict(bus.counters).items()},
         "bus_off": "yes" if bus.off else "no",
         "bus_last_error_frame": bus.last_error,

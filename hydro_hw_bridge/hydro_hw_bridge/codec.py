@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import can
 
@@ -20,6 +21,7 @@ from hydro_hw_bridge.mapping import STATUS_NAMES, BusMapping, load_mapping
 from hydro_model.robot import Robot
 
 COUNTER_BITS = 32
+_Codec = TypeVar("_Codec", bound="Codec")
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,14 +172,19 @@ class Codec:
         self._answered = None if mapping.answered is None else layout.raw(mapping.answered)
         self._instance = layout.raw(mapping.instance)
 
+    @property
+    def position_steps(self) -> tuple[float, ...]:
+        """What one count of every joint's sensor is worth, rad or m, signed."""
+        return tuple(binding.gain for binding in self._positions)
+
     @classmethod
     def load(
-        cls,
+        cls: type[_Codec],
         dbc_path: str | Path | None,
         mapping_path: str | Path | None,
         robot: Robot,
         calibration: Calibration | None = None,
-    ) -> Codec:
+    ) -> _Codec:
         """Read DBC and mapping and check them against each other and the robot.
 
         Parameters

@@ -10,12 +10,15 @@ happens from then on:
 
 - `bus_off`: nothing is sent (python-can's `CanOperationError`) and nothing received, the state is
   `ERROR`, as for a controller that left the bus. It starts with a bus-off error frame.
+- `queue_full`: nothing is sent, as the send queue takes no frame (`ENOBUFS`); frames are received.
+- `gone`: sending and receiving fail, as of an interface that went down or was unplugged.
 - `error_frames N`: N error frames of bus errors are received, once.
 - `ok`, nothing or no file: as usual. After bus-off, it starts with a "restarted" error frame.
 """
 
 from __future__ import annotations
 
+import errno
 import logging
 import threading
 import time
@@ -59,7 +62,7 @@ class SimulatedFaultsBus(can.BusABC):
         self._looking = threading.Lock()
         self._look_at = 0.0
         self._text = self._wrong = ""
-        self._off = False
+        self._off = self._full = False
         self._waiting: deque[can.Message] = deque()
         super().__init__(channel, can_filters=can_filters)
         self.channel_info = f"simulated CAN faults on {name}"
@@ -82,6 +85,10 @@ class SimulatedFaultsBus(can.BusABC):
         self._look()
         if self._off:
             raise can.CanOperationError("simulated bus-off: nothing can be sent")
+        if self._full:
+            raise can.CanOperationError("simulated full send queue", errno.ENOBUFS)
+        if self._wrong:
+            raise can.CanOperationError(self._wrong)
         self._inner.send(msg, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
@@ -115,14 +122,17 @@ class SimulatedFaultsBus(can.BusABC):
     def _begin(self, text: str) -> None:
         word, _, number = text.partition(" ")
         was, self._off = self._off, word == "bus_off"
+        self._full, self._wrong = word == "queue_full", ""
         if self._off != was:
             self._waiting.append(error_frame(BUS_OFF if self._off else RESTARTED))
         if word == "error_frames" and number.isdigit() and int(number) <= _MOST:
             self._waiting.extend([error_frame(PROTOCOL | BUS_ERROR)] * int(number))
-        elif text not in ("", "ok", "bus_off"):
+        elif word == "gone":
+            self._wrong = "simulated: the interface is gone"
+        elif text not in ("", "ok", "bus_off", "queue_full"):
             self._wrong = (
-                f"'{self._control}' should say ok, bus_off or error_frames N with N up to"
-                f" {_MOST}, found '{text}'"
+                f"'{self._control}' should say ok, bus_off, queue_full, gone or error_frames N"
+                f" with N up to {_MOST}, found '{text}'"
             )
 
     def fileno(self) -> int:

@@ -229,7 +229,7 @@ def test_simulated_faults_on_command(tmp_path: Path, caplog: pytest.LogCaptureFi
             assert taken(bus) is None
         assert bus.counters.malformed == 1
         control.write_text("meteorite")
-        with pytest.raises(BridgeError, match="should say ok, bus_off or error_frames N"):
+        with pytest.raises(BridgeError, match=r"should say ok, bus_off, .* or error_frames N"):
             taken(bus)
 
 

@@ -16,6 +16,8 @@ from hydro_hw_bridge.rig.truth_log import TruthLog
 
 #: Wall time after which an unanswered cycle is sent again in lockstep.
 REPEAT_S = 1.0
+#: Older commands do not drive; 0 V and enable off is taken up to the watchdog's time.
+OLDEST_ENABLED_S = 0.010
 #: Longest wait for a frame before the device looks whether it shall stop.
 SLICE_S = 0.05
 #: Behind by more than this, the real-time clock starts afresh instead of catching up.
@@ -87,7 +89,10 @@ class Device:
         self._bus = bus
         self._lockstep = lockstep
         self._log = log
-        self._newest_age = max(1, round(WATCHDOG_S / core.cycle_s))
+        self._oldest = {
+            enable: max(1, round(age_s / core.cycle_s))
+            for enable, age_s in ((True, OLDEST_ENABLED_S), (False, WATCHDOG_S))
+        }
         names = core.robot.pressure_names
         self._pressures = tuple(names.index(name) for name in codec.pressure_names)
         sensed = [c.name for c in core.robot.cylinders if c.stroke_sensor]
@@ -179,10 +184,7 @@ class Device:
             # Past the deadline too, take what has arrived already.
             command = self._receive(min(max(wait, 0.0), SLICE_S))
             if command is not None:
-                if self._is_fresh(command):
-                    newest = command
-                else:
-                    self.counters.stale += 1
+                newest = command if self.is_fresh(command) else newest
             if wait <= 0.0:
                 break
         if newest is None:
@@ -200,13 +202,30 @@ class Device:
             self.counters.slips += 1
             self._deadline += lag
 
-    def _is_fresh(self, command: CommandFrame) -> bool:
+    def is_fresh(self, command: CommandFrame) -> bool:
+        """Whether a command answers a cycle of late; one that does not is counted."""
         span = 1 << command.answered_bits
-        return (self.core.counter - command.answered) % span <= min(self._newest_age, span - 1)
+        age = (self.core.counter - command.answered) % span
+        fresh = age <= min(self._oldest[command.enable], span - 1)
+        self.counters.stale += not fresh
+        return fresh
 
     def _receive(self, timeout_s: float) -> CommandFrame | None:
         message = self._bus.receive(timeout_s)
-        frame = None if message is None else self._codec.receive(message)
+        return None if message is None else self.decoded(message)
+
+    def decoded(self, message: can.Message) -> CommandFrame | None:
+        """The valve command in a message; None, and counted, where it is not intact.
+
+        Parameters
+        ----------
+        message : can.Message
+
+        Returns
+        -------
+        CommandFrame or None
+        """
+        frame = self._codec.receive(message)
         if frame is None or frame.role != "command":
             return None
         if not frame.intact:

@@ -1,0 +1,192 @@
+"""What no required motion may exceed: ends of joints and strokes, tip speed, chamber pressure.
+
+Paths and trajectories beyond the limits are refused before they are played
+(`hydro_model.paths_check`). This is for what happens while they are: a reference that stands
+elsewhere than the arm, an arm that drifted, a command from feedback alone. Pure functions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_control.errors import ControlError
+from hydro_control.required_motion import JointMotion
+from hydro_model.cylinder import stroke
+from hydro_model.kinematics import tip_state
+from hydro_model.paths import Path, TipPath
+from hydro_model.robot import FloatArray, Robot
+
+#: Braking before an end: this many velocity limits per second, so at most 0.2 s from full speed.
+BRAKING_PER_VELOCITY_1_S = 5.0
+#: Points of a joint's range at which strokes are looked at.
+_GRID = 2001
+#: Tip speed unless told otherwise.
+TIP_SPEED_M_S = 3.0
+#: Spacing at which the speed of a path is looked at.
+_STEP_S = 0.01
+#: A valve stops feeding a chamber over this share of pressure below the limit.
+RELIEF_BAND = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """Limits of a robot's motion.
+
+    Attributes
+    ----------
+    lower, upper : (n,) array
+        Joint positions within the joints' limits and the cylinders' strokes, rad or m.
+    braking : (n,) array
+        Deceleration that required motion brakes with, rad/s^2 or m/s^2.
+    tip_speed_m_s : float
+    pressure_pa : float
+        Gauge; no valve feeds a chamber above it: the transducers' range.
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    braking: FloatArray
+    tip_speed_m_s: float
+    pressure_pa: float
+
+
+def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimits:
+    """The limits of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    tip_speed_m_s : float
+
+    Returns
+    -------
+    MotionLimits
+    """
+    lower = np.array([joint.lower for joint in robot.joints])
+    upper = np.array([joint.upper for joint in robot.joints])
+    for cylinder in robot.cylinders:
+        i = robot.joint_index(cylinder.joint)
+        grid = np.linspace(lower[i], upper[i], _GRID)
+        x = stroke(cylinder, grid)
+        inside = grid[(x >= 0.0) & (x <= cylinder.stroke_m)]
+        if inside.size:
+            lower[i], upper[i] = inside[0], inside[-1]
+    speeds = np.array([joint.velocity_limit for joint in robot.joints])
+    return MotionLimits(
+        lower=lower,
+        upper=upper,
+        braking=BRAKING_PER_VELOCITY_1_S * speeds,
+        tip_speed_m_s=tip_speed_m_s,
+        pressure_pa=robot.sensors.pressure_range_pa,
+    )
+
+
+def limited(
+    robot: Robot, limits: MotionLimits, q: FloatArray, qd: FloatArray, motion: JointMotion
+) -> JointMotion:
+    """A required motion that keeps the limits.
+
+    Towards an end a joint is never asked for more than the speed that it can still brake from,
+    ``sqrt(2 a d)`` at a distance d, and beyond an end for none; away from an end it may always
+    go. Where the tip would be too fast the whole motion is slowed, so that its direction stays.
+
+    Parameters
+    ----------
+    robot : Robot
+    limits : MotionLimits
+    q, qd : (n,) array
+        Measured.
+    motion : JointMotion
+
+    Returns
+    -------
+    JointMotion
+        The same object where nothing was limited.
+    """
+    return _before_the_ends(limits, q, qd, _slower_tip(robot, limits, q, motion))
+
+
+def _slower_tip(
+    robot: Robot, limits: MotionLimits, q: FloatArray, motion: JointMotion
+) -> JointMotion:
+    _, jacobian, _ = tip_state(robot, q, np.zeros_like(q))
+    speed = float(np.linalg.norm(jacobian @ motion.qd_r))
+    if speed <= limits.tip_speed_m_s:
+        return motion
+    scale = limits.tip_speed_m_s / speed
+    return replace(
+        motion,
+        qd_r=scale * motion.qd_r,
+        qdd_r=scale * motion.qdd_r,
+        notes=(*motion.notes, "tip speed is at its limit"),
+    )
+
+
+def _before_the_ends(
+    limits: MotionLimits, q: FloatArray, qd: FloatArray, motion: JointMotion
+) -> JointMotion:
+    up = np.sqrt(2.0 * limits.braking * np.maximum(limits.upper - q, 0.0))
+    down = np.sqrt(2.0 * limits.braking * np.maximum(q - limits.lower, 0.0))
+    kept = np.clip(motion.qd_r, -down, up)
+    changed = kept != motion.qd_r
+    if not np.any(changed):
+        return motion
+    towards = np.sign(motion.qd_r)
+    # Along sqrt(2 a d) the speed falls by a while the joint moves at it.
+    brake = np.where(qd * towards > 0.0, limits.braking, 0.0)
+    slowing = towards * np.minimum(motion.qdd_r * towards, -brake)
+    return replace(
+        motion,
+        qd_r=kept,
+        qdd_r=np.where(changed, slowing, motion.qdd_r),
+        notes=(*motion.notes, "braking before the end of a joint or stroke"),
+    )
+
+
+def refuse_fast(path: Path, tip_speed_m_s: float) -> None:
+    """Refuse a path of the tip that is too fast.
+
+    Parameters
+    ----------
+    path : Path
+        Paths of joints pass: their tip is slowed while they are played.
+    tip_speed_m_s : float
+
+    Raises
+    ------
+    ControlError
+        Where and how fast it is.
+    """
+    if not isinstance(path, TipPath):
+        return
+    times = np.linspace(0.0, path.duration_s, max(2, int(path.duration_s / _STEP_S) + 1))
+    speeds = np.linalg.norm(path.sample_many(times)[1], axis=1)
+    worst = int(np.argmax(speeds))
+    if speeds[worst] > tip_speed_m_s:
+        raise ControlError(
+            f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.2f} s of the path,"
+            f" expected at most {tip_speed_m_s:g} m/s"
+        )
+
+
+def relieved(signal: float, p_a: float, p_b: float, limit_pa: float) -> float:
+    """A valve signal that does not feed a chamber whose pressure is at the limit.
+
+    Parameters
+    ----------
+    signal : float
+        Normalised; above 0 feeds chamber A.
+    p_a, p_b : float
+        Gauge, Pa.
+    limit_pa : float
+
+    Returns
+    -------
+    float
+        The signal, faded to 0 over `RELIEF_BAND` of pressure below the limit; the way that
+        empties the chamber stays open.
+    """
+    fed = p_a if signal > 0.0 else p_b
+    return signal * min(max((limit_pa - fed) / (RELIEF_BAND * limit_pa), 0.0), 1.0)

@@ -1,0 +1,1 @@
+"""Faults between machine, bridge and controller, for tests and the fault campaign."""

@@ -1,0 +1,67 @@
+"""What can be wrong on a bus, as descriptions: which frames, from when on, for how long."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+DEVICE, BRIDGE = "device", "bridge"
+
+#: Frames with other contents under valid checks: what a broken sensor or counter sends.
+CONTENT = ("frozen", "frozen_alive", "stuck", "jump", "extreme", "clock_bit")
+#: Frames that do not arrive as they were sent.
+TRANSPORT = (
+    "lost",
+    "late",
+    "split",
+    "repeated",
+    "reordered",
+    "bit_flip",
+    "truncated",
+    "babble",
+    "second_bridge",
+)
+#: The bridge's own end of the bus.
+LINK = ("bus_off", "queue_full", "gone")
+KINDS = (*CONTENT, *TRANSPORT, *LINK)
+
+
+@dataclass(frozen=True, slots=True)
+class BusFault:
+    """One fault on the bus.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    first_cycle, cycles : int
+        From which cycle of the line on, and for how many. A cycle begins with a sync frame.
+    direction : {"device", "bridge"}
+        Who sends the frames.
+    frames : tuple of int
+        Identifiers; empty for all of the direction.
+    signal : str
+        `FRAME.Signal`, of the kinds stuck, jump and extreme.
+    amount : int
+        late: cycles; repeated: copies more; bit_flip: the bit; truncated: bytes left; jump: raw
+        counts; extreme: 0 for the lowest raw value, otherwise the highest; babble: frames per
+        cycle; split: how many frames stay in their own cycle.
+    seed : int
+        Of what is random in it.
+    """
+
+    kind: str
+    first_cycle: int
+    cycles: int
+    direction: str = DEVICE
+    frames: tuple[int, ...] = ()
+    signal: str = ""
+    amount: int = 1
+    seed: int = 0
+
+    def acts(self, cycle: int) -> bool:
+        """Whether a cycle is among those it is about."""
+        return self.first_cycle <= cycle < self.first_cycle + self.cycles
+
+    def about(self, identifier: int, direction: str) -> bool:
+        """Whether a frame is among those it is about."""
+        return direction == self.direction and (not self.frames or identifier in self.frames)

@@ -1,0 +1,202 @@
+"""One injection on the bench, and whether every promise was kept at the valves."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from hydro_hw_bridge import bridge_report
+from hydro_hw_bridge.faults.bench import SECOND_BRIDGE, Bench, Commander, ValveInput, WatchedCodec
+from hydro_hw_bridge.faults.bus_faults import BusFault
+from hydro_hw_bridge.faults.command_faults import CommandFault
+from hydro_hw_bridge.faults.injections import AGE, AT_ONCE, WATCHDOG, Injection
+from hydro_hw_bridge.faults.machine_faults import MachineFault
+from hydro_hw_bridge.gate import GateLimits, GateState
+from hydro_hw_bridge.rig.core import RigCore
+
+#: Cycles after the fault until the trip is cleared, and those of driving again after that.
+AFTER, AGAIN = 12, 30
+#: Half a step of the wire's voltage, twice: two rounded values.
+ROUNDING_V = 1e-3
+#: What a command may be old at the valves: 10 ms, and held for the watchdog's time.
+OLDEST = AGE + WATCHDOG
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one injection did.
+
+    Attributes
+    ----------
+    injection : Injection
+    lockstep : bool
+    stop_cycles : int or None
+        From the first cycle of the fault to 0 V at the valves, both counted; None: it drove on.
+    tripped : bool
+        The gate latched.
+    reason : str
+    broken : tuple of str
+        Promises that were not kept; empty where all were.
+    step_v, reenable_step_v : float
+        Largest step per cycle at the valves while driving, and after re-enabling.
+    """
+
+    injection: Injection
+    lockstep: bool
+    stop_cycles: int | None
+    tripped: bool
+    reason: str
+    broken: tuple[str, ...]
+    step_v: float
+    reenable_step_v: float
+
+
+@dataclass
+class Trial:
+    """Runs injections.
+
+    Parameters
+    ----------
+    codec : WatchedCodec
+    limits : GateLimits
+    make_rig : callable
+        A fresh rig for a seed.
+    make_commander : callable
+        A fresh, sound publisher for a seed.
+    """
+
+    codec: WatchedCodec
+    limits: GateLimits
+    make_rig: Callable[[int], RigCore]
+    make_commander: Callable[[int], Commander]
+    bench: Bench = field(init=False)
+
+    def run(self, injection: Injection, seed: int, *, lockstep: bool = False) -> Outcome:
+        """Run one injection.
+
+        Parameters
+        ----------
+        injection : Injection
+        seed : int
+            Of rig and commander.
+        lockstep : bool
+
+        Returns
+        -------
+        Outcome
+        """
+        fault = injection.fault
+        bench = self.bench = Bench(
+            self.make_rig(seed),
+            self.codec,
+            self.limits,
+            self.make_commander(seed),
+            bus=[fault] if isinstance(fault, BusFault) else (),
+            publisher=[fault] if isinstance(fault, CommandFault) else (),
+            machine=[fault] if isinstance(fault, MachineFault) else (),
+            lockstep=lockstep,
+        )
+        held = int(fault.amount) if fault.kind == "late" else 0
+        rest = AFTER + random.Random(seed).randrange(8)
+        bench.run(fault.first_cycle + fault.cycles + held + rest)
+        core = bench.core
+        tripped, reason = core.gate.state is GateState.TRIPPED, core.gate.reason
+        broken = [*self._judged(bench, injection), *self._unnamed(bench, injection, tripped)]
+        rows = list(bench.rows)
+        step_v = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
+        again_v = 0.0
+        if tripped or not core.active or fault.kind == "bridge_dead":
+            again_v, complaint = self._drive_again(bench, fault.kind, lockstep=lockstep)
+            broken += complaint
+        broken += [f"partial sample: {text}" for text in bench.partial_samples()]
+        stop = _first_stop(rows, fault.first_cycle)
+        return Outcome(injection, lockstep, stop, tripped, reason, tuple(broken), step_v, again_v)
+
+    def _judged(self, bench: Bench, injection: Injection) -> list[str]:
+        rows, first = bench.rows, injection.fault.first_cycle
+        broken = []
+        if not any(row.enabled and any(row.voltages) for row in rows[:first]):
+            broken.append("the valves were not driven before the fault")
+        stop, limit = _first_stop(rows, first), injection.limit_cycles
+        # In lockstep only what is answered at once: the device's time waits for the rest.
+        told = limit is not None and (limit == AT_ONCE or not bench.lockstep)
+        if told and (stop is None or stop > (limit or 0)):
+            broken.append(f"0 V after {stop} cycles, promised within {limit}")
+        oldest = max((r.age_cycles for r in rows if not r.stopped and any(r.voltages)), default=0)
+        if oldest > OLDEST:
+            broken.append(f"a command {oldest} cycles old at the valves")
+        return [*broken, *_steps_above(rows, 2.0 * self.limits.legal_step_v), *_unlatched(rows)]
+
+    def _unnamed(self, bench: Bench, injection: Injection, tripped: bool) -> list[str]:
+        if not injection.shows or bench.lockstep:
+            return []
+        values = bridge_report.values(bench.core, bench.end, {})
+        device = bench.device.counters
+        for key in ("missed", "corrupt", "stale"):
+            values[f"device_{key}"] = getattr(device, key)
+        values["device_missed"] = sum(row.age_cycles > 0 for row in bench.rows)
+        values["trip"] = int(tripped)
+        if any(values[key] for key in injection.shows):
+            return []
+        return [f"shows in none of {', '.join(injection.shows)}"]
+
+    def _drive_again(self, bench: Bench, kind: str, *, lockstep: bool) -> tuple[float, list[str]]:
+        """Clear the trip as an operator does, and drive: slowly."""
+        core = bench.core
+        if kind == "bridge_dead":
+            bench.start_bridge()
+        elif not core.active:
+            core.activate(ready=True)
+        core.gate.end_fault(SECOND_BRIDGE)
+        for _ in range(2 * AFTER):
+            if core.gate.clear()[0]:
+                break
+            bench.step()
+        else:
+            return 0.0, [f"not to be cleared: {core.gate.clear()[1]}"]
+        start = len(bench.rows)
+        bench.run(AGAIN)
+        rows = bench.rows[start - 1 :]
+        if not any(row.enabled for row in rows[1:]):
+            return 0.0, ["not driving again after the trip was cleared"]
+        if lockstep and kind == "bridge_dead":
+            # Its time stood still at the voltage of before, which may still be on its way out of
+            # the amplifiers; a new bridge ramps from 0 V.
+            rows = rows[1 + bench.rig.truth.command_delay_cycles :]
+        largest = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
+        cleared = kind not in ("bridge_dead", "deactivated")
+        most = self.limits.reenable_step_v if cleared else self.limits.legal_step_v
+        above = largest > most + ROUNDING_V
+        return largest, [f"step of {largest:.3f} V after re-enabling"] if above else []
+
+
+def _first_stop(rows: list[ValveInput], first: int) -> int | None:
+    """Cycles from `first` to the first row at 0 V, both counted."""
+    found = [row.cycle for row in rows if row.cycle >= first and row.stopped]
+    return found[0] - first + 1 if found else None
+
+
+def _step(before: ValveInput, after: ValveInput) -> float:
+    """The step to a voltage other than 0, per cycle between the two answers."""
+    cycles = max(1, (after.cycle - after.age_cycles) - (before.cycle - before.age_cycles))
+    pairs = zip(before.voltages, after.voltages, strict=True)
+    return max(abs(b - a) for a, b in pairs) / cycles if any(after.voltages) else 0.0
+
+
+def _steps_above(rows: list[ValveInput], most_v: float) -> list[str]:
+    worst = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
+    return [f"step of {worst:.3f} V per cycle"] if worst > most_v + ROUNDING_V else []
+
+
+def _unlatched(rows: list[ValveInput]) -> list[str]:
+    """A trip that ended by itself, or valves that moved again during one."""
+    latched = False
+    for before, row in pairwise(rows):
+        latched = latched or (row.gate == "tripped" and row.stopped)
+        if before.gate == "tripped" and row.gate != "tripped":
+            return [f"the trip ended by itself at cycle {row.cycle}"]
+        if latched and not row.stopped:
+            return [f"the valves moved at cycle {row.cycle} although tripped"]
+    return []

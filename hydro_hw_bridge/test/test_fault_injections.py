@@ -1,0 +1,155 @@
+"""Faults over many seeds, machine and bridge core to core: every promise of the safety case."""
+
+from __future__ import annotations
+
+import pytest
+
+from hydro_hw_bridge.faults.bench import WatchedCodec
+from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
+from hydro_hw_bridge.faults.command_faults import BAD, CommandFault
+from hydro_hw_bridge.faults.injections import AGE, AT_ONCE, FAMILIES, WATCHDOG, Injection, drawn
+from hydro_hw_bridge.faults.machine_faults import MachineFault
+from hydro_hw_bridge.faults.trial import Outcome, Trial
+from hydro_hw_bridge.faults.wave import Wave
+from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_model.robot import Robot
+
+SEEDS_PER_FAMILY = 8
+AT = 20
+
+
+@pytest.fixture(scope="module")
+def trial(robot: Robot) -> Trial:
+    codec = WatchedCodec.load(None, None, robot)
+    truth = load_truth("realistic", robot)
+    rated = tuple(valve.rated_voltage_v for valve in robot.valves)
+    limits = GateLimits(robot.valve_names, rated, 0.002, 1000.0, 5, 2.0e6)
+
+    def commander(seed: int) -> Wave:
+        return Wave(
+            robot.valve_names, rated, 2.0, frequency_hz=2.0 + seed % 4, period_s=limits.period_s
+        )
+
+    return Trial(codec, limits, lambda seed: RigCore(robot, truth, seed=seed), commander)
+
+
+def kept(outcome: Outcome) -> None:
+    assert outcome.broken == (), (outcome.injection, outcome.reason)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("lockstep", [False, True], ids=["real_time", "lockstep"])
+def test_every_promise_is_kept_over_many_seeds(trial: Trial, family: str, lockstep: bool) -> None:
+    for seed in range(SEEDS_PER_FAMILY // 4 if lockstep else SEEDS_PER_FAMILY):
+        kept(trial.run(drawn(seed, trial.codec, family), seed, lockstep=lockstep))
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_a_bad_command_never_reaches_the_valves(trial: Trial, kind: str) -> None:
+    amount = 11.0 if kind == "beyond" else 6.0
+    injection = Injection("publisher", CommandFault(kind, AT, 1, amount, 1), AT_ONCE, ("trip",))
+    outcome = trial.run(injection, 1)
+    kept(outcome)
+    assert outcome.tripped
+    assert outcome.stop_cycles == 1
+
+
+@pytest.mark.parametrize("kind", ["emergency_stop", "pump", "enable"])
+def test_a_permissive_that_opens_stops_within_its_cycle_and_stays_so(
+    trial: Trial, kind: str
+) -> None:
+    outcome = trial.run(Injection("machine", MachineFault(kind, AT, 1), AT_ONCE, ("trip",)), 2)
+    kept(outcome)
+    assert outcome.tripped  # although it was open for one cycle only
+
+
+def test_too_little_supply_stops_within_its_cycle(trial: Trial, robot: Robot) -> None:
+    signal = trial.codec.mapping.pressures["supply"].signal
+    # 2 MPa less than the minimum, in the transducer's counts: a pressure that can be.
+    raw = trial.codec.layout.signals[signal]
+    fault = BusFault("jump", AT, 2, DEVICE, (), signal, round(-17.5e6 / raw.scale))
+    outcome = trial.run(Injection("bus", fault, AT_ONCE, ("trip",)), 3)
+    kept(outcome)
+    assert outcome.reason.startswith("supply pressure")
+
+
+def test_a_dead_bridge_is_answered_by_the_amplifiers_watchdog(trial: Trial) -> None:
+    injection = Injection("machine", MachineFault("bridge_dead", AT, 60), WATCHDOG, ())
+    outcome = trial.run(injection, 4)
+    kept(outcome)
+    assert outcome.stop_cycles == WATCHDOG  # 50 ms of device time, no more and no less
+
+
+def test_a_silent_controller_is_answered_by_the_gate(trial: Trial) -> None:
+    outcome = trial.run(Injection("publisher", CommandFault("silent", AT, 20), AGE, ("trip",)), 5)
+    kept(outcome)
+    assert outcome.stop_cycles == AGE
+    assert outcome.reason == "no command for 12 ms (limit 10 ms)"
+
+
+def test_a_sample_counter_that_stands_still_stops_in_real_time(trial: Trial) -> None:
+    outcome = trial.run(Injection("bus", BusFault("frozen", AT, 40), AGE + 1, ()), 6)
+    kept(outcome)
+    assert "sample counter stood still" in outcome.reason
+
+
+@pytest.mark.parametrize("late", range(1, 31))
+def test_valve_frames_that_are_late_on_the_bus_never_drive_for_long(
+    trial: Trial, late: int
+) -> None:
+    fault = BusFault("late", AT, 60, BRIDGE, amount=late)
+    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
+
+
+@pytest.mark.parametrize("late", [*range(1, 16), 23])
+def test_machine_frames_that_are_all_late_never_drive_for_long(trial: Trial, late: int) -> None:
+    """The bridge sees nothing wrong, as its clock is the machine's: the machine does."""
+    fault = BusFault("late", AT, 60, DEVICE, amount=late)
+    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
+
+
+@pytest.mark.parametrize("late", range(17, 32))
+def test_a_frame_far_too_late_is_in_no_sample(trial: Trial, late: int) -> None:
+    fault = BusFault("late", AT, 2, DEVICE, (trial.codec.device_ids[1],), amount=late)
+    kept(trial.run(Injection("bus", fault, None, ("cycles_incomplete",)), late))
+
+
+def test_a_frame_of_exactly_sixteen_cycles_ago_is_the_known_limit(trial: Trial) -> None:
+    """Its alive counter is that of the present cycle. The safety case says so."""
+    fault = BusFault("late", AT, 1, DEVICE, (trial.codec.device_ids[1],), amount=16)
+    outcome = trial.run(Injection("bus", fault, None, ("cycles_duplicates",)), 1)
+    assert outcome.broken == (f"partial sample: cycle {AT + 16}: ENCODERS not of it",)
+
+
+@pytest.mark.parametrize("joint", ["lift", "tilt"])
+def test_an_encoder_that_is_stuck_ends_driving(trial: Trial, joint: str) -> None:
+    signal = trial.codec.mapping.joints[joint].signal
+    fault = BusFault("stuck", AT, 600, DEVICE, (), signal)
+    outcome = trial.run(Injection("bus", fault, None, ("readings_stuck",)), 1)
+    kept(outcome)
+    assert f"{joint}: encoder stuck" in outcome.reason
+
+
+def test_a_clock_that_steps_changes_no_voltage(trial: Trial) -> None:
+    runs = []
+    for amount_s in (0.0, -3600.0, 0.5):
+        fault = MachineFault("clock_step", AT, 1, amount_s)
+        kept(trial.run(Injection("machine", fault, None, ()), 7))
+        runs.append((trial.bench.rows, [s.stamp_ns for s in trial.bench.samples]))
+    assert runs[0] == runs[1] == runs[2]
+
+
+def test_the_same_seed_gives_the_same_run(trial: Trial) -> None:
+    rows = []
+    for _ in range(2):
+        trial.run(drawn(4, trial.codec), 4)
+        rows.append(trial.bench.rows)
+    assert rows[0] == rows[1]
+
+
+def test_a_broken_promise_is_told(trial: Trial) -> None:
+    """The judge itself: a harmless fault of which a stop is promised."""
+    outcome = trial.run(Injection("publisher", CommandFault("twice", AT), AT_ONCE, ("trip",)), 8)
+    assert [text.partition(" ")[0] for text in outcome.broken] == ["0", "shows"]

@@ -1,0 +1,102 @@
+"""The campaign's numbers in the safety case, made from the committed results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hydro_ident.errors import IdentError
+
+#: Of the results folder, and the page beside it.
+RESULT, PAGE = "faults.json", "safety_case.md"
+BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
+
+
+def renew(result: Path) -> None:
+    """Write the tables of the page beside the results folder, if there is one."""
+    page = result.resolve().parent.parent / PAGE
+    if page.is_file():
+        text = page.read_text(encoding="utf-8")
+        page.write_text(with_tables(text, result.resolve().parent), encoding="utf-8")
+
+
+def with_tables(text: str, folder: Path) -> str:
+    """The page with its tables made anew.
+
+    Parameters
+    ----------
+    text : str
+    folder : Path
+        Of the results.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for them.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise IdentError(f"expected '{BEGIN}' and '{END}' in {PAGE}, found neither")
+    path = folder / RESULT
+    tables = "No campaign has been published yet.\n"
+    if path.is_file():
+        tables = told(json.loads(path.read_text(encoding="utf-8")))
+    return f"{before}{BEGIN}\n\n{tables}\n{END}{after}"
+
+
+def told(result: Mapping[str, Any]) -> str:
+    """A run as Markdown."""
+    parts = [_device(result["date"], result["device_time"])]
+    if "wall_time" in result:
+        parts.append(_wall(result["wall_time"]))
+    return "\n".join(parts)
+
+
+def _device(date: str, found: Mapping[str, Any]) -> str:
+    lines = [
+        f"Run of {date}, device time: {found['injections']} injections"
+        f" ({found['lockstep']} of them in lockstep), {found['tripped']} trips,"
+        f" {len(found['broken'])} broken promises. Largest step at a valve"
+        f" {found['largest_step_v']:.3f} V per cycle,"
+        f" {found['largest_reenable_step_v']:.3f} V where a gate drives again:"
+        " one whose trip was cleared is held to 10 V/s and judged by that,"
+        " a bridge started anew to the slew limit."
+        f" Worst case to 0 V {found['worst_ms']:.0f} ms.",
+        "",
+        "| fault | injections | of them with a promised stop | promised, ms | worst, ms |",
+        "|---|---|---|---|---|",
+    ]
+    for kind, row in found["kinds"].items():
+        times = f"{row['promised_ms']:.0f} | {row['worst_ms']:.0f}"
+        times = times if row["stops_promised"] else "- | -"
+        lines.append(f"| {kind} | {row['injections']} | {row['stops_promised']} | {times} |")
+    return "\n".join(lines) + "\n"
+
+
+def _wall(found: Mapping[str, Any]) -> str:
+    timer = found["timer_late_ms"]
+    lines = [
+        f"Wall time, real processes: {found['injections']} injections"
+        f" ({found['left_out']} more left out, as the computer was too busy to drive),"
+        f" {len(found['broken'])} broken promises beyond the time,"
+        f" {found['trips_by_the_busy_computer']} trips that the busy computer made in between."
+        f" A bare timer on the same machine woke {timer['wakes']} times, late by"
+        f" {timer['p50']:.2f} ms (median), {timer['p99']:.2f} ms (99 %), {timer['p99.9']:.2f} ms"
+        f" (99.9 %), {timer['max']:.1f} ms at most.",
+        "",
+        "| fault | injections | promised, ms | median, ms | 90 %, ms | worst, ms | above the"
+        " promise | of them with the timer as late | timer at worst then, ms |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for kind, row in found["kinds"].items():
+        cells = ["-"] * 7
+        if "max_ms" in row:
+            times = (row[f"{key}_ms"] for key in ("promised", "p50", "p90", "max"))
+            cells = [f"{value:.1f}" for value in times]
+            cells += [str(row["above"]), str(row["above_with_the_timer_as_late"])]
+            cells.append(f"{row['timer_max_ms']:.1f}")
+        lines.append(f"| {kind} | {row['injections']} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,252 @@
+"""The smaller part of the campaign: real processes, and the wall clock at the rig's valves."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from hydro_hw_bridge.faults.command_faults import BAD
+from hydro_hw_bridge.gate import GateLimits
+from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd
+from hydro_ident.study.faults.stage import Stage, executable, until
+from hydro_ident.study.faults.wall_outcomes import WallOutcome
+
+#: Wall time promised from the fault to 0 V, ms: device time, and two cycles of the way there.
+WAY_MS = 4.0
+AT_ONCE_MS, AGE_MS, WATCHDOG_MS = 2.0 + WAY_MS, 12.0 + WAY_MS, 50.0 + WAY_MS
+#: The controller's own way to 0 V on SIGTERM: a ramp within the slew limit.
+RAMP_MS = 30.0
+#: After a stop the valves are watched for so long.
+LATCHED_S = 0.15
+#: A computer that cannot drive for so long is too busy: the injection is left out, and counted.
+DRIVING_S = 30.0
+
+
+class WallRun:
+    """Runs injections on a stage.
+
+    Parameters
+    ----------
+    stage : Stage
+    ros : RosEnd
+    limits : GateLimits
+    buses : (str, str)
+        Of the machine and of the bridge; different ones have the proxy between them.
+    """
+
+    def __init__(
+        self, stage: Stage, ros: RosEnd, limits: GateLimits, buses: tuple[str, str]
+    ) -> None:
+        self.stage, self.ros, self.limits = stage, ros, limits
+        self.machine_bus, self.bridge_bus = buses
+        self.unasked_trips = 0
+
+    def begin(self) -> None:
+        """Start machine, proxy, timer and bridge, and drive."""
+        self.stage.start_timer()
+        self.stage.start_rig(self.machine_bus)
+        self._start_proxy()
+        self.start_bridge()
+
+    def _start_proxy(self) -> None:
+        module = "hydro_hw_bridge.faults.proxy"
+        words = (sys.executable, "-m", module, self.machine_bus, self.bridge_bus)
+        self.stage.start("proxy", *words, ready="ready")
+
+    def start_bridge(self) -> None:
+        """A bridge, configured and activated."""
+        words = ("--ros-args", "-p", f"can:={self.bridge_bus}", "-p", "clock:=real_time")
+        self.stage.start(
+            "bridge", executable("hydro_hw_bridge", "can_bridge"), *words, ready="bus load"
+        )
+        for number in (CONFIGURE, ACTIVATE):
+            if not self.ros.transition("can_bridge", number):
+                raise IdentError(f"the bridge refused a transition: {self.stage.said('bridge')}")
+
+    def start_controller(self) -> None:
+        """The real controller, holding where the machine is."""
+        self.ros.publishing = False
+        self.stage.start("controller", executable("hydro_control", "controller"))
+        for number in (CONFIGURE, ACTIVATE):
+            if not self.ros.transition("controller", number):
+                raise IdentError("the controller refused a transition")
+
+    def drive(self, *, publishing: bool = True) -> None:
+        """Until the valves are driven: trips that the busy computer makes are cleared."""
+        self.ros.publishing = publishing
+        end = time.monotonic() + DRIVING_S
+        while not self.stage.driven():
+            if time.monotonic() > end:
+                raise IdentError("the valves are not driven: the computer is too busy")
+            gate = self.ros.diagnosis.get("can_bridge", {}).get("gate")
+            if gate == "tripped":
+                self.unasked_trips += 1
+                if publishing:
+                    self.ros.end_fault()
+                self.ros.clear_trip()
+            time.sleep(0.03)
+
+    def measured(
+        self, kind: str, since_ns: int, limit_ms: float | None, *, latched: bool = True
+    ) -> WallOutcome:
+        """What followed at the valves."""
+        stop_ms, broken = None, ""
+        if limit_ms is not None:
+            deadline = time.monotonic() + 2.0
+            while (at := self.stage.first_stop_ns(since_ns)) is None:
+                if time.monotonic() > deadline:
+                    return WallOutcome(kind, limit_ms, None, 0.0, "not at 0 V within 2 s")
+                time.sleep(0.01)
+            stop_ms = (at - since_ns) / 1e6
+            time.sleep(LATCHED_S)
+            if latched and self.stage.moved_ns(at) is not None:
+                broken = "the valves moved again without being cleared"
+        else:
+            time.sleep(LATCHED_S)
+        span_ns = int(1e6 * (stop_ms or 0.0))
+        return WallOutcome(kind, limit_ms, stop_ms, self._timer_ms(since_ns, span_ns), broken)
+
+    def _timer_ms(self, since_ns: int, span_ns: int) -> float:
+        """Greatest lateness of the bare timer in a span, 20 ms about it."""
+        at, late = self.stage.timer_lateness()
+        near = (at + late >= since_ns - 20_000_000) & (at <= since_ns + span_ns + 20_000_000)
+        return float(late[near].max() / 1e6) if near.any() else 0.0
+
+    # -- injections
+
+    def publisher(self, source: random.Random) -> WallOutcome:
+        """A publisher of bad, late or no commands."""
+        kind = source.choice((*BAD, "silent", "late"))
+        amount = {"beyond": 10.5, "leap": 8.0, "second_controller": 5.0, "late": 15.0}
+        long = kind in ("silent", "late")
+        self.drive()
+        self.ros.begin_fault(kind, 40 if long else 1, amount.get(kind, 0.0), source.randrange(2))
+        until(lambda: self.ros.fault_at_ns is not None, 5.0, "the fault to begin")
+        since = self.ros.fault_at_ns or 0
+        found = self.measured(f"publisher: {kind}", since, AGE_MS if long else AT_ONCE_MS)
+        self.ros.end_fault()
+        return found
+
+    def emergency_stop(self, source: random.Random) -> WallOutcome:
+        """The emergency stop opens, and closes again."""
+        self.drive()
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("rig", signal.SIGUSR2)
+        time.sleep(0.02)
+        found = self.measured("machine: emergency_stop", since, AT_ONCE_MS, latched=False)
+        self.stage.send("rig", signal.SIGUSR1)
+        time.sleep(LATCHED_S)
+        if self.stage.moved_ns(time.monotonic_ns() - int(1e9 * LATCHED_S)) is not None:
+            return WallOutcome(found.kind, AT_ONCE_MS, found.stop_ms, 0.0, "not latched")
+        return found
+
+    def bridge_signal(self, source: random.Random, number: signal.Signals) -> WallOutcome:
+        """The bridge is killed, stopped for a while, or told to end."""
+        self.drive()
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("bridge", number)
+        limit = AGE_MS if number is signal.SIGTERM else WATCHDOG_MS
+        found = self.measured(f"process: {number.name} of can_bridge", since, limit)
+        if number is signal.SIGSTOP:
+            woken = self.stage.send("bridge", signal.SIGCONT)
+            time.sleep(LATCHED_S)
+            if self.stage.moved_ns(woken) is not None:
+                broken = "the valves moved as the bridge went on"
+                return WallOutcome(found.kind, limit, found.stop_ms, 0.0, broken)
+            return found
+        self.stage.end("bridge")
+        self.start_bridge()
+        return found
+
+    def controller_signal(self, source: random.Random, number: signal.Signals) -> WallOutcome:
+        """The real controller is killed, stopped for a while, or told to end."""
+        if not self.stage.running("controller"):
+            self.start_controller()
+        self.drive(publishing=False)
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("controller", number)
+        limit = RAMP_MS + WAY_MS if number is signal.SIGTERM else AGE_MS
+        found = self.measured(f"process: {number.name} of controller", since, limit)
+        if number is signal.SIGSTOP:
+            self.stage.send("controller", signal.SIGCONT)
+            time.sleep(LATCHED_S)
+        self.stage.end("controller")
+        return found
+
+    def rig_stop(self, source: random.Random) -> WallOutcome:
+        """The machine's process stands still for a while: 0 V with its first cycles after it."""
+        self.drive()
+        time.sleep(source.uniform(0.0, 0.05))
+        self.stage.send("rig", signal.SIGSTOP)
+        time.sleep(0.3)
+        since = self.stage.send("rig", signal.SIGCONT)
+        return self.measured("process: SIGSTOP of sim_rig", since, AGE_MS)
+
+    def rig_killed(self, source: random.Random) -> WallOutcome:
+        """The machine's process is gone: the bridge says so, and a new machine is not driven."""
+        self.drive()
+        since = self.stage.send("rig", signal.SIGKILL)
+        self._tripped("nothing from the device")
+        self.stage.end("rig")
+        self.stage.start_rig(self.machine_bus)
+        time.sleep(2 * LATCHED_S)
+        moved = self.stage.moved_ns(since) is not None
+        broken = "the new machine was driven without being cleared" if moved else ""
+        return WallOutcome("process: SIGKILL of sim_rig", None, None, 0.0, broken)
+
+    def _tripped(self, text: str) -> None:
+        until(
+            lambda: text in self.ros.diagnosis.get("can_bridge", {}).get("trip_reason", ""),
+            5.0,
+            f"the bridge to trip with '{text}'",
+        )
+
+    def bus_fault(self, source: random.Random) -> WallOutcome:
+        """The proxy loses, delays, repeats, swaps or flips frames."""
+        kind, direction = source.choice(("lost", "late", "bit_flip")), source.choice("db")
+        fault: dict[str, Any] = {"kind": kind, "cycles": 100, "seed": source.randrange(1 << 30)}
+        fault["direction"] = {"d": "device", "b": "bridge"}[direction]
+        fault["amount"] = source.randint(8, 12)
+        self.drive()
+        self.stage.tell("proxy", json.dumps(fault))
+        said = len(self.stage.said("proxy"))
+        until(lambda: "at " in self.stage.said("proxy")[said:], 5.0, "the proxy's fault")
+        since = int(self.stage.said("proxy")[said:].split()[1])
+        return self.measured(f"bus: {kind} ({fault['direction']})", since, WATCHDOG_MS)
+
+    def parameters(self, source: random.Random) -> WallOutcome:
+        """Parameters are set while driving: refused, and the valves are driven on."""
+        self.drive()
+        name, value = source.choice((("slew_limit_v_s", 9e4), ("max_age_ms", 40.0)))
+        since = time.monotonic_ns()
+        taken = self.ros.set_parameter("can_bridge", name, value)
+        found = self.measured("parameters changed while driving", since, None)
+        broken = f"{name} was taken" if taken else ""
+        return WallOutcome(found.kind, None, None, found.late_timer_ms, broken)
+
+    def deeds(self) -> list[Callable[[random.Random], WallOutcome]]:
+        """Injections, to be taken in turn: the quick ones more often."""
+
+        def sent(
+            deed: Callable[[random.Random, signal.Signals], WallOutcome], number: signal.Signals
+        ) -> Callable[[random.Random], WallOutcome]:
+            return lambda source: deed(source, number)
+
+        slow = [
+            sent(self.bridge_signal, signal.SIGKILL),
+            sent(self.controller_signal, signal.SIGKILL),
+            sent(self.bridge_signal, signal.SIGSTOP),
+            sent(self.controller_signal, signal.SIGSTOP),
+            sent(self.bridge_signal, signal.SIGTERM),
+            sent(self.controller_signal, signal.SIGTERM),
+            self.rig_stop,
+            self.rig_killed,
+        ]
+        quick = [self.publisher, self.bus_fault, self.emergency_stop]
+        return [one for deed in slow for one in (*quick, deed)] + [self.parameters]
