@@ -28,7 +28,7 @@ def committed() -> dict[str, Any]:
 
 @pytest.mark.parametrize(("file", "name"), NAMED, ids=["::".join(one) for one in NAMED])
 def test_every_named_test_exists(file: str, name: str) -> None:
-    paths = [ROOT / folder / file for folder in FOLDERS if (ROOT / folder / file).is_file()]
+    paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob(file)]
     assert len(paths) == 1, file
     tree = ast.parse(paths[0].read_text(encoding="utf-8"))
     assert name in {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
