@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.agreement import DEVIATIONS, SHARE
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.fit_form import (
     FittedForm,
@@ -34,6 +33,9 @@ ALMOST = 0.95
 LEAST_HELD = 0.8
 #: Chance level of a form on held-out rows, over all that are put to them; blocks that it takes.
 HELD_OUT_ERROR, LEAST_BLOCKS = 0.01, 20
+#: Held-out rows give a form another size beyond so many deviations and this share of it. A form is
+#: a description: of another size it describes something else.
+DEVIATIONS, SHARE = 4.0, 0.25
 #: Level at which a form is worse than the curve, or than another form.
 WORSE = 0.05
 #: More forms than this that do equally well: the recordings do not tell a form.
@@ -136,10 +138,7 @@ def told_forms(
     full, rank = gain_of(train, columns)
     if full <= rank:
         return ()
-    tries = [_Try(form, train, held) for form in _fits(train, curve)]
-    for seen, other in twins:
-        form = fit_kind(seen, COSINE, False)
-        tries += [] if form is None else [_Try(form, seen, other)]
+    tries = _tries(train, held, curve, twins)
     tries = [one for one in tries if _short(one.form, full, rank, curve)]
     theta = theta_of(train, columns)
     by_curve = _held_out(held, held.curve(curve.knots, curve.period), theta, curve.any_phase)
@@ -158,6 +157,17 @@ def told_forms(
         )
         for one, there in _equals(kept)
     )  # fmt: skip
+
+
+def _tries(
+    train: Rows, held: Rows, curve: Curve, twins: Sequence[tuple[Rows, Rows]]
+) -> list[_Try]:
+    """Every form at its best, and what repeats over another variable."""
+    tries = [_Try(form, train, held) for form in _fits(train, curve)]
+    for seen, other in twins:
+        form = fit_kind(seen, COSINE, False)
+        tries += [] if form is None else [_Try(form, seen, other)]
+    return tries
 
 
 def _fits(train: Rows, curve: Curve) -> list[FittedForm]:

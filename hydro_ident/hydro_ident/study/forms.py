@@ -14,7 +14,7 @@ from typing import Any
 
 from hydro_model.command import run_command
 
-#: What a machine's hidden physics repeats by, and how many radians of a turn its unit is.
+#: What an axis's hidden physics repeats by: radians of a turn per unit of its variable.
 _RATES = ("vibration_rate", "ripple_count", "stiffness_count", "hum_rate", "drag_rate")
 
 
