@@ -26,6 +26,7 @@ setup(
             "recorder = hydro_ident.bag.recorder:main",
             "player = hydro_ident.bag.player:main",
             "identification_node = hydro_ident.identification_node:main",
+            "check_robot = hydro_ident.commands.check_robot:main",
             "inspect = hydro_ident.commands.inspect:main",
             "tracking = hydro_ident.commands.tracking:main",
             "identify = hydro_ident.commands.identify:main",

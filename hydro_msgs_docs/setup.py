@@ -15,12 +15,18 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/can", sorted(str(p.relative_to(HERE)) for p in HERE.glob("can/*"))),
+        *(
+            (f"share/{PACKAGE}/{folder}", sorted(str(p.relative_to(HERE)) for p in files))
+            for folder in ("can", "layouts/foxglove", "layouts/plotjuggler")
+            if (files := list(HERE.glob(f"{folder}/*")))
+        ),
     ],
     zip_safe=False,
     maintainer="Hydro maintainers",
     maintainer_email="hydro-maintainers@example.com",
     description="Topics, bus and bag contract.",
     license="Apache-2.0",
-    entry_points={"console_scripts": []},
+    entry_points={
+        "console_scripts": ["live_layouts = hydro_msgs_docs.layouts_command:main"],
+    },
 )

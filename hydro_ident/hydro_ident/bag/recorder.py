@@ -68,7 +68,12 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TOPIC[:TYPE]",
         help="record these only; TYPE (package/msg/Name) for topics outside the contract",
     )
-    parser.add_argument("--compression", choices=("zstd", "lz4", "none"), default="zstd")
+    parser.add_argument(
+        "--compression",
+        choices=("zstd", "lz4", "none"),
+        default="zstd",
+        help="of the bag's chunks (default zstd)",
+    )
     return parser
 
 

@@ -24,7 +24,23 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
     IdentError
         The file cannot be written.
     """
+    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Raises
+    ------
+    IdentError
+        The file cannot be written.
+    """
     try:
-        write_atomically(path, json.dumps(data, indent=2, allow_nan=False) + "\n")
+        write_atomically(path, text)
     except OSError as error:
         raise IdentError(f"{path}: cannot be written: {error.strerror}") from error

@@ -57,6 +57,8 @@ class Figure:
         What the horizontal axis and the figure need beyond that.
     rows : int
         Names on a vertical axis of names; 0 where it is one of numbers.
+    tall : float
+        Height of a panel over the usual one.
     """
 
     title: str
@@ -66,6 +68,7 @@ class Figure:
     layout: dict[str, Any] = field(default_factory=dict)
     note: str = ""
     rows: int = 0
+    tall: float = 1.0
 
     def as_dict(self) -> dict[str, Any]:
         """For plotly."""
@@ -90,7 +93,7 @@ class Figure:
         """The figure element; its data stand beside it as JSON."""
         data = json.dumps(self.as_dict(), separators=(",", ":"), allow_nan=False)
         note = f"<small>{escape(self.note)}</small>" if self.note else ""
-        height = _FRAME + (_LINE * self.rows or _PANEL * len(self.panels))
+        height = _FRAME + (_LINE * self.rows or round(_PANEL * self.tall) * len(self.panels))
         return (
             f"<figure><figcaption>{escape(self.title)}{note}</figcaption>"
             f'<div class="canvas" role="img" aria-label="{escape(self.title)}"'

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from hydro_model.chain_arrays import chain_arrays, samples
 from hydro_model.chain_kernels import SCRATCH, SHIFT, Array, place
 from hydro_model.robot import FloatArray, Robot
+from hydro_model.spatial import axis_rotation
 
 
 def tip_position(robot: Robot, q: ArrayLike) -> FloatArray:
@@ -106,6 +107,40 @@ def tip_state(
         A shape does not fit the robot.
     """
     return _evaluate(robot, q, qd)
+
+
+def link_frames(robot: Robot, q: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Where the links stand: the frame of every joint's child link, in the base frame.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (n,) array
+
+    Returns
+    -------
+    origins : (n, 3) array
+        m.
+    rotations : (n, 3, 3) array
+        Axes of the frames in their columns.
+
+    Raises
+    ------
+    RobotError
+        A shape does not fit the robot.
+    """
+    (positions,), _ = samples(robot, np.asarray(q, dtype=float))
+    origins, rotations = np.empty((robot.dof, 3)), np.empty((robot.dof, 3, 3))
+    origin, turn = np.zeros(3), np.eye(3)
+    for i, (joint, value) in enumerate(zip(robot.joints, positions[0], strict=True)):
+        origin = origin + turn @ joint.translation_m
+        turn = turn @ joint.rotation
+        if joint.prismatic:
+            origin = origin + turn @ joint.axis * value
+        else:
+            turn = turn @ axis_rotation(joint.axis, value)
+        origins[i], rotations[i] = origin, turn
+    return origins, rotations
 
 
 def _evaluate(

@@ -53,13 +53,16 @@ def shipped_robots() -> dict[str, Path]:
     return {p.name.split(".")[0]: p for p in sorted(folder.glob("*/*.hydraulics.yaml"))}
 
 
-def load_robot(robot: str | Path) -> Robot:
+def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     """Read a robot by file or by the name of a shipped robot.
 
     Parameters
     ----------
     robot : str or Path
         Path of a `*.hydraulics.yaml` or `model.yaml`, or a shipped name such as `xs031`.
+    check_strokes : bool
+        Refuse joint limits that move a piston out of its cylinder. Off only for whoever looks
+        for that very mistake.
 
     Returns
     -------
@@ -79,7 +82,10 @@ def load_robot(robot: str | Path) -> Robot:
             f"no robot file '{robot}': expected a *.hydraulics.yaml, a model.yaml"
             f" or a shipped robot ({names})"
         )
-    return _robot_from(read_yaml(path), path)
+    found = _robot_from(read_yaml(path), path)
+    if check_strokes:
+        _check_strokes(found, path)
+    return found
 
 
 def read_yaml(path: Path) -> Fields:
@@ -293,7 +299,6 @@ def _check(robot: Robot, path: Path) -> None:
                 f"{path}: cylinder '{cylinder.name}' needs joint '{joint.name}' to have finite"
                 f" limits, found {joint.lower} to {joint.upper}"
             )
-        _check_stroke(cylinder, joint.lower, joint.upper, path)
     for valve in robot.valves:
         _check_known(f"valve '{valve.name}'", "cylinder", valve.cylinder, cylinders, path)
 
@@ -311,12 +316,14 @@ def _check_once(what: str, names: list[str], path: Path) -> None:
         raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 
 
-def _check_stroke(cylinder: Cylinder, lower: float, upper: float, path: Path) -> None:
+def _check_strokes(robot: Robot, path: Path) -> None:
     from hydro_model.cylinder import stroke
 
-    x: Any = stroke(cylinder, np.linspace(lower, upper, 101))
-    if x.min() < 0.0 or x.max() > cylinder.stroke_m:
-        raise RobotError(
-            f"{path}: joint limits {lower} to {upper} move '{cylinder.name}' from"
-            f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
-        )
+    for cylinder in robot.cylinders:
+        joint = robot.joints[robot.joint_index(cylinder.joint)]
+        x: Any = stroke(cylinder, np.linspace(joint.lower, joint.upper, 101))
+        if x.min() < 0.0 or x.max() > cylinder.stroke_m:
+            raise RobotError(
+                f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
+                f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
+            )

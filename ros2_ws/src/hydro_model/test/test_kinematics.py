@@ -9,7 +9,13 @@ import pinocchio
 import pytest
 
 from hydro_model.errors import RobotError
-from hydro_model.kinematics import tip_jacobian, tip_jacobian_rate, tip_position, tip_state
+from hydro_model.kinematics import (
+    link_frames,
+    tip_jacobian,
+    tip_jacobian_rate,
+    tip_position,
+    tip_state,
+)
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
@@ -83,3 +89,13 @@ def test_a_stack_is_its_samples_and_the_state_its_parts(make_chain: MakeChain) -
 def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(RobotError, match="expected joint vectors"):
         tip_position(load_robot("xs031"), [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("seed", "dof"), CHAINS)
+def test_the_last_link_frame_carries_the_tip(make_chain: MakeChain, seed: int, dof: int) -> None:
+    robot = make_chain(seed, dof)
+    q = np.random.default_rng(seed).uniform(-2.0, 2.0, size=dof)
+    origins, rotations = link_frames(robot, q)
+    tip = origins[-1] + rotations[-1] @ robot.tip_offset_m
+    assert np.allclose(tip, tip_position(robot, q), atol=1e-12)
+    assert np.allclose(np.swapaxes(rotations, 1, 2) @ rotations, np.eye(3), atol=1e-12)

@@ -1,0 +1,81 @@
+"""`check_robot`: whether a robot description can be true, with a drawing of it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from hydro_ident.commands.output import write_json, write_text
+from hydro_ident.robot_check import RobotCheck
+from hydro_model.command import run_command
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `check_robot` executable."""
+    return run_command("check_robot", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="check_robot",
+        description="Check a robot description: strokes within the cylinders, lever arms, loads at"
+        " rest, masses, and what the file leaves to defaults; draw its geometry.",
+        epilog="Exit 0 nothing wrong; 1 an error in the description; 2 bad usage or an unreadable"
+        " file.",
+    )
+    parser.add_argument("robot", help="*.hydraulics.yaml, model.yaml or a shipped robot")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE.html", help="draw links, pins, strokes and lever arms"
+    )
+    parser.add_argument("--json", type=Path, metavar="F", help="write the findings as JSON")
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    from hydro_ident.robot_check import check_robot
+    from hydro_model.robot_files import load_robot
+
+    check = check_robot(load_robot(options.robot, check_strokes=False))
+    if options.json is not None:
+        write_json(options.json, check.as_dict())
+    if options.out is not None:
+        from hydro_ident.report.robot_report import robot_html
+
+        write_text(options.out, robot_html(check))
+    print("\n".join(lines_of(check)))
+    return 1 if check.wrong else 0
+
+
+def lines_of(check: RobotCheck) -> Iterator[str]:
+    """A check as lines for a person.
+
+    Parameters
+    ----------
+    check : RobotCheck
+
+    Yields
+    ------
+    str
+    """
+    robot = check.robot
+    yield f"{robot.name}: {robot.dof} joints, {len(robot.cylinders)} cylinders ({robot.source})"
+    if check.ranges:
+        yield ""
+        yield (
+            f"{'cylinder':20s} {'joint range':>20s} {'stroke m':>16s} {'of':>6s} {'lever m':>16s}"
+        )
+    for r in check.ranges:
+        joint = f"{r.q[0]:.3f} to {r.q[-1]:.3f} {r.unit}"
+        stroke = f"{r.stroke_m.min():.3f} to {r.stroke_m.max():.3f}"
+        lever = f"{r.lever_m.min():.3f} to {r.lever_m.max():.3f}"
+        yield (
+            f"{r.cylinder.name:20s} {joint:>20s} {stroke:>16s} {r.cylinder.stroke_m:6.3f}"
+            f" {lever:>16s}"
+        )
+    yield ""
+    if not check.remarks:
+        yield "nothing to remark"
+    for remark in check.remarks:
+        yield f"{remark.level.upper():8s} {remark.about}: {remark.text}"

@@ -1,0 +1,203 @@
+"""A robot drawn from the side: links, pins and cylinders in the plane that it moves in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.report.figure import Figure, numbers
+from hydro_ident.report.palette import BEFORE, INK, joint_colour
+from hydro_ident.robot_ranges import drawn_poses, limits
+from hydro_model.closed_chain import part_places
+from hydro_model.cylinder import stroke
+from hydro_model.kinematics import link_frames, tip_position
+from hydro_model.robot import FloatArray, Robot
+
+#: Poses that are drawn: places within the joints' ranges, all joints alike.
+POSES = (("lower limits", 0.0), ("middle of the ranges", 0.5), ("upper limits", 1.0))
+#: Of a point outside the plane, m.
+FLAT_M = 1e-3
+_CLOUD = 1500
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """The plane that is drawn.
+
+    Attributes
+    ----------
+    across, up : (3,) array
+        Unit vectors in the base frame, to the right and upwards.
+    """
+
+    across: FloatArray
+    up: FloatArray
+
+    def flat(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Points (N, 3) in the plane."""
+        return points @ self.across, points @ self.up
+
+    def depth(self, points: FloatArray) -> float:
+        """How far points lie apart perpendicular to it, m."""
+        return float(np.ptp(points @ np.cross(self.across, self.up)))
+
+
+def plane_of(robot: Robot) -> Plane:
+    """The plane in which most cylinders turn their joints, gravity downwards.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    Plane
+    """
+    middle = limits(robot).mean(axis=1)
+    _, rotations = link_frames(robot, middle)
+    axes = [
+        turn @ joint.axis
+        for joint, turn in zip(robot.joints, rotations, strict=True)
+        if not joint.prismatic
+    ]
+    up = _unit(-robot.gravity_m_s2, np.array([0.0, 0.0, 1.0]))
+    level = [axis for axis in axes if abs(axis @ up) < 0.9]
+    if level:
+        across = _unit(np.cross(up, level[-1]), np.array([1.0, 0.0, 0.0]))
+    elif axes:  # every joint turns about the vertical: seen from above
+        across, up = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    else:
+        slide = rotations[0] @ robot.joints[0].axis
+        across = _unit(slide - (slide @ up) * up, np.array([1.0, 0.0, 0.0]))
+    if tip_position(robot, middle) @ across < 0.0:
+        across = -across
+    return Plane(across, np.asarray(_unit(up - (up @ across) * across, up)))
+
+
+def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:
+    size = float(np.linalg.norm(vector))
+    return np.asarray(vector / size) if size > 1e-9 else otherwise
+
+
+def drawings(robot: Robot) -> tuple[Figure, ...]:
+    """One figure per pose, then the places that the tip can reach.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    tuple of Figure
+    """
+    plane = plane_of(robot)
+    low, high = limits(robot).T
+    figures = [_pose(robot, plane, low + share * (high - low), name) for name, share in POSES]
+    return (*figures, _reach(robot, plane))
+
+
+def _pose(robot: Robot, plane: Plane, q: FloatArray, name: str) -> Figure:
+    values = ", ".join(
+        f"{joint.name} {value:.3f} {'m' if joint.prismatic else 'rad'}"
+        for joint, value in zip(robot.joints, q, strict=True)
+    )
+    traces = [*_links(robot, plane, q), *_cylinders(robot, plane, q)]
+    return Figure(
+        f"At the {name}: {values}", "across in m", ("up in m",), traces, _equal(), tall=1.9
+    )
+
+
+def _equal() -> dict[str, Any]:
+    return {"xaxis": {"scaleanchor": "y", "scaleratio": 1, "constrain": "domain"}}
+
+
+def _links(robot: Robot, plane: Plane, q: FloatArray) -> Iterator[dict[str, Any]]:
+    origins, rotations = link_frames(robot, q)
+    ends = np.vstack([origins[1:], origins[-1] + rotations[-1] @ robot.tip_offset_m])
+    starts = np.vstack([np.zeros(3), origins])
+    yield _line("base", plane, starts[:2], INK, 3.0)
+    for i, link in enumerate(robot.link_names):
+        colour = joint_colour(robot.joint_names, robot.joint_names[i])
+        yield _line(link, plane, np.stack([origins[i], ends[i]]), colour, 5.0)
+    yield _marks("joint axes", plane, origins, INK, "circle-open", 12)
+    yield _marks("tip", plane, ends[-1:], INK, "x", 9)
+
+
+def _cylinders(robot: Robot, plane: Plane, q: FloatArray) -> Iterator[dict[str, Any]]:
+    origins, rotations = link_frames(robot, q)
+    places = part_places(robot)
+    for k, cylinder in enumerate(robot.closed_chains):
+        at = robot.joint_index(cylinder.joint)
+        pins = np.array(
+            [
+                place.pin_m
+                if place.host < 0
+                else origins[place.host] + rotations[place.host] @ place.pin_m
+                for place in places[2 * k : 2 * k + 2]
+            ]
+        )
+        colour = joint_colour(robot.joint_names, cylinder.joint)
+        x = float(stroke(cylinder, q[at]))
+        label = f"{cylinder.name}, {x:.3f} of {cylinder.stroke_m:.3f} m"
+        arms = np.stack([pins[0], origins[at], pins[1]])
+        yield _line(label, plane, pins, colour, 2.5, "dash")
+        yield _line("arms to the pins", plane, arms, BEFORE, 1.0, "dot", legend=k == 0)
+        yield _marks("pins", plane, pins, colour, "circle", 8, legend=k == 0)
+
+
+def _reach(robot: Robot, plane: Plane) -> Figure:
+    tips = tip_position(robot, drawn_poses(robot, _CLOUD))
+    note = "Joint positions drawn at random within the limits."
+    if plane.depth(tips) > FLAT_M:
+        note += " The tip leaves this plane: what is seen is its projection."
+    origins, _ = link_frames(robot, limits(robot).mean(axis=1))
+    traces = [
+        _marks("tip", plane, tips, BEFORE, "circle", 4),
+        _marks("first joint", plane, origins[:1], INK, "circle-open", 12),
+    ]
+    title = "Where the tip can be"
+    return Figure(title, "across in m", ("up in m",), traces, _equal(), note, tall=1.9)
+
+
+def _line(
+    name: str,
+    plane: Plane,
+    points: FloatArray,
+    colour: str,
+    width: float,
+    dash: str = "solid",
+    *,
+    legend: bool = True,
+) -> dict[str, Any]:
+    style = {"color": colour, "width": width, "dash": dash}
+    return _trace(name, plane, points, legend) | {"mode": "lines", "line": style}
+
+
+def _marks(
+    name: str,
+    plane: Plane,
+    points: FloatArray,
+    colour: str,
+    symbol: str,
+    size: int,
+    *,
+    legend: bool = True,
+) -> dict[str, Any]:
+    style = {"color": colour, "symbol": symbol, "size": size}
+    return _trace(name, plane, points, legend) | {"mode": "markers", "marker": style}
+
+
+def _trace(name: str, plane: Plane, points: FloatArray, legend: bool) -> dict[str, Any]:
+    across, up = plane.flat(points)
+    return {
+        "type": "scatter",
+        "name": name,
+        "x": numbers(across),
+        "y": numbers(up),
+        "xaxis": "x",
+        "yaxis": "y",
+        "showlegend": legend,
+    }

@@ -1,0 +1,219 @@
+"""`check_robot`: what cannot be true is said, and the drawing is the geometry."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hydro_ident.commands.check_robot import main
+from hydro_ident.report.robot_drawing import POSES, drawings, plane_of
+from hydro_ident.robot_check import ERROR, NOTE, WARNING, RobotCheck, check_robot
+from hydro_ident.robot_ranges import drawn_poses, limits
+from hydro_model.cylinder import lever, stroke
+from hydro_model.errors import RobotError
+from hydro_model.rigid_body import potential_energy
+from hydro_model.robot_files import load_robot, shipped_robots
+
+LARGEST_BYTES = 8_000_000
+
+
+class Crane:
+    """The reference crane's files in a folder of their own, to be spoilt."""
+
+    def __init__(self, folder: Path) -> None:
+        source = shipped_robots()["xs031"]
+        self.file = Path(shutil.copy(source, folder / source.name))
+        self.urdf = Path(shutil.copy(source.with_name("xs031.urdf"), folder))
+
+    def change(self, *keys: str | int, value: object = None) -> None:
+        """Set a value of the hydraulics file, or take it out where it is None."""
+        data = yaml.safe_load(self.file.read_text(encoding="utf-8"))
+        at = data
+        for key in keys[:-1]:
+            at = at[key]
+        at.pop(keys[-1]) if value is None else at.update({keys[-1]: value})
+        self.file.write_text(yaml.safe_dump(data), encoding="utf-8")
+
+    def replace(self, old: str, new: str) -> None:
+        """Change the URDF."""
+        text = self.urdf.read_text(encoding="utf-8")
+        assert old in text
+        self.urdf.write_text(text.replace(old, new), encoding="utf-8")
+
+    def check(self) -> RobotCheck:
+        return check_robot(load_robot(self.file, check_strokes=False))
+
+
+@pytest.fixture
+def crane(tmp_path: Path) -> Crane:
+    return Crane(tmp_path)
+
+
+def texts(check: RobotCheck, level: str, about: str) -> list[str]:
+    return [r.text for r in check.remarks if r.level == level and r.about == about]
+
+
+@pytest.mark.parametrize("name", sorted(shipped_robots()))
+def test_shipped_robots_are_not_wrong(name: str) -> None:
+    assert not check_robot(load_robot(name)).wrong
+
+
+def test_wide_limits_are_an_error_that_names_those_that_fit(crane: Crane) -> None:
+    crane.replace('lower="-0.05" upper="1.70"', 'lower="-0.30" upper="1.70"')
+    with pytest.raises(RobotError, match="outside its stroke"):
+        load_robot(crane.file)
+    check = crane.check()
+    [text] = texts(check, ERROR, "lift_cylinder")
+    low, high = (float(v) for v in re.findall(r"from (\S+) to (\S+) rad$", text)[0])
+    cylinder = check.robot.cylinder("lift_cylinder")
+    inside = stroke(cylinder, np.linspace(low + 1e-3, high - 1e-3, 50))
+    assert inside.min() >= 0.0
+    assert inside.max() <= cylinder.stroke_m
+    assert stroke(cylinder, low - 0.02) < 0.0
+    assert high == pytest.approx(1.70)
+
+
+def test_no_position_inside_is_said(crane: Crane) -> None:
+    crane.change("cylinders", 0, "x0_m", value=1.5)
+    assert "no position in them is inside" in texts(crane.check(), ERROR, "lift_cylinder")[0]
+
+
+def test_dead_centre_is_found_where_the_pins_and_the_axis_are_in_line(crane: Crane) -> None:
+    crane.change("cylinders", 0, "q0_rad", value=1.0056 + 1.2)
+    [text] = [t for t in texts(crane.check(), ERROR, "lift_cylinder") if "dead centre" in t]
+    assert f"at {np.pi - 2.2056:.3f} rad" in text
+
+
+def test_missing_masses_make_the_mass_matrix_indefinite(crane: Crane) -> None:
+    text = crane.urdf.read_text(encoding="utf-8")
+    crane.urdf.write_text(re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.S))
+    for k in (0, 1):
+        for part in ("barrel", "rod"):
+            crane.change("cylinders", k, part)
+    check = crane.check()
+    assert "mass matrix is not positive definite" in texts(check, ERROR, "xs031")[0]
+    assert texts(check, WARNING, "tilt_link") == ["no mass in the URDF"]
+
+
+@pytest.mark.parametrize(
+    ("inertia", "why"),
+    [
+        ('ixx="20.0" iyy="400.0" izz="185.0"', "exceeds the sum"),
+        ('ixx="20.0" iyy="-1.0" izz="185.0"', "one is negative"),
+    ],
+)
+def test_impossible_bodies_are_said(crane: Crane, inertia: str, why: str) -> None:
+    crane.replace('ixx="20.0" iyy="189.8" izz="185.0"', inertia)
+    assert why in texts(crane.check(), WARNING, "tilt_link")[0]
+
+
+def test_what_is_left_to_defaults_is_listed(crane: Crane) -> None:
+    crane.change("fluid", "bulk_modulus_pa")
+    crane.change("cylinders", 1, "rod")
+    crane.change("sensors")
+    crane.change("valves", 0, "rated_voltage_v")
+    check = crane.check()
+    assert not check.wrong
+    assert "no bulk_modulus_pa" in texts(check, WARNING, "fluid")[0]
+    assert any("no rod" in t for t in texts(check, WARNING, "tilt_cylinder"))
+    assert any("no rated_voltage_v" in t for t in texts(check, WARNING, "lift_valve"))
+    assert len(texts(check, WARNING, "sensors")) == 4
+
+
+def test_loads_are_the_slope_of_the_energy_over_the_lever() -> None:
+    robot = load_robot("xs031")
+    [_, tilt] = check_robot(robot).ranges
+    step, k = 1e-5, 60
+    poses = drawn_poses(robot, 33)
+    poses[:, 1] = tilt.q[k]
+    nearby = [potential_energy(robot, poses + np.array([0.0, s])) for s in (step, -step)]
+    forces = (nearby[0] - nearby[1]) / (2.0 * step) / lever(robot.cylinders[1], tilt.q[k])
+    assert tilt.load_high_n[k] == pytest.approx(forces.max(), rel=1e-5)
+    assert tilt.load_low_n[k] == pytest.approx(forces.min(), rel=1e-5)
+
+
+def test_a_load_beyond_the_supply_is_an_error(crane: Crane) -> None:
+    crane.change("supply", "pressure_pa", value=9.0e6)
+    assert "of what the supply gives" in texts(crane.check(), ERROR, "lift_cylinder")[0]
+    crane.change("supply")
+    assert "nothing moves" in texts(crane.check(), ERROR, "supply")[0]
+
+
+def test_a_cylinder_that_lowers_its_joint_and_one_without_valve_are_said(crane: Crane) -> None:
+    crane.change("cylinders", 0, "q0_rad", value=-1.0056 - 1.70)
+    crane.change("valves", value=[])
+    check = crane.check()
+    assert any("extending it lowers" in t for t in texts(check, NOTE, "lift_cylinder"))
+    assert any("no valve feeds it" in t for t in texts(check, WARNING, "lift_cylinder"))
+
+
+def points(trace: dict[str, object]) -> np.ndarray:
+    """Points of a trace of a figure, (N, 2)."""
+    columns = [np.frombuffer(base64.b64decode(trace[k]["bdata"]), "<f4") for k in "xy"]  # type: ignore[index]
+    return np.stack(columns, axis=1).astype(float)
+
+
+@pytest.mark.parametrize("name", ["xs031", "patu655"])
+def test_the_drawn_pins_are_as_far_apart_as_the_cylinder_is_long(name: str) -> None:
+    robot = load_robot(name)
+    low, high = limits(robot).T
+    for figure, (_, share) in zip(drawings(robot), POSES, strict=False):
+        q = low + share * (high - low)
+        for cylinder in robot.cylinders:
+            [trace] = [t for t in figure.traces if t["name"].startswith(cylinder.name)]
+            a, b = points(trace)
+            length = cylinder.x0_m + float(stroke(cylinder, q[robot.joint_index(cylinder.joint)]))
+            assert np.linalg.norm(b - a) == pytest.approx(length, abs=1e-6)
+
+
+def test_the_plane_is_seen_from_the_side_gravity_down() -> None:
+    plane = plane_of(load_robot("xs031"))
+    assert np.allclose(plane.across, [1.0, 0.0, 0.0])
+    assert np.allclose(plane.up, [0.0, 0.0, 1.0])
+    slide = plane_of(load_robot("emps"))
+    assert abs(slide.across @ slide.up) < 1e-12
+
+
+def test_joints_without_limits_are_looked_at_over_a_turn() -> None:
+    robot = load_robot("patu655")
+    endless = replace(robot.joints[1], lower=-np.inf, upper=np.inf)
+    check = check_robot(replace(robot, joints=(robot.joints[0], endless)))
+    assert any("-3.14 to 3.14" in t for t in texts(check, NOTE, "tilt"))
+    assert np.isfinite(drawn_poses(check.robot)).all()
+
+
+def test_the_command_writes_one_file_that_fetches_nothing(
+    crane: Crane, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, found = tmp_path / "crane.html", tmp_path / "crane.json"
+    assert main([str(crane.file), "--out", str(page), "--json", str(found)]) == 0
+    assert "lift_cylinder" in capsys.readouterr().out
+    html = page.read_text(encoding="utf-8")
+    assert len(html.encode()) < LARGEST_BYTES
+    assert not re.search(r'(src|href)="(?!#)', html.split("<script>", 1)[0])
+    assert html.count('class="canvas"') == len(POSES) + 1 + 2
+    data = json.loads(found.read_text(encoding="utf-8"))
+    assert data["schema"] == "hydro_ident/robot_check/1"
+    assert [c["name"] for c in data["cylinders"]] == ["lift_cylinder", "tilt_cylinder"]
+
+
+def test_the_command_fails_on_an_error_and_still_draws(crane: Crane, tmp_path: Path) -> None:
+    crane.replace('upper="1.70"', 'upper="2.90"')
+    page = tmp_path / "crane.html"
+    assert main([str(crane.file), "--out", str(page)]) == 1
+    assert "cannot be used as it is" in page.read_text(encoding="utf-8")
+
+
+def test_unreadable_robots_are_bad_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(tmp_path / "none.yaml")]) == 2
+    assert capsys.readouterr().err.startswith("check_robot: no robot file")

@@ -1,0 +1,55 @@
+"""`live_layouts`: layout files of PlotJuggler and Foxglove for a robot."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydro_model.command import run_command
+from hydro_model.errors import HydroError
+
+
+class LayoutError(HydroError):
+    """A layout that cannot be written (exit code 2)."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `live_layouts` executable."""
+    return run_command("live_layouts", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="live_layouts",
+        description="Write layouts for PlotJuggler and Foxglove: bringup, tracking, diagnosis.",
+    )
+    parser.add_argument("--robot", required=True, help="robot file or shipped robot")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="gets plotjuggler/*.xml and foxglove/*.json; what is there is replaced",
+    )
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    from hydro_model.robot_files import load_robot
+    from hydro_msgs_docs.live_layouts import foxglove, plotjuggler, views
+
+    for view in views(load_robot(options.robot)):
+        _write(options.out / "plotjuggler" / f"{view.name}.xml", plotjuggler(view))
+        _write(options.out / "foxglove" / f"{view.name}.json", foxglove(view))
+    return 0
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise LayoutError(f"{path}: cannot be written: {error.strerror}") from error
+    print(path)

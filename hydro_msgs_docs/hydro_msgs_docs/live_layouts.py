@@ -1,0 +1,339 @@
+"""Layouts of PlotJuggler and Foxglove for a robot's topics: bring-up, tracking, diagnosis.
+
+A view is rows of plots, a plot a list of signals of the contract; both programs' files are
+written from the same views. PlotJuggler names an entry of a JointState
+`<topic>/<name>/<field>`; Foxglove can only count, `<topic>.<field>[<index>]`, so its files hold
+for a robot's order of names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+from hydro_model.robot import Robot
+from hydro_msgs_docs import topics
+
+#: Palette of Okabe and Ito, without its yellow.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_STREAMER = "ROS2 Topic Subscriber"
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One number of a topic.
+
+    Attributes
+    ----------
+    topic, field : str
+        The field in the message, with dots.
+    label : str
+    name : str
+        Entry of a JointState; empty for other messages.
+    index : int
+        Its place in the robot's order of names.
+    """
+
+    topic: str
+    field: str
+    label: str
+    name: str = ""
+    index: int = 0
+
+    @property
+    def plotjuggler(self) -> str:
+        """Name of its series in PlotJuggler."""
+        parts = (self.name, self.field) if self.name else (self.field.replace(".", "/"),)
+        return "/".join((self.topic, *parts))
+
+    @property
+    def foxglove(self) -> str:
+        """Its message path in Foxglove."""
+        return f"{self.topic}.{self.field}" + (f"[{self.index}]" if self.name else "")
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Signals over time in one frame, all in one unit."""
+
+    title: str
+    signals: tuple[Signal, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Rows of plots, from above; empty plots are left out.
+
+    Attributes
+    ----------
+    name : str
+    rows : tuple of tuple of Plot
+    diagnostics : bool
+        Show `/diagnostics` beside them, where the program can.
+    """
+
+    name: str
+    rows: tuple[tuple[Plot, ...], ...]
+    diagnostics: bool = False
+
+    @property
+    def shown(self) -> tuple[tuple[Plot, ...], ...]:
+        """The rows that have something to show."""
+        rows = (tuple(plot for plot in row if plot.signals) for row in self.rows)
+        return tuple(row for row in rows if row)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """All signals, each once."""
+        plots = (plot for row in self.shown for plot in row)
+        return tuple(dict.fromkeys(signal for plot in plots for signal in plot.signals))
+
+
+def views(robot: Robot) -> tuple[View, ...]:
+    """The views of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Returns
+    -------
+    tuple of View
+        `bringup`, `tracking`, `diagnosis`.
+    """
+    return _bringup(robot), _tracking(robot), _diagnosis(robot)
+
+
+def _entries(
+    topic: str, field: str, names: Sequence[str], what: str, wanted: Sequence[str] | None = None
+) -> tuple[Signal, ...]:
+    kept = names if wanted is None else wanted
+    return tuple(
+        Signal(topic, field, f"{name} {what}".strip(), name, names.index(name)) for name in kept
+    )
+
+
+def _pressures(robot: Robot, wanted: Sequence[str]) -> tuple[Signal, ...]:
+    if not robot.cylinders:
+        return ()
+    return _entries(topics.CHAMBER_PRESSURES, "effort", robot.pressure_names, "", wanted)
+
+
+def _chambers(robot: Robot) -> list[str]:
+    return [name for name in robot.pressure_names if "/" in name]
+
+
+def _bringup(robot: Robot) -> View:
+    joints, valves = robot.joint_names, robot.valve_names
+    dry = () if robot.cylinders else joints
+    oil = (Signal(topics.OIL_TEMPERATURE, "temperature", "oil"),) if robot.cylinders else ()
+    return View(
+        "bringup",
+        (
+            (
+                Plot("joints, rad or m", _entries(topics.JOINT_STATES, "position", joints, "")),
+                Plot("torques, N m or N", _entries(topics.JOINT_STATES, "effort", dry, "")),
+            ),
+            (
+                Plot("chambers, Pa absolute", _pressures(robot, _chambers(robot))),
+                Plot("rails, Pa absolute", _pressures(robot, ("supply", "tank"))),
+            ),
+            (
+                Plot("valves applied, V", _entries(topics.VALVE_STATE, "effort", valves, "")),
+                Plot("spools", _entries(topics.VALVE_STATE, "position", valves, "")),
+                Plot("oil, deg C", oil),
+            ),
+        ),
+        diagnostics=True,
+    )
+
+
+def _tracking(robot: Robot) -> View:
+    joints, valves = robot.joint_names, robot.valve_names
+    tip = tuple(Signal(topics.TIP_REFERENCE, f"point.{axis}", axis) for axis in "xyz")
+
+    def both(joint: str, field: str) -> tuple[Signal, ...]:
+        return (
+            *_entries(topics.JOINT_REFERENCE, field, joints, "wanted", (joint,)),
+            *_entries(topics.JOINT_STATES, field, joints, "measured", (joint,)),
+        )
+
+    return View(
+        "tracking",
+        (
+            tuple(Plot(f"{j} position", both(j, "position")) for j in joints),
+            tuple(Plot(f"{j} velocity", both(j, "velocity")) for j in joints),
+            (
+                Plot("tip wanted, m", tip),
+                Plot("valves asked, V", _entries(topics.VALVE_COMMAND, "effort", valves, "")),
+            ),
+        ),
+    )
+
+
+def _diagnosis(robot: Robot) -> View:
+    joints, valves = robot.joint_names, robot.valve_names
+    driven = [c.joint for c in robot.cylinders]
+    forces = _entries(topics.JOINT_REFERENCE, "effort", joints, "required", driven)
+
+    def volts(valve: str) -> tuple[Signal, ...]:
+        return (
+            *_entries(topics.VALVE_COMMAND, "effort", valves, "asked", (valve,)),
+            *_entries(topics.VALVE_STATE, "effort", valves, "applied", (valve,)),
+        )
+
+    return View(
+        "diagnosis",
+        (
+            tuple(
+                Plot(f"{c.name}, Pa absolute", _pressures(robot, (f"{c.name}/a", f"{c.name}/b")))
+                for c in robot.cylinders
+            ),
+            tuple(Plot(f"{valve}, V", volts(valve)) for valve in valves),
+            (
+                Plot("spools", _entries(topics.VALVE_STATE, "position", valves, "")),
+                Plot("velocities", _entries(topics.JOINT_STATES, "velocity", joints, "")),
+            ),
+            (
+                Plot("piston forces, N", forces),
+                Plot("rails, Pa absolute", _pressures(robot, ("supply", "tank"))),
+            ),
+        ),
+    )
+
+
+def plotjuggler(view: View) -> str:
+    """A layout file of PlotJuggler; its streamer subscribes to what the plots show.
+
+    Parameters
+    ----------
+    view : View
+
+    Returns
+    -------
+    str
+    """
+    root = ElementTree.Element("root")
+    place = {"parent": "main_window", "name": "Main Window"}
+    window = ElementTree.SubElement(root, "tabbed_widget", place)
+    tab = ElementTree.SubElement(window, "Tab", tab_name=view.name, containers="1")
+    container = ElementTree.SubElement(tab, "Container")
+    rows = view.shown
+    column = ElementTree.SubElement(container, "DockSplitter", _split("-", len(rows)))
+    for row in rows:
+        across = ElementTree.SubElement(column, "DockSplitter", _split("|", len(row)))
+        for plot in row:
+            _dock(across, plot)
+    plugins = ElementTree.SubElement(root, "Plugins")
+    _streamer(ElementTree.SubElement(plugins, "plugin", ID=_STREAMER), view)
+    ElementTree.SubElement(root, "previouslyLoaded_Streamer", name=_STREAMER)
+    ElementTree.indent(root, " ")
+    return (
+        "<?xml version='1.0' encoding='UTF-8'?>\n" + ElementTree.tostring(root, "unicode") + "\n"
+    )
+
+
+def _split(orientation: str, count: int) -> dict[str, str]:
+    sizes = ";".join([f"{1.0 / count:.6f}"] * count)
+    return {"orientation": orientation, "count": str(count), "sizes": sizes}
+
+
+def _dock(parent: ElementTree.Element, plot: Plot) -> None:
+    area = ElementTree.SubElement(parent, "DockArea", name=plot.title)
+    look = {"mode": "TimeSeries", "style": "Lines", "flip_x": "false", "flip_y": "false"}
+    frame = ElementTree.SubElement(area, "plot", look)
+    ElementTree.SubElement(frame, "range", left="0", right="10", bottom="0", top="1")
+    ElementTree.SubElement(frame, "limitY")
+    for k, signal in enumerate(plot.signals):
+        colour = COLOURS[k % len(COLOURS)]
+        ElementTree.SubElement(frame, "curve", name=signal.plotjuggler, color=colour)
+
+
+def _streamer(parent: ElementTree.Element, view: View) -> None:
+    names = list(dict.fromkeys(signal.topic for signal in view.signals))
+    if view.diagnostics:
+        names.append(topics.DIAGNOSTICS)
+    for key, value in (
+        ("use_header_stamp", "true"),
+        ("discard_large_arrays", "true"),
+        ("max_array_size", "100"),
+        ("boolean_strings_to_number", "true"),
+        ("remove_suffix_from_strings", "true"),
+        ("selected_topics", ";".join(names)),
+    ):
+        ElementTree.SubElement(parent, key, value=value)
+
+
+def foxglove(view: View) -> str:
+    """A layout file of Foxglove.
+
+    Parameters
+    ----------
+    view : View
+
+    Returns
+    -------
+    str
+    """
+    panels: dict[str, Any] = {}
+    rows: list[Any] = []
+    for r, row in enumerate(view.shown):
+        names = [f"Plot!{view.name}{r}{k}" for k in range(len(row))]
+        panels |= {name: _panel(plot) for name, plot in zip(names, row, strict=True)}
+        rows.append(_tree(names, "row"))
+    layout = _tree(rows, "column")
+    if view.diagnostics:
+        summary = f"DiagnosticSummary!{view.name}"
+        panels[summary] = {
+            "minLevel": 0,
+            "pinnedIds": [],
+            "hardwareIdFilter": "",
+            "topicToRender": topics.DIAGNOSTICS,
+            "sortByLevel": True,
+        }
+        layout = {"first": layout, "second": summary, "direction": "row", "splitPercentage": 75}
+    whole: Mapping[str, Any] = {
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": layout,
+    }
+    return json.dumps(whole, indent=2) + "\n"
+
+
+def _panel(plot: Plot) -> dict[str, Any]:
+    return {
+        "title": plot.title,
+        "foxglovePanelTitle": plot.title,
+        "paths": [
+            {
+                "value": signal.foxglove,
+                "label": signal.label,
+                "enabled": True,
+                "timestampMethod": "headerStamp",
+                "color": COLOURS[k % len(COLOURS)],
+            }
+            for k, signal in enumerate(plot.signals)
+        ],
+        "showXAxisLabels": True,
+        "showYAxisLabels": True,
+        "showLegend": True,
+        "legendDisplay": "floating",
+        "isSynced": True,
+        "xAxisVal": "timestamp",
+        "followingViewWidth": 10,
+    }
+
+
+def _tree(parts: Sequence[Any], direction: str) -> Any:
+    """Parts of equal size beside or below one another, as a tree of pairs."""
+    first, *others = parts
+    if not others:
+        return first
+    rest = _tree(others, direction)
+    share = round(100.0 / len(parts), 3)
+    return {"first": first, "second": rest, "direction": direction, "splitPercentage": share}

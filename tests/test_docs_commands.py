@@ -1,0 +1,332 @@
+"""Every command in the pages exists and takes the arguments that the pages give it."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import importlib
+import importlib.util
+import io
+import re
+import runpy
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = {
+    "hydro_model": ROOT / "ros2_ws/src/hydro_model",
+    **{
+        p: ROOT / p for p in ("hydro_msgs_docs", "hydro_hw_bridge", "hydro_control", "hydro_ident")
+    },
+}
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "hydro_msgs_docs").rglob("*.md")),
+]
+#: Nodes: they take ROS parameters, which other tests compare with the pages.
+NODES = {"can_bridge", "controller", "identification_node"}
+#: Commands of other people's packages and of the system that the pages may name.
+FOREIGN = {
+    "sudo",
+    "source",
+    "echo",
+    "plotjuggler",
+    "rqt_robot_monitor",
+    "ros2 service",
+    "ros2 bag",
+}
+_START = (
+    r"(?:ros2 (?:run|service|bag) |\$\(hydro_exe |(?:\./)?scripts/\w+\.(?:sh|py)\b|python -m )"
+)
+
+
+class Parsed(BaseException):
+    """Arguments were taken; the work itself is not what is tested here."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A command as a page shows it."""
+
+    page: str
+    line: str
+
+    def words(self, alternative: int = 0) -> list[str]:
+        """Its words, with what may be left out, without brackets; numbers for their letters."""
+        line = re.sub(r"\$\(hydro_exe (\w+) (\w+)\)", r"ros2 run \1 \2", self.line)
+        line = re.sub(r"\s#\s.*", "", line)
+        line = re.sub(r"\[([^]|]*)\|([^]]*)\]", rf"\{alternative + 1}", line)
+        words = [word.strip("[]") for word in shlex.split(line) if word.strip("[]")]
+        words = words[: words.index(">")] if ">" in words else words
+        return ["1" if re.fullmatch("[A-Z]", word) else word for word in words]
+
+
+def executables() -> dict[tuple[str, str], str]:
+    """(package, executable) to the function that it runs, from the packages' set-up files."""
+    found = {}
+    for package, folder in PACKAGES.items():
+        text = (folder / "setup.py").read_text(encoding="utf-8")
+        for name, module, function in re.findall(r'"(\w+) = ([\w.]+):(main)"', text):
+            found[package, name] = f"{module}:{function}"
+    return found
+
+
+def blocks(text: str) -> Iterator[tuple[str, str]]:
+    """Fenced blocks as (language, content), indented ones (in lists) too."""
+    pattern = r"^( *)```(\w*)\n(.*?)^\1```"
+    for indent, language, body in re.findall(pattern, text, re.M | re.S):
+        yield language, re.sub(rf"^{indent}", "", body, flags=re.M)
+
+
+def shown_commands() -> list[Shown]:
+    """Commands in blocks, indented lines and code spans of the pages."""
+    found = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        lines = [ln for kind, body in blocks(text) if kind == "bash" for ln in _joined(body)]
+        plain = re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S)
+        lines += re.findall(rf"^ {{4,}}({_START}.*)$", plain, re.M)
+        lines += re.findall(rf"`({_START}[^`]*)`", plain)
+        found += [Shown(page.name, line.strip()) for line in lines if line.strip()]
+    return list(dict.fromkeys(found))
+
+
+def _joined(body: str) -> list[str]:
+    lines = body.replace("\\\n", " ").splitlines()
+    return [line for line in lines if not line.lstrip().startswith("#")]
+
+
+def run_parser(run: Callable[[], Any], name: str, arguments: Sequence[str]) -> str:
+    """Run a command until it has parsed its arguments; what it printed before that.
+
+    Fails where it refuses them.
+    """
+    parse = argparse.ArgumentParser.parse_args
+
+    def stop(self: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> NoReturn:
+        self.allow_abbrev = False  # pages write options out
+        parse(self, *args, **kwargs)
+        raise Parsed
+
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "parse_args", stop)
+        patch.setattr(sys, "argv", [name, *arguments])
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            try:
+                run()
+            except Parsed:
+                return said.getvalue()
+            except SystemExit as end:
+                code = end.code
+            else:
+                code = 0
+    assert code in (0, None), said.getvalue()
+    return said.getvalue()
+
+
+def entry(package: str, name: str) -> Callable[[], Any]:
+    known = executables()
+    assert (package, name) in known, f"no executable {package} {name}"
+    module, function = known[package, name].split(":")
+    run: Callable[[], Any] = getattr(importlib.import_module(module), function)
+    return run
+
+
+@cache
+def help_of(package: str, name: str) -> str:
+    return run_parser(entry(package, name), name, ["--help"])
+
+
+def script_help(script: Path) -> str:
+    """What a script says of itself, with the help of the command that it hands over to."""
+    runner = ["bash"] if script.suffix == ".sh" else [sys.executable]
+    done = subprocess.run([*runner, str(script), "--help"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    text = script.read_text(encoding="utf-8")
+    handed = re.findall(r'exec "\$\(hydro_exe (\w+) (\w+)\)"', text)
+    return done.stdout + "".join(help_of(*both) for both in handed)
+
+
+def options(words: Sequence[str]) -> set[str]:
+    return {re.split(r"[=|]", word)[0] for word in words if re.match(r"--?[a-z]", word)}
+
+
+def check_script(words: list[str]) -> None:
+    script = ROOT / words[0]
+    assert script.is_file(), f"no {words[0]}"
+    if script.name == "env.sh":
+        return
+    if script.name == "test.sh":
+        assert options(words[1:]) <= {"-m", "--help"}  # pytest's own
+        return
+    told = script_help(script)
+    for option in options(words[1:]):
+        assert re.search(rf"(?<![\w-]){re.escape(option)}(?![\w-])", told), f"no {option}: {told}"
+
+
+def check_module(words: list[str]) -> None:
+    spec = importlib.util.find_spec(words[0])
+    assert spec is not None, f"no module {words[0]}"
+    if spec.submodule_search_locations:
+        spec = importlib.util.find_spec(f"{words[0]}.__main__")
+    assert spec is not None, f"{words[0]} does not run"
+    assert spec.origin is not None
+    if "argparse" not in Path(spec.origin).read_text(encoding="utf-8"):
+        assert not options(words[1:]), f"{words[0]} takes no options"
+        return
+    run_parser(lambda: runpy.run_module(words[0], run_name="__main__"), words[0], words[1:])
+
+
+def check_executable(package: str, name: str, arguments: list[str]) -> None:
+    entry(package, name)
+    if name in NODES:
+        assert options(arguments) <= {"--ros-args", "-p", "--params-file", "--help"}
+    elif arguments:
+        run_parser(entry(package, name), name, arguments)
+
+
+SHOWN = shown_commands()
+
+
+def test_pages_show_commands() -> None:
+    assert len(SHOWN) > 50
+
+
+@pytest.mark.parametrize("shown", SHOWN, ids=lambda s: f"{s.page}: {s.line[:60]}")
+@pytest.mark.filterwarnings("ignore:.*found in sys.modules:RuntimeWarning")
+def test_shown_command_takes_its_arguments(shown: Shown) -> None:
+    for words in {tuple(shown.words(alternative)) for alternative in (0, 1)}:
+        check(shown, list(words))
+
+
+def check(shown: Shown, words: list[str]) -> None:
+    if words[:2] == ["ros2", "run"] and words[2] in PACKAGES:
+        check_executable(words[2], words[3], words[4:])
+    elif words[:2] == ["python", "-m"]:
+        check_module(words[2:])
+    elif re.match(r"(\./)?scripts/", words[0]):
+        check_script(words)
+    else:
+        command = words[2] if words[:2] == ["ros2", "run"] else words[0]
+        known = FOREIGN & {command, " ".join(words[:2])}
+        assert known, f"{shown.page}: nobody checks '{shown.line}'"
+        for word in words[1:]:
+            if word.startswith(("hydro_msgs_docs/", "scripts/")):
+                assert (ROOT / word).exists(), word
+
+
+@pytest.mark.parametrize(("package", "name"), sorted(executables()))
+def test_every_executable_has_help_and_says_what_its_options_are(package: str, name: str) -> None:
+    parsers: list[argparse.ArgumentParser] = []
+    made = argparse.ArgumentParser.__init__
+
+    def keep(self: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> None:
+        made(self, *args, **kwargs)
+        parsers.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "__init__", keep)
+        said = run_parser(entry(package, name), name, ["--help"])
+    assert said.startswith("usage:")
+    for parser in parsers:
+        silent = [a.dest for a in parser._actions if a.option_strings and not a.help]
+        assert not silent, f"{name}: no help for {', '.join(silent)}"
+
+
+def public_functions(path: Path) -> Iterator[tuple[str, list[str], str]]:
+    """Name, arguments and docstring of a module's public functions and methods."""
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        for node in ast.iter_child_nodes(waiting.pop()):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                waiting.append(node)
+            elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                names = [a.arg for a in given if a.arg not in ("self", "cls")]
+                yield node.name, names, ast.get_docstring(node) or ""
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_a_list_of_parameters_leaves_none_out(package: str) -> None:
+    missing = []
+    for path in sorted((PACKAGES[package] / package).rglob("*.py")):
+        for name, arguments, text in public_functions(path):
+            if "Parameters\n---" not in text:
+                continue
+            listed = text.split("Parameters\n---", 1)[1]
+            listed = re.split(r"\n[A-Z]\w+\n---", listed)[0]
+            missing += [
+                f"{path.relative_to(ROOT)}, {name}: {argument}"
+                for argument in arguments
+                if not re.search(rf"^[\w, *]*\b{argument}\b", listed, re.M)
+            ]
+    assert not missing, "\n".join(missing)
+
+
+def fenced(page: str, language: str) -> list[str]:
+    text = (ROOT / "hydro_msgs_docs" / page).read_text(encoding="utf-8")
+    return [body for kind, body in blocks(text) if kind == language]
+
+
+def test_first_motion_of_the_lab_guide_can_be_played(tmp_path: Path) -> None:
+    from hydro_model.paths import load_path
+    from hydro_model.paths_check import check_path
+    from hydro_model.robot_files import load_robot
+
+    [motion] = fenced("lab_guide.md", "yaml")
+    file = tmp_path / "small.yaml"
+    file.write_text(motion, encoding="utf-8")
+    checked = check_path(load_robot("xs031"), load_path(file), margin=0.05)
+    assert checked.peak_velocity.max() < 0.1
+
+
+def test_example_robot_is_a_robot_without_errors(tmp_path: Path) -> None:
+    from hydro_ident.robot_check import check_robot
+    from hydro_model.robot_files import load_robot
+
+    (tmp_path / "mycrane.urdf").write_text(fenced("extending.md", "xml")[0], encoding="utf-8")
+    file = tmp_path / "mycrane.hydraulics.yaml"
+    file.write_text(fenced("extending.md", "yaml")[0], encoding="utf-8")
+    assert not check_robot(load_robot(file)).remarks
+
+
+def test_example_pins_are_those_of_the_example_robot(tmp_path: Path) -> None:
+    import numpy as np
+    import yaml
+
+    [cylinder] = yaml.safe_load(fenced("extending.md", "yaml")[0])["cylinders"]
+    parent, child = np.array([0.30, -0.95]), np.array([0.80, -0.08])
+    angles = [np.arctan2(pin[1], pin[0]) for pin in (parent, child)]
+    expected = {
+        "l1_m": np.linalg.norm(parent),
+        "l2_m": np.linalg.norm(child),
+        "child_pin_angle_rad": angles[1],
+        "q0_rad": angles[1] - angles[0],
+    }
+    for key, value in expected.items():
+        assert cylinder[key] == pytest.approx(value, abs=1e-4)
+
+
+def test_example_effect_is_one() -> None:
+    import numpy as np
+
+    from hydro_model.signals import PISTON_POSITION, PISTON_VELOCITY, SIGNAL_COUNT
+
+    [code] = fenced("extending.md", "python")
+    names: dict[str, Any] = {}
+    exec(compile(code, "extending.md", "exec"), names)
+    effect = names["WORN_SEAL"]
+    rows = np.zeros((3, SIGNAL_COUNT))
+    rows[:, PISTON_POSITION], rows[:, PISTON_VELOCITY] = [0.30, 0.35, 0.9], [0.1, -0.1, 0.1]
+    force = [term.law(row, effect.typical) for term in effect.terms for row in rows]
+    assert force == pytest.approx([1000.0, -1000.0 * np.exp(-1.0), 0.0], abs=1e-3)

@@ -1,0 +1,144 @@
+"""Layouts of live tools name topics, entries and fields that exist, and are up to date."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot, shipped_robots
+from hydro_msgs_docs import topics
+from hydro_msgs_docs.layouts_command import main
+
+LAYOUTS = Path(__file__).resolve().parents[1] / "hydro_msgs_docs/layouts"
+VIEWS = ("bringup", "tracking", "diagnosis")
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+def entry_names(robot: Robot, topic: str) -> tuple[str, ...]:
+    """Names in a JointState topic, in order."""
+    if topic == topics.CHAMBER_PRESSURES:
+        return robot.pressure_names
+    if topic in (topics.VALVE_COMMAND, topics.VALVE_STATE):
+        return robot.valve_names
+    return robot.joint_names
+
+
+def field_type(kind: str, fields: list[str]) -> str:
+    """Type of a field of a message, by its path; fails where there is none."""
+    for field in fields:
+        package, *_, name = kind.split("/")
+        known = getattr(importlib.import_module(f"{package}.msg"), name)
+        types: dict[str, str] = known.get_fields_and_field_types()
+        assert field in types, f"{kind} has no field '{field}'"
+        kind = types[field]
+    return kind
+
+
+def topic_of(series: str, end: str) -> str:
+    found = [name for name in topics.MESSAGE_TYPES if series.startswith(name + end)]
+    assert len(found) == 1, f"'{series}' is of no topic of the contract"
+    return found[0]
+
+
+def check_plotjuggler(robot: Robot, text: str) -> set[str]:
+    """Topics of a layout whose every series exists."""
+    root = ElementTree.fromstring(text)
+    used = set()
+    for curve in root.iter("curve"):
+        series = curve.attrib["name"]
+        topic = topic_of(series, "/")
+        rest = series[len(topic) + 1 :]
+        kind = topics.MESSAGE_TYPES[topic]
+        if kind == JOINT_STATE:
+            name, _, field = rest.rpartition("/")
+            assert name in entry_names(robot, topic), series
+            assert field_type(kind, [field]) == "sequence<double>"
+        else:
+            assert field_type(kind, rest.split("/")) == "double"
+        used.add(topic)
+    [chosen] = [e.attrib["value"] for e in root.iter("selected_topics")]
+    assert used <= set(chosen.split(";")) <= set(topics.MESSAGE_TYPES)
+    for splitter in root.iter("DockSplitter"):
+        assert int(splitter.attrib["count"]) == len(splitter)
+    return used
+
+
+def panels(layout: Any) -> Iterator[str]:
+    """Panels in a tree of pairs."""
+    if isinstance(layout, str):
+        yield layout
+    else:
+        yield from panels(layout["first"])
+        yield from panels(layout["second"])
+
+
+def check_foxglove(robot: Robot, text: str) -> set[str]:
+    """Topics of a layout whose every path exists."""
+    data = json.loads(text)
+    assert sorted(panels(data["layout"])) == sorted(data["configById"])
+    used = set()
+    for panel in data["configById"].values():
+        if "topicToRender" in panel:
+            assert panel["topicToRender"] == topics.DIAGNOSTICS
+        for path in panel.get("paths", []):
+            topic = topic_of(path["value"], ".")
+            kind = topics.MESSAGE_TYPES[topic]
+            rest = path["value"][len(topic) + 1 :]
+            if kind == JOINT_STATE:
+                field, index = re.fullmatch(r"(\w+)\[(\d+)\]", rest).groups()  # type: ignore[union-attr]
+                assert field_type(kind, [field]) == "sequence<double>"
+                assert path["label"].split(" ")[0] == entry_names(robot, topic)[int(index)]
+            else:
+                assert field_type(kind, rest.split(".")) == "double"
+            used.add(topic)
+    return used
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_series_of_the_layouts_exists(view: str) -> None:
+    robot = load_robot("xs031")
+    drawn = check_plotjuggler(robot, (LAYOUTS / f"plotjuggler/{view}.xml").read_text("utf-8"))
+    assert drawn == check_foxglove(robot, (LAYOUTS / f"foxglove/{view}.json").read_text("utf-8"))
+    assert topics.JOINT_STATES in drawn
+
+
+def test_all_topics_of_a_cycle_are_drawn_somewhere() -> None:
+    robot = load_robot("xs031")
+    drawn = [
+        check_foxglove(robot, (LAYOUTS / f"foxglove/{view}.json").read_text("utf-8"))
+        for view in VIEWS
+    ]
+    assert set(topics.CYCLE_TOPICS) <= set().union(*drawn)
+
+
+def test_the_layouts_are_those_that_the_command_writes(tmp_path: Path) -> None:
+    assert main(["--robot", "xs031", "--out", str(tmp_path)]) == 0
+    written = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.glob("*/*")}
+    kept = {p.relative_to(LAYOUTS): p.read_bytes() for p in LAYOUTS.glob("*/*")}
+    assert written == kept, (
+        "run: ros2 run hydro_msgs_docs live_layouts --robot xs031 --out hydro_msgs_docs/layouts"
+    )
+
+
+@pytest.mark.parametrize("name", sorted(shipped_robots()))
+def test_every_robot_has_layouts(name: str, tmp_path: Path) -> None:
+    assert main(["--robot", name, "--out", str(tmp_path)]) == 0
+    for view in VIEWS:
+        check_plotjuggler(load_robot(name), (tmp_path / f"plotjuggler/{view}.xml").read_text())
+        check_foxglove(load_robot(name), (tmp_path / f"foxglove/{view}.json").read_text())
+
+
+def test_a_folder_that_cannot_be_made_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main(["--robot", "xs031", "--out", str(tmp_path / "file")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
