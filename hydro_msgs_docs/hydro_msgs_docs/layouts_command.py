@@ -38,7 +38,8 @@ def _parser() -> argparse.ArgumentParser:
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_model.robot_files import load_robot
-    from hydro_msgs_docs.live_layouts import foxglove, plotjuggler, views
+    from hydro_msgs_docs.layout_files import foxglove, plotjuggler
+    from hydro_msgs_docs.live_layouts import views
 
     for view in views(load_robot(options.robot)):
         _write(options.out / "plotjuggler" / f"{view.name}.xml", plotjuggler(view))
