@@ -133,16 +133,12 @@ def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
-@pytest.mark.parametrize(
-    ("number", "clock"),
-    [(signal.SIGTERM, ()), (signal.SIGINT, ()), (signal.SIGHUP, ("--real-time",))],
-    ids=["term", "int", "hup_in_real_time"],
-)
+@pytest.mark.parametrize("number", STOPPING)
 def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
-    number: signal.Signals, clock: tuple[str, ...], tmp_path: Path
+    number: signal.Signals, tmp_path: Path
 ) -> None:
     # Long enough that it is the signal that ends the run.
-    process = start(tmp_path, "stopped", "--duration", "600", *clock)
+    process = start(tmp_path, "stopped", "--real-time", "--duration", "600")
     log = tmp_path / "logs/stopped.bridge.log"
     deadline = time.monotonic() + PATIENCE_S
     while not (log.exists() and "driving" in log.read_text()):
@@ -156,17 +152,16 @@ def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
     assert _processes_with(str(tmp_path)) == []
     truth = truth_of(tmp_path, "stopped")
     voltage, enabled = truth.columns("voltage"), truth.column("enabled")
-    # In real time a machine that is too busy for 500 Hz may have ended the driving before.
-    driven = "tripped" not in log.read_text()
-    assert driven or clock
-    assert enabled.max() == 1.0 or not driven
+    # On a machine that is too busy for 500 Hz the bridge ends the driving before the signal does.
+    stopped = "tripped" in log.read_text()
+    assert enabled.max() == 1.0 or stopped
     assert enabled[-1] == 0.0
     assert np.all(voltage[-1] == 0.0)
     robot = load_robot("xs031")
     recording = recording_of(read_bag(bag_of(tmp_path, "stopped"), RECORDING_TOPICS), robot)
     assert recording.valve_v is not None
     stated = recording.valve_v[np.isfinite(recording.valve_v).all(axis=1)]
-    assert np.abs(stated).max() > 0.0 or not driven
+    assert np.abs(stated).max() > 0.0 or stopped
     assert np.all(stated[-1] == 0.0)
 
 
