@@ -16,5 +16,13 @@ packages=(ros2_ws/src/hydro_model/hydro_model hydro_msgs_docs/hydro_msgs_docs
 for script in scripts/*.sh .ci/run; do bash -n "$script"; done
 ruff check .
 ruff format --check .
-mypy "${packages[@]}"
-exec python -m pytest "$@"
+# Types are checked while the first tests run: told at the end.
+types=$(mktemp)
+trap 'rm -f "$types"' EXIT
+mypy "${packages[@]}" >"$types" 2>&1 &
+checking=$!
+failed=0
+python -m pytest "$@" || failed=$?
+wait "$checking" || failed=1
+cat "$types"
+exit "$failed"
