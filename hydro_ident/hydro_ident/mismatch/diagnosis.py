@@ -395,18 +395,14 @@ def _channels(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelResu
     before, after = check.residual(work.base.model), check.residual(whole.model)
     material = check.predictor.material
     measured = check.predictor.base(work.base.model)[0]
-    corrected = check.predictor.base(whole.model)[0]
     result = []
     for k, name in enumerate(material.channels):
         rows = check.rows(k, name)
         if rows.any() and name in floors:
-            y = measured[rows]
             # With corrected sensors the measured side moves: errors are what is compared.
-            shift = corrected[rows] - y
-            predicted = corrected[rows] - after[rows] - shift
-            times, unit = material.time_s[rows], material.units[k]
-            first = y - before[rows]
-            result.append(ChannelResult(name, unit, times, y, first, predicted, floors[name]))
+            y, times, unit = measured[rows], material.time_s[rows], material.units[k]
+            first, last = y - before[rows], y - after[rows]
+            result.append(ChannelResult(name, unit, times, y, first, last, floors[name]))
     return tuple(result)
 
 

@@ -93,23 +93,18 @@ def robot_of(
             cylinder = replace(cylinder, bulk_modulus_pa=modulus)
             deviations[f"{cylinder.name}.bulk_modulus"] = float(std[bulk]) * modulus**2
         cylinders.append(cylinder)
-    for valve in robot.valves:
-        known = [e for e in ("c_pa", "c_at", "c_pb", "c_bt") if f"{valve.name}.{e}" in values]
-        deviations |= {f"{valve.name}.{e}": float(std[f"{valve.name}.{e}"]) for e in known}
-        valves.append(with_edges(valve, values))
     joints = tuple(
         replace(j, viscous_friction=float(values.get(f"{j.name}.viscous_friction",
                                                      j.viscous_friction)))
         for j in robot.joints
     )  # fmt: skip
-    delay_s = given.command_delay_s
-    if at := predictor.delay_columns:
-        own = [fitted.model.delays_s[index] for index in at]
-        delay_s = float(np.mean(own))
-        deviations[DELAY] = float(max(std[names[column]] for column in at.values()))
-        if max(own) - min(own) > _SAME_DELAY_S:
-            found = ", ".join(f"{1e3 * value:.2g}" for value in own)
-            notes += (f"the valves' command delays differ ({found} ms): the model has their mean",)
+    for valve in robot.valves:
+        known = [e for e in ("c_pa", "c_at", "c_pb", "c_bt") if f"{valve.name}.{e}" in values]
+        deviations |= {f"{valve.name}.{e}": float(std[f"{valve.name}.{e}"]) for e in known}
+        valves.append(with_edges(valve, values))
+    delay_s, differ = _delay(predictor, fitted, given)
+    late = [std[names[column]] for column in predictor.delay_columns.values()]
+    deviations |= {DELAY: float(max(late))} if late else {}
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
@@ -120,7 +115,19 @@ def robot_of(
         standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v) and v > 0.0},
         effects=effects,
     )
-    return Modelled(whole, notes)
+    return Modelled(whole, (*notes, *differ))
+
+
+def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, tuple[str, ...]]:
+    """One command delay for all valves, and a note where theirs differ."""
+    own = [fitted.model.delays_s[index] for index in predictor.delay_columns]
+    if not own:
+        return given.command_delay_s, ()
+    if max(own) - min(own) <= _SAME_DELAY_S:
+        return float(np.mean(own)), ()
+    found = ", ".join(f"{1e3 * value:.2g}" for value in own)
+    note = f"the valves' command delays differ ({found} ms): the model has their mean"
+    return float(np.mean(own)), (note,)
 
 
 def _effect_deviations(fitted: Fitted, covariance: FloatArray) -> dict[str, float]:

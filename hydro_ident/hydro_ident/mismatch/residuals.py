@@ -152,13 +152,7 @@ def residuals(
     if not traces:
         return None
     choices = choices_of(forces, signals, traces)
-    outliers = [f"{count} readings of {name} are outliers: left out" for name, count in
-                cleaned.items()]  # fmt: skip
-    notes = tuple(
-        dict.fromkeys(
-            (*(n for s in surveys for n in s.recording.notes), *choices.notes, *outliers)
-        )
-    )
+    notes = _notes(surveys, choices, cleaned)
     material = _material(robot, forces, traces, choices, still)
     every = 0 if others else settings.hold_out_every
     durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
@@ -175,12 +169,10 @@ def residuals(
         prior = prior_of(predictor, robot, predictor.parameters(start))
     training = Training.of(predictor, fit_rows & moving, prior)
     base = fit(training, start)
-    scan = training
-    parts = spread_parts(traces)
+    scan, parts = training, spread_parts(traces)
     if parts is not traces:
         seen = _material(robot, forces, parts, choices, still)
-        rows = seen.masks(split)[0] & seen.moving()
-        scan = Training.of(Predictor(seen), rows, prior)
+        scan = Training.of(Predictor(seen), seen.masks(split)[0] & seen.moving(), prior)
     bank = Bank(scan.predictor)
     if not others:
         check = Check(predictor, check_rows, moving)
@@ -194,6 +186,16 @@ def residuals(
     check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
     whole = HoldOut(every=0)
     return Residuals(robot, training, base, scan, check, there, whole, signals, notes, bank)
+
+
+def _notes(
+    surveys: Sequence[Survey], choices: Choices, cleaned: Mapping[str, int]
+) -> tuple[str, ...]:
+    """What was found about the recordings on the way, each once."""
+    outliers = [f"{count} readings of {name} are outliers: left out" for name, count in
+                cleaned.items()]  # fmt: skip
+    recorded = [note for survey in surveys for note in survey.recording.notes]
+    return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
 
 
 def spread_parts(traces: tuple[Trace, ...]) -> tuple[Trace, ...]:
