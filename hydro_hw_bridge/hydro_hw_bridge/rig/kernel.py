@@ -20,9 +20,10 @@ from numba import njit
 
 from hydro_hw_bridge.rig.extras import CYLINDER_FIELDS, JOINT_FIELDS
 
-#: Swept volume below which a chamber is not allowed to shrink: keeps the oil's stiffness within
-#: what the fixed step integrates, and lies beyond the joint limits of a sound machine.
-SMALLEST_VOLUME_M3 = 2.0e-4
+#: Swept volume below which a chamber is not allowed to shrink, and its largest share of what the
+#: piston sweeps: keeps the oil's stiffness within what the fixed step integrates, and lies beyond
+#: the joint limits of a sound machine, small cylinders' too.
+SMALLEST_VOLUME_M3, _SMALLEST_SHARE = 2.0e-4, 0.05
 #: Absolute pressure below which oil boils: no chamber falls under it. The cavity's volume is not
 #: remembered, so a cavity collapses at once when oil flows in again.
 VAPOUR_PRESSURE_PA = 2.0e3
@@ -564,6 +565,12 @@ def _swing(links, y, first, qdd, out):  # type: ignore[no-untyped-def]
 
 
 @_helper
+def _volume(dead, area, swept, full):  # type: ignore[no-untyped-def]
+    """Volume of a chamber whose piston is so far from its end."""
+    return max(dead + area * swept, min(SMALLEST_VOLUME_M3, _SMALLEST_SHARE * area * full))
+
+
+@_helper
 def _hose(p_v, p, flow, inflow, modulus, cyl):  # type: ignore[no-untyped-def]
     """Rates of the pressure at the valve and of the flow in the hose, damped by its wall."""
     rise = modulus * (inflow - flow) / cyl.line_volume
@@ -635,8 +642,8 @@ def rates(y, asked, pump, links, frames, cyls, world, jac, matrix, bias, out):  
             wave = 1.0 + cyl.stiffness_ripple * np.cos(cyl.stiffness_count * x)
             modulus_a, modulus_b = modulus_a * wave, modulus_b * wave
         leak = cyl.leak * (y[a] - y[b])
-        volume_a = max(cyl.dead_a + cyl.area_a * x, SMALLEST_VOLUME_M3)
-        volume_b = max(cyl.dead_b + cyl.area_b * (cyl.full_stroke - x), SMALLEST_VOLUME_M3)
+        volume_a = _volume(cyl.dead_a, cyl.area_a, x, cyl.full_stroke)
+        volume_b = _volume(cyl.dead_b, cyl.area_b, cyl.full_stroke - x, cyl.full_stroke)
         net_a = in_a - leak - cyl.leak_a * y[a] - cyl.area_a * v
         net_b = in_b + leak - cyl.leak_b * y[b] + cyl.area_b * v
         out[a] = modulus_a * net_a / volume_a
@@ -897,8 +904,8 @@ def balances(  # type: ignore[no-untyped-def]
             in_a -= edge_flow(cyl.c_at, -u, a - p_t, cyl.transition)
             in_b = edge_flow(cyl.c_pb, -u, p_s - b, cyl.transition)
             in_b -= edge_flow(cyl.c_bt, u, b - p_t, cyl.transition)
-            volume_a = max(cyl.dead_a + cyl.area_a * x, SMALLEST_VOLUME_M3)
-            volume_b = max(cyl.dead_b + cyl.area_b * (cyl.full_stroke - x), SMALLEST_VOLUME_M3)
+            volume_a = _volume(cyl.dead_a, cyl.area_a, x, cyl.full_stroke)
+            volume_b = _volume(cyl.dead_b, cyl.area_b, cyl.full_stroke - x, cyl.full_stroke)
             stored_a = volume_a / _bulk_modulus(a, oil) * rise_a[k, i]
             stored_b = volume_b / _bulk_modulus(b, oil) * rise_b[k, i]
             out[k, 3 * i + 1] = in_a - cyl.area_a * v - stored_a

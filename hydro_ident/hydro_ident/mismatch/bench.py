@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import qr
 
+from hydro_ident.mismatch.tall import factored
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_model.robot import FloatArray
 
@@ -85,11 +85,7 @@ class Bench:
         self.channel: IndexArray = channel
         self.scale = np.linalg.norm(self._x, axis=0)
         self.scale[self.scale == 0.0] = 1.0
-        q, r, pivot = qr(self._x / self.scale, mode="economic", pivoting=True)
-        size = np.abs(np.diag(r))
-        rank = int(np.sum(size > RANK * max(size[0], 1e-300))) if size.size else 0
-        self.basis = q[:, :rank]
-        self._r, self._pivot = r[:rank, :rank], pivot[:rank]
+        self.basis, self._r, self._pivot = factored(self._x / self.scale, RANK)
         self.residual: FloatArray = self._y - self.basis @ (self.basis.T @ self._y)
 
     @cached_property
@@ -180,12 +176,13 @@ class Bench:
         extra = self._y.size - self.measured
         return np.concatenate([white, np.zeros((extra, *white.shape[1:]))]) if extra else white
 
-    def spread(self, column: FloatArray) -> float:
-        """How many blocks of equal weight a whitened column (M,) is worth.
+    def spread(self, column: FloatArray, together: int = 1) -> float:
+        """How many blocks, or so many together, of equal weight a whitened column (M,) is worth.
 
         What lives in a few blocks only is one event or two: no flips of so few signs are rare.
         """
-        energy = np.bincount(self.block[: self.measured], weights=column[: self.measured] ** 2)
+        block = self.block[: self.measured] // together
+        energy = np.bincount(block, weights=column[: self.measured] ** 2)
         squares = float(np.sum(energy**2))
         return float(np.sum(energy)) ** 2 / squares if squares > 0.0 else 0.0
 

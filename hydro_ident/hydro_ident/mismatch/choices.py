@@ -1,4 +1,4 @@
-"""Filters and windows of the rows: as quick as the positions' noise allows.
+"""Filters and windows of the rows: as quick as noise allows and the commands ask for.
 
 A velocity is a difference of positions, an acceleration one of velocities. Where their noise is
 not small beside what moves, the sign of the velocity is the noise's, the inertia's force is noise,
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.signal import welch
 
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
@@ -33,6 +34,9 @@ _SPEED_S, _USUAL = 0.5, 0.9
 _MOVES = 5.0
 #: A joint rests within so many deviations of the noise in its speed.
 _REST = 3.0
+#: Share of the commands' rate that is the motion's own, the time over which their spectrum is
+#: taken, windows per period at the frequency below which it lies, and the longest of them.
+_OWN, _SPECTRUM_S, _PER_PERIOD, _LONGEST_S = 0.9, 8.0, 10.0, 0.1
 #: Slowest differentiation, and the quickest as a share of the sampling rate.
 _SLOWEST_HZ, _QUICKEST = 1.0, 0.4
 
@@ -82,7 +86,9 @@ def choices_of(forces: ForceModel, signals: SignalSurvey, traces: Sequence[Trace
         The usual ones wherever these will do.
     """
     usual, step_s = Choices(), max(t.step_s for t in traces)
-    quickest, window_s = usual.filters.differentiation_hz, usual.windows_s[0]
+    quickest = usual.filters.differentiation_hz
+    shortest = max(usual.windows_s[0], _command_window(traces))
+    window_s = shortest
     band = usual.filters.parallel_hz
     noise = np.array([sensor.noise(sensor.smallest_change) for sensor in signals.q])
     speeds = _usual_speeds(traces)
@@ -100,13 +106,34 @@ def choices_of(forces: ForceModel, signals: SignalSurvey, traces: Sequence[Trace
     quickest = min(quickest, _QUICKEST / step_s)
     ratio = usual.filters.parallel_hz / usual.filters.differentiation_hz
     band = min(band, ratio * quickest)
-    if band >= usual.filters.parallel_hz and window_s <= usual.windows_s[0]:
-        return usual
     # Windows of whole samples, twice as long as the hop between them.
-    hop_s = math.ceil(0.5 * window_s / step_s) * step_s
+    hop_s = math.ceil(0.5 * window_s / step_s - 1e-9) * step_s
+    if band >= usual.filters.parallel_hz and window_s <= shortest:
+        return usual if shortest <= usual.windows_s[0] else Choices(windows_s=(2.0 * hop_s, hop_s))
     filters = FilterSettings(quickest, band)
     slow = _REST * 2.0 * math.pi * noise * math.sqrt(2.0 * step_s * band**3 / 3.0)
     return Choices(filters, (2.0 * hop_s, hop_s), slow, (_text(worst, filters, 2.0 * hop_s),))
+
+
+def _command_window(traces: Sequence[Trace]) -> float:
+    """Length of windows in which a command is more than the answer to its own valve's noise; s.
+
+    A tenth of the period below which the commands' rate has most of its power; 0 where it is not
+    known.
+    """
+    step_s = traces[0].step_s
+    count, power = round(_SPECTRUM_S / step_s), np.zeros(0)
+    for trace in traces:
+        known = np.isfinite(trace.valve_signal).all(axis=0)
+        if trace.step_s == step_s and trace.samples > count and known.any():
+            rate = np.diff(trace.valve_signal[:, known], axis=0) / step_s
+            hz, own = welch(rate, 1.0 / step_s, nperseg=count, axis=0)
+            power = trace.samples * own.sum(axis=1) + (power if power.size else 0.0)
+    if not power.any():
+        return 0.0
+    share = np.cumsum(power) / power.sum()
+    quickest = float(hz[max(int(np.searchsorted(share, _OWN)), 1)])
+    return min(1.0 / (_PER_PERIOD * quickest), _LONGEST_S)
 
 
 def _inertia_limit(

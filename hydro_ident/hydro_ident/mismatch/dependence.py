@@ -81,9 +81,14 @@ def alone(training: Training, fitted: Fitted, channel: int) -> tuple[Training, B
 
 
 def values_of(training: Training, fitted: Fitted, channel: int) -> dict[str, FloatArray]:
-    """Every variable of a channel on the rows, (N,) each, free of the channel's own noise."""
+    """Every variable of a channel on the rows, (N,) each, free of the channel's own noise.
+
+    No flow depends on an acceleration; a piston's is what the valve's chance flow makes of it.
+    """
     predictor = training.predictor
-    values = {name: row_values(predictor, fitted.model, channel, name) for name in SIGNALS}
+    flow = predictor.material.is_flow(channel)
+    names = [name for name in SIGNALS if not (flow and name == "piston_acceleration")]
+    values = {name: row_values(predictor, fitted.model, channel, name) for name in names}
     return values | _undisturbed(training, fitted, channel, values)
 
 

@@ -291,7 +291,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
     rejected: list[Finding] = []
     while named:
         there = fitted_there(work.training, work.check, whole)
-        found = [_checked(work, whole, there, n) for n in named]
+        found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]
         if not failed:
             return whole, found, rejected
@@ -307,11 +307,14 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
     return whole, [], rejected
 
 
-def _checked(work: Residuals, whole: Fitted, there: Fitted | None, named: Named) -> Finding:
+def _checked(
+    work: Residuals, whole: Fitted, there: Fitted | None, named: Named, tried: int
+) -> Finding:
     """A finding with what held-out rows say of it."""
     channels = _acting(work, whole, named)
     if channels:
-        return Finding(named, verify(work.training, whole, named, work.check, there), channels)
+        checked = verify(work.training, whole, named, work.check, there, tried)
+        return Finding(named, checked, channels)
     reason = "it does nothing once everything is fitted together"
     return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())
 

@@ -120,7 +120,8 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     functions = _functions(own, fitted, channel)
     for variable, times, knots, columns in functions:
         one = dependence_of(own, fitted, bench, (channel, variable, times), knots, columns)
-        if one is not None and bench.spread(_shown(bench, columns[own.mask])) >= LEAST_EFFECTIVE:
+        together = TIME_BLOCKS if variable == "time" else 1
+        if one is not None and _spread(own, bench, columns, together) >= LEAST_EFFECTIVE:
             if variable != "time" and _answered(own, bench, one[0], columns):
                 into.answered.add(len(into.found) + len(found))
             found.append(one[0])
@@ -141,6 +142,11 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
         into.chances.append((gains - count) / np.sqrt(2.0 * count))
     into.found += found
     into.lines += lines_of(own, fitted, channel, functions)
+
+
+def _spread(training: Training, bench: Bench, columns: FloatArray, together: int) -> float:
+    """In how many blocks, so many flipped together, a function of columns (M, m) shows."""
+    return bench.spread(_shown(bench, columns[training.mask]), together)
 
 
 def _flips(bench: Bench, together: int) -> tuple[FloatArray, int]:

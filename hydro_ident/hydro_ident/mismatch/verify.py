@@ -7,6 +7,7 @@ same contribution at other times, does not do as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -75,6 +76,7 @@ def verify(
     named: Named,
     check: Check,
     there: Fitted | None = None,
+    tried: int = 1,
     passes: int = 2,
 ) -> Verification:
     """Put one finding to the check.
@@ -88,6 +90,8 @@ def verify(
     check : Check
     there : Fitted or None
         The final model, fitted anew to the check's rows.
+    tried : int
+        How many candidates it was chosen from.
     passes : int
         Of the fit without the finding.
     """
@@ -103,15 +107,16 @@ def verify(
     gains = _gains(layout, noise, before[used], after[used])
     p = min(1.0, instants * chance(gains))
     real = float(gains.sum())
-    tried = _placebos(training, without, check, whole.model, terms)
-    shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in tried]
+    placebos = _placebos(training, without, check, whole.model, terms)
+    shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in placebos]
     # What is the same at all times has no placebo.
-    share = float(np.median(shares)) / real if tried and real > 0.0 else float(real > 0.0)
-    against = [chance(_gains(layout, noise, r[used], after[used])) for r in tried]
+    share = float(np.median(shares)) / real if placebos and real > 0.0 else float(real > 0.0)
+    against = [chance(_gains(layout, noise, r[used], after[used])) for r in placebos]
     names = check.predictor.material.channels
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     agreement = agreements(whole, there, terms)
-    reason = at_a_bound(mine) or _worse(sides, _acting(check.predictor, model, terms))
+    reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
+    reason = reason or _worse(sides, _acting(check.predictor, model, terms))
     if not reason and p > VERIFIED * _FURTHER**named.refused:
         reason = f"held-out rows are not predicted better with it (p = {p:.2g})"
     if not reason and float(np.median(against or [0.0])) > VERIFIED:
@@ -147,6 +152,21 @@ def _at_own_instant(
         if left < least:
             best, least = tried, left
     return best, len(instants)
+
+
+def _idle(gain: float, named: Named, tried: int) -> str:
+    """Whether a finding no longer stands out on the training rows themselves.
+
+    What it was found beside may have been withdrawn since: its parameters have to pay still, for
+    its choice among so many as well.
+    """
+    least = 2.0 * named.spread * (named.modelled.cost + math.log(max(tried, 1)))
+    if gain >= least:
+        return ""
+    return (
+        "beside the other findings it no longer stands out on the training rows"
+        f" (gain {gain:.3g}, at least {least:.3g})"
+    )
 
 
 def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:

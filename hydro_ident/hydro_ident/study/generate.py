@@ -55,6 +55,7 @@ _EXCLUSIVE = (
     {"command_delay", "valve_spool_lag"},
     {"backlash", "structural_flexibility"},
     {"counterbalance_valve", "end_cushion"},
+    {"line_dynamics", "dead_volume"},
     {"external_contact", "payload_change"},
 )
 #: Seen against a machine whose command is already a whole cycle late, as a refit may make it.

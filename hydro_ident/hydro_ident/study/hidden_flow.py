@@ -133,7 +133,9 @@ def _line(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
     volume = 1.0e-4 * m.robot.cylinders[i].area_a_m2 / 5.0e-3
     ratio = r.uniform(0.05, 0.2)
     loss = 2.0 * ratio * np.sqrt(size * m.truth.fluid.bulk_modulus_pa / volume)
-    return axis(m, i, line_inertance=size, line_volume=float(volume), line_loss=float(loss))
+    # The hose's oil is the chamber's: what is hidden is its inertia, not a dead volume.
+    whole = cylinder(m, i, dead_volume_a_m3=-float(volume), dead_volume_b_m3=-float(volume))
+    return axis(whole, i, line_inertance=size, line_volume=float(volume), line_loss=float(loss))
 
 
 FLOW_EFFECTS = (
@@ -158,5 +160,5 @@ FLOW_EFFECTS = (
     ),
     Hidden("pressure_compensation", 0.02, 1.0, "1", "share of the load ignored", _compensated),
     Hidden("end_cushion", 0.03, 0.95, "1", "share of outflow lost at the stop", _cushion),
-    Hidden("line_dynamics", 1.0e6, 8.0e8, "Pa s^2/m^3", "inertance", _line),
+    Hidden("line_dynamics", 1.0e6, 1.5e8, "Pa s^2/m^3", "inertance", _line),
 )  # fmt: skip
