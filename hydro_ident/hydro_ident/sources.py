@@ -15,6 +15,9 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.traces import Trace, traces_of_piece
 from hydro_model.robot import Robot
 
+#: Longer than any recording: a piece is the whole.
+WHOLE_S = 1.0e6
+
 
 class Source(Protocol):
     """A recording that can be read again and again."""
@@ -71,6 +74,30 @@ class MemorySource:
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
         """The recording as one piece."""
         yield from at_own_rate([Piece.whole(self.recording)])
+
+
+@dataclass(slots=True)
+class KeptSource:
+    """A recording that is read once, for what needs the whole of it in memory anyway.
+
+    Attributes
+    ----------
+    source : Source
+    """
+
+    source: Source
+    _pieces: tuple[Piece, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.source.name
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        """The recording in as few pieces as it has clocks."""
+        if self._pieces is None:
+            self._pieces = tuple(self.source.pieces(WHOLE_S, overlap_s))
+        yield from self._pieces
 
 
 def bag_source(path: str | Path, robot: Robot) -> BagSource:

@@ -14,7 +14,8 @@ import yaml
 
 from hydro_ident.commands.diagnose import main, run
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
-from hydro_ident.mismatch.diagnosis import Diagnosis, diagnose
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_views import law_views

@@ -13,11 +13,11 @@ import pytest
 from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.describe import form_of, form_text
-from hydro_ident.mismatch.diagnosis import Diagnosis
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.unknown import unexplained

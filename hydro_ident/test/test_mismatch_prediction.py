@@ -157,10 +157,10 @@ def test_parts_of_a_long_recording_keep_its_time_axis(
     true_model: tuple[Predictor, Model],
 ) -> None:
     trace = true_model[0].material.stretches[0].trace
-    assert spread_parts((trace,))[0] is trace
+    assert spread_parts((trace,), 150.0)[0] is trace
     long = replace(trace, step_s=0.1, time_s=np.arange(trace.samples) * 0.1)
-    parts = spread_parts((long,))
-    assert len(parts) == 10
+    parts = spread_parts((long,), 150.0)
+    assert len(parts) == 15
     assert sum(p.samples for p in parts) * 0.1 == pytest.approx(150.0, rel=0.01)
     for part in parts:
         assert part.time_s[0] == pytest.approx(part.cycle * 0.1)

@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.mismatch.settings import LONGEST_S
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
-    from hydro_ident.mismatch.diagnosis import Diagnosis
+    from hydro_ident.mismatch.outcome import Diagnosis
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -56,6 +57,14 @@ def parser() -> argparse.ArgumentParser:
         help="refine the effects' parameters by roll-outs over windows of the bags, where that"
         " rolls held-out windows out better (some seconds more)",
     )
+    p.add_argument(
+        "--longest",
+        type=float,
+        default=LONGEST_S,
+        metavar="S",
+        help="of longer recordings so many seconds are fitted, and as many verified on, in evenly"
+        " spread parts (default: %(default)g)",
+    )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
     return p
 
@@ -86,7 +95,8 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     RobotError
         The robot file says what cannot be.
     """
-    from hydro_ident.mismatch.diagnosis import NOT_ENOUGH, diagnose
+    from hydro_ident.mismatch.diagnosis import diagnose
+    from hydro_ident.mismatch.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.results import provenance
     from hydro_ident.sources import bag_source
@@ -100,6 +110,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     command += ["--validate", *options.validate] if options.validate else []
     command += ["--fixed-base"] if options.fixed_base else []
     command += ["--refine"] if options.refine else []
+    command += ["--longest", f"{options.longest:g}"] if options.longest != LONGEST_S else []
     origin = provenance(
         shlex.join(command),
         options.robot,
@@ -107,7 +118,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         [source.path for source in validation],
     )
     refine = RefineSettings() if options.refine else None
-    settings = DiagnosisSettings(options.fixed_base, refine=refine)
+    settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)
     found = diagnose(robot, training, validation, settings)
     write_results(found, origin, options.out)
     print(summary_text(found))

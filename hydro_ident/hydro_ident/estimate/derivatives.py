@@ -14,6 +14,7 @@ would lose what the regressand keeps. Here two filters are used:
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -100,16 +101,24 @@ def low_pass(data: FloatArray, step_s: float, cutoff_hz: float, order: int) -> F
     IdentError
         The sampling rate is too low for the cut-off.
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
     if cutoff_hz * step_s >= 0.45:
         raise IdentError(
             f"a {cutoff_hz:g} Hz low-pass filter needs more than {cutoff_hz / 0.45:.0f} samples"
             f" per second, found {1.0 / step_s:.0f}"
         )
-    sections = butter(order, cutoff_hz, fs=1.0 / step_s, output="sos")
+    sections = _butterworth(order, cutoff_hz, step_s)
     padding = min(data.shape[0] - 1, math.ceil(2.0 / (cutoff_hz * step_s)))
     return np.asarray(sosfiltfilt(sections, data, axis=0, padlen=padding))
+
+
+@functools.lru_cache(maxsize=64)
+def _butterworth(order: int, cutoff_hz: float, step_s: float) -> FloatArray:
+    """Second-order sections: the same few are asked for thousands of times."""
+    from scipy.signal import butter
+
+    return np.asarray(butter(order, cutoff_hz, fs=1.0 / step_s, output="sos"))
 
 
 def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ import numpy as np
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Stretch
 from hydro_model import signals as names
+from hydro_model.cylinder import piston_force
 from hydro_model.effects.rows import constant_signals, set_valve_signal, signal_rows
 from hydro_model.robot import FloatArray, Robot
 
@@ -37,6 +38,17 @@ def reshape(s: FloatArray, robot: Robot, index: int, trace: Trace) -> None:
     u = trace.valve_signal[:, index]
     s[:, names.VALVE_RATE] = np.gradient(u, trace.step_s)
     set_valve_signal(s, robot, index, u)
+
+
+def with_pressures(s: FloatArray, robot: Robot, index: int, trace: Trace) -> None:
+    """Write a trace's pressures, and a robot's edges, into rows of the same motion."""
+    columns = (names.PRESSURE_A, names.PRESSURE_B)
+    s[:, columns] = np.stack((trace.p_a[:, index], trace.p_b[:, index]), axis=1)
+    force = piston_force(robot.cylinders[index], trace.p_a[:, index], trace.p_b[:, index])
+    s[:, names.PISTON_FORCE] = force
+    for column, value in constant_signals(robot, index, None).items():
+        s[:, column] = value
+    reshape(s, robot, index, trace)
 
 
 def with_edges(s: FloatArray, robot: Robot, index: int, trace: Trace) -> None:

@@ -9,7 +9,7 @@ filters onto the same rows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
@@ -108,6 +108,8 @@ class Material:
     rest_speed : (n,) array or None
         Speed of a resting joint by its position's noise alone, behind the parallel filter, where
         that is to be reckoned with.
+    chambers : tuple of Chamber
+        Of the robot, in the order of `Stretch.starts`.
     """
 
     robot: Robot
@@ -124,16 +126,20 @@ class Material:
     time_s: FloatArray
     linked: BoolArray
     rest_speed: FloatArray | None = None
+    chambers: tuple[Chamber, ...] = field(init=False)
+    _chamber_of: dict[int, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        chambers = chambers_of(self.robot)
+        names = [chamber.channel for chamber in chambers]
+        known = {k: names.index(c) for k, c in enumerate(self.channels) if c in names}
+        object.__setattr__(self, "chambers", chambers)
+        object.__setattr__(self, "_chamber_of", known)
 
     @property
     def size(self) -> int:
         """Number of rows N."""
         return int(self.time_s.size)
-
-    @property
-    def chambers(self) -> tuple[Chamber, ...]:
-        """Chambers of the robot, in the order of `Stretch.starts`."""
-        return chambers_of(self.robot)
 
     def joint_of(self, channel: int) -> int:
         """Index of a channel's joint."""
@@ -145,8 +151,7 @@ class Material:
 
     def chamber_index(self, channel: int) -> int:
         """Index in `chambers` of a flow channel."""
-        names = [chamber.channel for chamber in self.chambers]
-        return names.index(self.channels[channel])
+        return self._chamber_of[channel]
 
     def of_channels(self, chosen: Sequence[int]) -> list[Place]:
         """Places of some channels."""

@@ -24,17 +24,15 @@ from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import (
     LONGEST_SCAN_S,
-    SCAN_PARTS,
+    PART_S,
     DiagnosisSettings,
 )
 from hydro_ident.mismatch.training import Training, start_model
-from hydro_ident.sources import Source
+from hydro_ident.sources import WHOLE_S, Source
 from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 
-#: Longer than any recording: a piece is the whole.
-_WHOLE_S = 1.0e6
 #: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
 _GROSS = 0.2
 
@@ -109,7 +107,7 @@ def whole_traces(
     return tuple(
         trace
         for source in sources
-        for piece in source.pieces(_WHOLE_S)
+        for piece in source.pieces(WHOLE_S)
         for trace in traces_of_piece(cleaner.cleaned(piece, cleaned))
     )
 
@@ -148,11 +146,13 @@ def residuals(
     forces = own_forces(robot, torque)
     still = still_positions(surveys, still_joints_of(robot, signals))
     cleaner, cleaned = Cleaner.of(robot, signals, _GROSS), dict[str, int]()
-    traces = whole_traces(sources, cleaner, cleaned)
-    if not traces:
+    whole = whole_traces(sources, cleaner, cleaned)
+    if not whole:
         return None
-    choices = choices_of(forces, signals, traces)
+    traces = spread_parts(whole, settings.longest_s)
+    choices = choices_of(forces, signals, whole)
     notes = _notes(surveys, choices, cleaned)
+    notes += _partly("fitted", whole, traces)
     material = _material(robot, forces, traces, choices, still)
     every = 0 if others else settings.hold_out_every
     durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
@@ -169,8 +169,8 @@ def residuals(
         prior = prior_of(predictor, robot, predictor.parameters(start))
     training = Training.of(predictor, fit_rows & moving, prior)
     base = fit(training, start)
-    scan, parts = training, spread_parts(traces)
-    if parts is not traces:
+    scan, parts = training, spread_parts(whole, LONGEST_SCAN_S)
+    if parts is not whole:
         seen = _material(robot, forces, parts, choices, still)
         scan = Training.of(Predictor(seen), seen.masks(split)[0] & seen.moving(), prior)
     bank = Bank(scan.predictor)
@@ -179,13 +179,15 @@ def residuals(
         return Residuals(
             robot, training, base, scan, check, traces, split, signals, notes, bank
         )  # fmt: skip
-    there = whole_traces(others, cleaner, dict[str, int]())
+    recorded = whole_traces(others, cleaner, dict[str, int]())
+    there = spread_parts(recorded, settings.longest_s)
+    notes += _partly("verified on", recorded, there)
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None
     check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
-    whole = HoldOut(every=0)
-    return Residuals(robot, training, base, scan, check, there, whole, signals, notes, bank)
+    every_row = HoldOut(every=0)
+    return Residuals(robot, training, base, scan, check, there, every_row, signals, notes, bank)
 
 
 def _notes(
@@ -198,21 +200,46 @@ def _notes(
     return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
 
 
-def spread_parts(traces: tuple[Trace, ...]) -> tuple[Trace, ...]:
-    """Evenly spread parts of long recordings; recordings of usual length as they are."""
-    total = sum(t.samples * t.step_s for t in traces)
-    if total <= LONGEST_SCAN_S:
+def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:
+    """Evenly spread parts of long recordings; recordings of usual length as they are.
+
+    Parameters
+    ----------
+    traces : tuple of Trace
+    longest_s : float
+        Length of all parts together, each of `PART_S` or what a trace's share makes.
+
+    Returns
+    -------
+    tuple of Trace
+        The same object where nothing is left out.
+    """
+    total = _length_s(traces)
+    if total <= longest_s:
         return traces
     parts: list[Trace] = []
     for trace in traces:
-        length = trace.samples * trace.step_s
-        count = max(1, round(length / total * SCAN_PARTS))
-        size = round(min(LONGEST_SCAN_S / SCAN_PARTS, length / count) / trace.step_s)
+        own_s = trace.samples * trace.step_s * longest_s / total
+        count = max(1, round(own_s / PART_S))
+        size = round(own_s / count / trace.step_s)
         for k in range(count):
-            begin = round((k + 0.5) * trace.samples / count - 0.5 * size)
-            begin = max(begin, 0)
+            begin = max(round((k + 0.5) * trace.samples / count - 0.5 * size), 0)
             parts.append(_part(trace, begin, min(begin + size, trace.samples), k))
     return tuple(parts)
+
+
+def _length_s(traces: Sequence[Trace]) -> float:
+    return sum(t.samples * t.step_s for t in traces)
+
+
+def _partly(what: str, whole: tuple[Trace, ...], parts: tuple[Trace, ...]) -> tuple[str, ...]:
+    """How much of long recordings was looked at."""
+    if parts is whole:
+        return ()
+    return (
+        f"{what} {_length_s(parts):.0f} s of {_length_s(whole):.0f} s recorded, in {len(parts)}"
+        " evenly spread parts (--longest for more)",
+    )
 
 
 def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:

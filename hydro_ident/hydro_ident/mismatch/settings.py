@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hydro_ident.errors import IdentError
+
 #: Chance that anything at all is found on a recording whose model lacks nothing, per question.
 #: All candidates, channels, joints and shapes share it.
 FAMILY_ERROR = 0.005
@@ -48,9 +50,11 @@ NAMED_SHARE = 0.7
 SET_PROBABILITY = 0.97
 #: Most effects that are ever added.
 MOST_EFFECTS = 16
-#: Effects are searched on no more than this much recording, in so many evenly spread parts; what
-#: was found is fitted and verified on all of it.
-LONGEST_SCAN_S, SCAN_PARTS = 150.0, 10
+#: Effects are searched on no more than this much recording, in evenly spread parts of this length
+#: and more; what was found is fitted and verified on more of it.
+LONGEST_SCAN_S, PART_S = 80.0, 10.0
+#: So much of longer recordings is fitted, and so much verified on, unless more is asked for.
+LONGEST_S = 240.0
 #: Longest command delay that is looked for, in s.
 LONGEST_DELAY_S = 0.012
 #: Seed of the sign flips: the same input gives the same result.
@@ -88,8 +92,23 @@ class DiagnosisSettings:
         Without bags to validate on, every so many blocks one is kept for verification.
     refine : RefineSettings or None
         How the effects' parameters are refined by roll-outs; None: they are not.
+    longest_s : float
+        Of longer recordings so much is fitted, and so much verified on, in evenly spread parts.
+
+    Raises
+    ------
+    IdentError
+        Less would be fitted than what is searched on.
     """
 
     fixed_base: bool = False
     hold_out_every: int = 5
     refine: RefineSettings | None = None
+    longest_s: float = LONGEST_S
+
+    def __post_init__(self) -> None:
+        if not self.longest_s >= LONGEST_SCAN_S:
+            raise IdentError(
+                f"expected at least {LONGEST_SCAN_S:g} s of recording to be fitted, found"
+                f" {self.longest_s:g}"
+            )

@@ -10,7 +10,13 @@ import numpy as np
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.law_signals import dry_rows, reshape, wet_rows, with_edges
+from hydro_ident.mismatch.law_signals import (
+    dry_rows,
+    reshape,
+    wet_rows,
+    with_edges,
+    with_pressures,
+)
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
@@ -21,6 +27,8 @@ from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import RETURN_FLOW, SUPPLY_FLOW, VALVE_SIGNAL
 from hydro_model.valve import edge_flows
 
+#: Stages of laws that act through the edges.
+_EDGES = (Stage.SIGNAL, Stage.SUPPLY, Stage.TANK)
 #: Corrected recordings that are kept at a time.
 _KEPT_STRETCHES = 6
 #: Sets of laws on the valve signal whose outcome is kept at a time.
@@ -177,8 +185,12 @@ class Signals:
         """
         key = stretch.number, cylinder
         kept = self._plain_rows.get(key)
-        if kept is None or kept[0] is not stretch.trace:
+        if kept is None or kept[0].q is not stretch.trace.q:
             rows = wet_rows(robot, stretch, cylinder)
+        elif kept[0] is not stretch.trace:
+            # Readings of pressures leave the motion as it is.
+            rows = kept[2]
+            with_pressures(rows, robot, cylinder, stretch.trace)
         elif kept[1] is not robot:
             rows = kept[2]
             with_edges(rows, robot, cylinder, stretch.trace)
@@ -285,7 +297,7 @@ def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
 
 def shapes(one: ActiveEffect) -> bool:
     """Whether an effect enters through the edges."""
-    return bool({Stage.SIGNAL, Stage.SUPPLY, Stage.TANK} & set(one.effect.stages))
+    return any(term.stage in _EDGES for term in one.effect.terms)
 
 
 def reading_key(model: Model) -> tuple[object, ...]:

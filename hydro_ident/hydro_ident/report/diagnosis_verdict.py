@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_ident.mismatch.describe import each_form, form_text
-from hydro_ident.mismatch.diagnosis import (
+from hydro_ident.mismatch.diagnosis_file import finding_dict
+from hydro_ident.mismatch.outcome import (
     EXPLAINED,
     MATCHES,
     NO_IMPROVEMENT,
@@ -15,7 +16,6 @@ from hydro_ident.mismatch.diagnosis import (
     UNKNOWN,
     Diagnosis,
 )
-from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import Verdict, number

@@ -8,10 +8,10 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.diagnosis import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import waves
+from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factors_of, row_values
 from hydro_ident.mismatch.training import Training

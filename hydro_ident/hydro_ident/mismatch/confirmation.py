@@ -1,0 +1,149 @@
+"""From what a search names to findings: held-out rows confirm them, or another is looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.agreement import fitted_there
+from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.name import Search, Searcher
+from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.outcome import Finding
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.settings import NAMED_SHARE
+from hydro_ident.mismatch.unknown import unexplained
+from hydro_ident.mismatch.verify import Verification, verify
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+#: Searches, each without what the ones before named and held-out rows did not confirm.
+_ROUNDS = 4
+
+
+def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Finding], list[Finding]]:
+    """Search and confirm; where nothing stands, what failed may have stood in another's place."""
+    rejected: list[Finding] = []
+    for _ in range(_ROUNDS):
+        excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}
+        search = Searcher(work.scan, base, excluded, work.bank).run()
+        whole, findings, failed = _confirmed(work, search)
+        rejected += failed
+        if findings or not failed:
+            break
+    return search, whole, findings, rejected
+
+
+def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], list[Finding]]:
+    """Findings that stand on held-out rows, the model with them, and those that do not."""
+    whole, named = search.fitted, list(search.named)
+    if work.scan is not work.training:
+        model = replace(work.base.model, terms=search.fitted.model.terms)
+        whole = fit(work.training, model, passes=4)
+    rejected: list[Finding] = []
+    while named:
+        there = fitted_there(work.training, work.check, whole)
+        found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
+        failed = [f for f in found if not f.verification.stands]
+        if not failed:
+            return whole, found, rejected
+        # The worse half at a time: what fails beside a wrong effect may stand without it.
+        failed.sort(key=lambda f: (-f.verification.p_value, f.named.gain))
+        worst = failed[: (len(failed) + 1) // 2]
+        rejected += worst
+        named = [n for n in named if not any(n is f.named for f in worst)]
+        others = [other for f in worst if (other := f.named.alternative()) is not None]
+        named += others
+        terms = [other.term for other in others]
+        whole = _without(work, whole, [f.named for f in worst], terms)
+    return whole, [], rejected
+
+
+def _checked(
+    work: Residuals, whole: Fitted, there: Fitted | None, named: Named, tried: int
+) -> Finding:
+    """A finding with what held-out rows say of it."""
+    channels = _acting(work, whole, named)
+    if channels:
+        checked = verify(work.training, whole, named, work.check, there, tried)
+        return Finding(named, checked, channels)
+    reason = "it does nothing once everything is fitted together"
+    return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())
+
+
+def _without(
+    work: Residuals,
+    whole: Fitted,
+    without: Sequence[Named],
+    instead: Sequence[ActiveEffect] = (),
+) -> Fitted:
+    kept = tuple(
+        t
+        for t in whole.model.terms
+        if not any(_is_of(named, t.effect.name, t.target) for named in without)
+    )
+    # From the base's own numbers: what a wrong effect has driven the others to may be anything.
+    model = replace(work.base.model, terms=(*kept, *instead))
+    return fit(work.training, model, passes=4)
+
+
+def _is_of(named: Named, name: str, target: str) -> bool:
+    return named.term.effect.name == name and named.term.target == target
+
+
+def withdrawn(
+    work: Residuals, whole: Fitted, findings: list[Finding], left: Sequence[Dependence]
+) -> tuple[Fitted, list[Finding], list[Finding]]:
+    """Take back names that explain less than what is left in their own channel."""
+    material, taken = work.training.predictor.material, list[Finding]()
+    holds = Confirmer(work.training, work.check, whole).holds
+    significant = unexplained(work.training, whole, left, holds)
+    # What other rows could not confirm takes no name away.
+    remains = {u.channel: u.dependence.gain for u in significant if u.confirmed}
+    for finding in findings:
+        channel = finding.channels[0]
+        total = _gains(work, whole, finding.named)[material.channels.index(channel)]
+        if remains.get(channel, 0.0) > (1.0 - NAMED_SHARE) / NAMED_SHARE * total:
+            taken.append(finding)
+    if taken:
+        whole = _without(work, whole, [f.named for f in taken])
+    return whole, [f for f in findings if f not in taken], taken
+
+
+def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
+    """What a finding explains beyond a refit of the base, by channel of the training rows."""
+    training = work.training
+    terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
+    base = whole.columns[:, : len(training.predictor.names)]
+    alone = training.bench(whole.bench.noise, whole.residual, base, whole.offset)
+    column = np.zeros(training.mask.size)
+    for term in terms:
+        column += training.predictor.contribution(whole.model, term)
+    own = alone.beyond(column[training.mask][:, None])[:, 0]
+    channels = training.predictor.material.channels
+    acting = [column[training.predictor.material.channel == k].any() for k in range(len(channels))]
+    squares = [float(np.sum(own[alone.channel == k] ** 2)) for k in range(len(channels))]
+    return np.where(acting, squares, 0.0)
+
+
+def _acting(work: Residuals, whole: Fitted, named: Named) -> tuple[str, ...]:
+    """Channels in which a finding shows beyond a refit, strongest first; none if it is idle."""
+    gains = dict(
+        zip(
+            work.training.predictor.material.channels,
+            _gains(work, whole, named).tolist(),
+            strict=True,
+        )
+    )
+    strongest = max(gains.values())
+    # A finding shows in a channel where it would have been found from that channel alone.
+    shown = [n for n, g in gains.items() if g > 0.0 and g >= min(_SHOWN, strongest)]
+    return tuple(sorted(shown, key=lambda n: -gains[n]))
+
+
+#: Gain at which a contribution stands out in a channel by itself.
+_SHOWN = 25.0
