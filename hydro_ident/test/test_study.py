@@ -28,10 +28,11 @@ from hydro_ident.study.detection_limit import (
     noise_spectra,
 )
 from hydro_ident.study.experiments import Motion, work
-from hydro_ident.study.generate import KNOWN, OUTSIDE, CaseSpec, kinds, make_case, truth_record
+from hydro_ident.study.generate import CaseSpec, kinds, make_case, truth_record
 from hydro_ident.study.hidden import Machine, Scene, machine_extras
 from hydro_ident.study.leaks import leak, outward
 from hydro_ident.study.machines import random_crane
+from hydro_ident.study.planting import KNOWN, OUTSIDE
 from hydro_ident.study.robots import StudyRobot
 from hydro_ident.study.seclusion import can_seclude
 from hydro_ident.study.traces import EVERY, drive, nuisance, scene_of, thinned, trace

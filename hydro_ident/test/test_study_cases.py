@@ -21,9 +21,10 @@ from hydro_ident.commands import diagnose
 from hydro_ident.results import RESULT_FILE
 from hydro_ident.study.conceal import CASES, TRUTHS, read_json, write_case
 from hydro_ident.study.experiments import Motion
-from hydro_ident.study.generate import CaseKind, CaseSpec, make_case
+from hydro_ident.study.generate import CaseSpec, make_case
 from hydro_ident.study.machines import random_crane
 from hydro_ident.study.oracle import oracle_case
+from hydro_ident.study.planting import CaseKind
 from hydro_ident.study.robots import StudyRobot
 from hydro_ident.study.score import CaseScore, score_case
 from hydro_ident.study.summary import STRONG, Summary, summarise

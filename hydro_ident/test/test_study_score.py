@@ -10,10 +10,10 @@ import pytest
 
 from hydro_ident.errors import IdentError
 from hydro_ident.study.conceal import ANSWERS, TRUTHS, write_json
-from hydro_ident.study.generate import KNOWN
 from hydro_ident.study.goals import GOALS
 from hydro_ident.study.intervals import Mean, Rate, mean, rate
 from hydro_ident.study.page import BEGIN, END, with_tables
+from hydro_ident.study.planting import KNOWN
 from hydro_ident.study.publish import publish, summary_text
 from hydro_ident.study.score import score_case
 from hydro_ident.study.sizes import READINGS, found_interval, found_size

@@ -10,8 +10,8 @@ import numpy as np
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
-from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 

@@ -18,7 +18,8 @@ from hydro_ident.estimate.derivatives import low_pass
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Material, Place, Stretch
-from hydro_ident.mismatch.shaping import Model, Signals, middle, same, shapes
+from hydro_ident.mismatch.modelled import Model, same, shapes
+from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect

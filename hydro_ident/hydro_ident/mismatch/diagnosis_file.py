@@ -12,10 +12,10 @@ from hydro_ident.estimate.scores import fit_percent
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
-from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.mismatch.where import where_of
 from hydro_ident.results import Provenance

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.scores import GUARD_PERIODS
+from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
-from hydro_ident.mismatch.named import EXCLUSIVE, Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.contest import CLOSE_SHARE, PASSES, Contest, firsts
+from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.named import EXCLUSIVE, Named, at_a_bound, named_of
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import (
@@ -27,23 +28,15 @@ from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
     FAMILY_ERROR_UNNAMED,
     FEW_MOTIONS,
-    FOLD_BLOCK_S,
-    FOLDS,
     LEAST_EFFECTIVE,
     MOST_EFFECTS,
 )
-from hydro_ident.mismatch.stepping import is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import resolved, worth
+from hydro_ident.mismatch.worth import worth
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
-#: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
-CONTENDERS, CONTENDER_SHARE = 8, 0.4
-#: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
-#: how many get it.
-_ROUGH, _PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 _SWAPS = 3
 #: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
 _CONTESTS = 3
@@ -83,6 +76,16 @@ class _Step:
     quiet: tuple[Score, ...]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Scan:
+    """All scores, best first, and of every effect and target the best with its chance."""
+
+    bench: Bench
+    scores: tuple[Score, ...]
+    leading: tuple[Score, ...]
+    chances: tuple[float, ...]
+
+
 class Searcher:
     """Adds effects to a model until nothing significant is left.
 
@@ -113,6 +116,7 @@ class Searcher:
         material = training.predictor.material
         motions = max(material.motions, 1)
         self.few = base.bench.blocks / motions if motions < FEW_MOTIONS else 1.0
+        self.contest = Contest(training, self.few)
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
@@ -141,12 +145,38 @@ class Searcher:
 
     def _next(self, current: Fitted, named: Sequence[Named]) -> _Step:
         """The next finding, if any stands out."""
+        scan = self._scan(current, named)
+        if scan is None:
+            return _Step(None, (), ())
+        scores, leading = scan.scores, list(zip(scan.leading, scan.chances, strict=True))
+        quiet = tuple(s for s, p in leading if p > FAMILY_ERROR)
+        weighed, contests = list[ActiveEffect](), 0
+        for candidate, p in leading:
+            if p > FAMILY_ERROR or contests == _CONTESTS:
+                break
+            if any(_is(candidate.entry.trial.active, one) for one in weighed):
+                continue
+            if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
+                continue
+            if worth(self.training, self.base, current, scan.bench, candidate):
+                fresh = [
+                    s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
+                ]
+                found, told = self.contest.between(current, scan.bench.noise, fresh, candidate, p)
+                if found.pays and told:
+                    return _Step(found, scores, quiet)
+                weighed += [c.term for c in found.tried]
+                contests += 1
+        return _Step(None, scores, quiet)
+
+    def _scan(self, current: Fitted, named: Sequence[Named]) -> _Scan | None:
+        """Every trial scored, weighed by the noise that the best of them would leave."""
         bank = self.bank.entries(current.model, self.excluded)
         entries = [e for e in bank if not _sibling(e.trial, named)]
         mask = self.training.mask
         scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
         if not scores:
-            return _Step(None, (), ())
+            return None
         best = max(scores, key=lambda s: s.value)
         noise = self._noise_without(current, best)
         bench = self.training.bench(noise, current.residual, current.columns, current.offset)
@@ -157,27 +187,9 @@ class Searcher:
         scores.sort(key=lambda s: -s.value)
         if p_value(scores[0].value, chance) <= FAMILY_ERROR:
             chance = chance_of(scores, flips, lost_by_fits(bench, scores, scores[0], mask))
-        weighed, contests, firsts = list[ActiveEffect](), 0, _firsts(scores)
-        chances = [p_value(one.value, chance) for one in firsts]
-        quiet = tuple(s for s, p in zip(firsts, chances, strict=True) if p > FAMILY_ERROR)
-        for candidate, p in zip(firsts, chances, strict=True):
-            if p > FAMILY_ERROR or contests == _CONTESTS:
-                break
-            active = candidate.entry.trial.active
-            if any(_is(active, one) for one in weighed):
-                continue
-            if effective_blocks(bench, candidate, mask) < LEAST_EFFECTIVE:
-                continue
-            if worth(self.training, self.base, current, bench, candidate):
-                fresh = [
-                    s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
-                ]
-                found, told = self._contest(current, noise, fresh, candidate, p)
-                if found.pays and told:
-                    return _Step(found, tuple(scores), quiet)
-                weighed += [c.term for c in found.tried]
-                contests += 1
-        return _Step(None, tuple(scores), quiet)
+        leading = firsts(scores)
+        chances = tuple(p_value(one.value, chance) for one in leading)
+        return _Scan(bench, tuple(scores), tuple(leading), chances)
 
     def _pair(self, current: Fitted, quiet: Sequence[Score]) -> tuple[list[Named], Fitted]:
         """Two effects of which neither stands out alone, and the model with them; or none."""
@@ -187,7 +199,7 @@ class Searcher:
         model = current.model
         for term in pair.effects:
             model = model.with_term(term)
-        both = fit(self.training, model, current.bench.noise, _PASSES)
+        both = fit(self.training, model, current.bench.noise, PASSES)
         named: list[Named] = []
         for one in pair.effects:
             others = tuple(t for t in both.model.terms if not _is(t, one))
@@ -207,7 +219,7 @@ class Searcher:
         if not scores:
             return None, False
         best = max(scores, key=lambda s: s.value)
-        return self._contest(without, noise, scores, best, p)
+        return self.contest.between(without, noise, scores, best, p)
 
     def _joined(self, current: Fitted, best: Score) -> FloatArray:
         used = best.coefficients != 0.0
@@ -224,99 +236,6 @@ class Searcher:
     def _left_over(self, current: Fitted, noise: Noise, best: Score) -> FloatArray:
         joined = self._joined(current, best)
         return self.training.bench(noise, current.residual, joined, current.offset).residual
-
-    # The set -------------------------------------------------------------------------------
-
-    def _contest(
-        self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
-    ) -> tuple[Named, bool]:
-        """Refine the best trials and weigh them against each other on held-out blocks.
-
-        Returns
-        -------
-        named : Named
-        told : bool
-            Whether what fits best is more than sampling can tell.
-        """
-        chosen = [
-            s for s in _firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
-        ][:CONTENDERS]
-        without = fitted(self.training, current.model, noise)
-        terms = [self._start(without, s) for s in chosen]
-        contenders = self._fitted(without, terms, noise)
-        told = [c for c in contenders if resolved(self.training, without, c)]
-        members = self._members(told or contenders)
-        leading = max(contenders, key=lambda c: c.held_out)
-        return named_of(members, p, overdispersion(best), self.few), leading in told
-
-    def _start(self, without: Fitted, one: Score) -> ActiveEffect:
-        """The size of a trial that explains most as it is: what a fit starts from."""
-        starts = one.entry.trial.around(one.coefficients)
-        if len(starts) == 1:
-            return starts[0]
-        mask, bench = self.training.mask, without.bench
-        columns = np.stack(
-            [self.training.predictor.contribution(without.model, t)[mask] for t in starts], axis=1
-        )
-        left = bench.residual[:, None] - bench.beyond(columns)
-        return starts[int(np.argmin(np.sum(left**2, axis=0)))]
-
-    def weighed(
-        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
-    ) -> Named:
-        """The set of some effects, each fitted in the others' place on top of a model.
-
-        Parameters
-        ----------
-        without : Fitted
-            The model with none of them, weighed by `noise`.
-        terms : sequence of ActiveEffect
-            Where their fits start.
-        noise : Noise
-        spread : float
-            As `overdispersion`.
-        """
-        return named_of(self._fitted(without, terms, noise), 0.0, spread, self.few)
-
-    def _members(self, contenders: list[Contender]) -> list[Contender]:
-        """Contenders that a set may hold: possible ones, if there are any.
-
-        In a few motions a law that has run to the end of its range is not told apart from those
-        that it is known to look like; it stays beside them.
-        """
-        possible = [c for c in contenders if not at_a_bound(c.term)]
-        alike = {name for c in possible for name in c.term.effect.looks_like}
-        few = self.few > 1.0
-        kept = [c for c in contenders if c in possible or (few and c.term.effect.name in alike)]
-        return kept if possible else contenders
-
-    def _fitted(
-        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
-    ) -> list[Contender]:
-        """Contenders fitted: all roughly, those not far behind the best to the end."""
-        rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
-        gains = [without.squares - one.squares for one in rough]
-        close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
-        close = [k for k in close if gains[k] >= CLOSE_SHARE * max(gains)]
-        whole = [
-            fit(self.training, one.model, noise, _PASSES) if k in close else one
-            for k, one in enumerate(rough)
-        ]
-        before = self._held_out(without)
-        return [self._contender(without, before, one) for one in whole]
-
-    def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
-        term = whole.model.terms[-1]
-        free = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
-        held = before - self._held_out(whole)
-        cost = 0.5 * free * np.log(max(without.bench.measured, 3))
-        gain = without.squares - whole.squares
-        return Contender(term, whole, gain, held, float(cost))
-
-    def _held_out(self, one: Fitted) -> float:
-        # Around held-out blocks, as far as the filters reach.
-        guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
-        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))
 
     # Back again ----------------------------------------------------------------------------
 
@@ -350,8 +269,8 @@ class Searcher:
         terms = [t for t in near if not any(_rival(t, other) for other in others)]
         if not terms:
             return without, None
-        again = self._fitted(without, terms, noise)
-        return without, named_of(self._members(again), one.p_value, one.spread, self.few)
+        again = self.contest.fitted(without, terms, noise)
+        return without, named_of(self.contest.members(again), one.p_value, one.spread, self.few)
 
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
@@ -362,22 +281,6 @@ def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
         for n in named
         for c in n.contenders
     )
-
-
-def overdispersion(best: Score) -> float:
-    """How much more sums over blocks vary than independent rows' would; at least 1."""
-    used = int(np.argmax(np.abs(best.coefficients) / best.std))
-    variance = float(np.sum(best.partial.chance[:, used] ** 2))
-    return max(1.0, variance / float(best.partial.gram[used, used]))
-
-
-def _firsts(scores: Sequence[Score]) -> list[Score]:
-    """The best shape of every effect and target, best first."""
-    seen: dict[tuple[str, str], Score] = {}
-    for one in sorted(scores, key=lambda s: -s.value):
-        trial = one.entry.trial
-        seen.setdefault((trial.name, trial.target), one)
-    return list(seen.values())
 
 
 def _rival(one: ActiveEffect, other: ActiveEffect) -> bool:

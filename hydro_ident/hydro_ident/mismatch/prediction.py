@@ -9,7 +9,8 @@ import numpy as np
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
 from hydro_ident.mismatch.contributions import compressed, contribution, measured
 from hydro_ident.mismatch.material import Material, Stretch
-from hydro_ident.mismatch.shaping import Model, Signals, reading_key, shape_key, shapes
+from hydro_ident.mismatch.modelled import Model, reading_key, shape_key, shapes
+from hydro_ident.mismatch.shaping import Signals
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 

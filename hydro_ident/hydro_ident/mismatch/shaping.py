@@ -18,6 +18,14 @@ from hydro_ident.mismatch.law_signals import (
     with_pressures,
 )
 from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.modelled import (
+    Model,
+    identical,
+    reading_key,
+    same_base,
+    shape_key,
+    shapes,
+)
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
@@ -27,8 +35,6 @@ from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import RETURN_FLOW, SUPPLY_FLOW, VALVE_SIGNAL
 from hydro_model.valve import edge_flows
 
-#: Stages of laws that act through the edges.
-_EDGES = (Stage.SIGNAL, Stage.SUPPLY, Stage.TANK)
 #: Corrected recordings that are kept at a time.
 _KEPT_STRETCHES = 6
 #: Sets of laws on the valve signal whose outcome is kept at a time.
@@ -37,32 +43,6 @@ _KEPT_SHAPES = 6
 _KEPT_SPOOLS = 16
 #: Motions of a stretch whose filtered regressor is kept at a time.
 _KEPT_MOTIONS = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """A robot with its numbers as they are at present in the fit.
-
-    Attributes
-    ----------
-    robot : Robot
-        Edges and bulk moduli are current; its own list of effects is not looked at.
-    theta : (p,) array
-        Force parameters by `ForceModel.names`.
-    delays_s : tuple of float
-        Command delay of each cylinder's valve.
-    terms : tuple of ActiveEffect
-        Effects at work, at their current parameters.
-    """
-
-    robot: Robot
-    theta: FloatArray
-    delays_s: tuple[float, ...]
-    terms: tuple[ActiveEffect, ...] = ()
-
-    def with_term(self, term: ActiveEffect) -> Model:
-        """The model with one more effect."""
-        return replace(self, terms=(*self.terms, term))
 
 
 @dataclass(slots=True)
@@ -109,7 +89,7 @@ class Signals:
     ) -> FloatArray:
         """The base's residual of a model with readings alone, kept for the last one asked for."""
         kept = self._last_plain
-        if kept is None or not _same_base(kept[0], model):
+        if kept is None or not same_base(kept[0], model):
             kept = self._last_plain = model, residual(self, model)
         return kept[1]
 
@@ -202,7 +182,7 @@ class Signals:
     def _keep(self, model: Model) -> None:
         """Forget what was kept for another model."""
         kept = self._kept
-        if kept is None or kept.robot is not model.robot or not _identical(kept, model):
+        if kept is None or kept.robot is not model.robot or not identical(kept, model):
             self._kept = model
             self._rows.clear()
 
@@ -278,11 +258,6 @@ class Signals:
         return replace(trace, supply=supply, tank=tank)
 
 
-def same(one: ActiveEffect, other: ActiveEffect) -> bool:
-    """Whether two effects are the same name on the same target."""
-    return one.effect.name == other.effect.name and one.target == other.target
-
-
 def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
     """Flow drawn from the supply and returned to tank by all valves, (N,) each."""
     drawn, returned = np.zeros(trace.samples), np.zeros(trace.samples)
@@ -293,32 +268,6 @@ def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
         drawn += np.where(u > 0.0, q_a, q_b)
         returned -= np.where(u > 0.0, q_b, q_a)
     return drawn, returned
-
-
-def shapes(one: ActiveEffect) -> bool:
-    """Whether an effect enters through the edges."""
-    return any(term.stage in _EDGES for term in one.effect.terms)
-
-
-def reading_key(model: Model) -> tuple[object, ...]:
-    """What tells models apart whose sensors err differently."""
-    return tuple(
-        (t.effect.name, t.target, tuple(t.parameters))
-        for t in model.terms
-        if t.effect.reading is not None
-    )
-
-
-def _same_base(one: Model, other: Model) -> bool:
-    if one.robot is not other.robot or one.theta is not other.theta:
-        return False
-    return one.delays_s == other.delays_s and _identical(one, other)
-
-
-def _identical(one: Model, other: Model) -> bool:
-    if len(one.terms) != len(other.terms):
-        return False
-    return all(a is b for a, b in zip(one.terms, other.terms, strict=True))
 
 
 def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
@@ -341,17 +290,3 @@ def _strokes(robot: Robot, trace: Trace) -> FloatArray:
 def middle(values: FloatArray) -> FloatArray:
     """Values half way between samples, (N - 1, ...)."""
     return np.asarray(0.5 * (values[1:] + values[:-1]))
-
-
-def shape_key(model: Model) -> tuple[object, ...]:
-    """What the rows of a balance depend on beside the delay."""
-    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
-    edges = [
-        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
-    ]
-    terms = [
-        (t.effect.name, t.target, tuple(t.parameters))
-        for t in model.terms
-        if shapes(t) or t.effect.reading is not None
-    ]
-    return (tuple(terms), tuple(edges) if rails else ())

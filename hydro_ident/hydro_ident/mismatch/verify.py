@@ -17,11 +17,11 @@ from hydro_ident.mismatch.agreement import Agreement, agreements
 from hydro_ident.mismatch.candidates import instants_of
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit, linearised
+from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import BLOCK_S
-from hydro_ident.mismatch.shaping import same
 from hydro_ident.mismatch.training import Training, layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_model.effects.targets import ActiveEffect

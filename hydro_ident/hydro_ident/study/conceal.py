@@ -23,8 +23,9 @@ import numpy as np
 from hydro_ident.errors import IdentError
 from hydro_ident.study.answer import BASELINES_FILE, TIMES_FILE
 from hydro_ident.study.bags import FIRST_S, SPAN_S, write_run
-from hydro_ident.study.generate import Case, digest, oil_temperature, truth_record
+from hydro_ident.study.generate import Case, digest, truth_record
 from hydro_ident.study.leaks import outward
+from hydro_ident.study.planting import oil_temperature
 from hydro_ident.study.seclusion import secluded
 
 CASES, TRUTHS, ANSWERS, ORACLES = "cases", "truth", "answers", "oracle"

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.mismatch.candidates import Trial, trials
+from hydro_ident.mismatch.contest import CONTENDER_SHARE, CONTENDERS, overdispersion
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
-from hydro_ident.mismatch.name import CONTENDER_SHARE, CONTENDERS, Searcher, overdispersion
+from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.settings import DiagnosisSettings
@@ -201,5 +202,5 @@ def unsplit(training: Training, base: Fitted, whole: Fitted) -> list[str]:
     close = [s for s in rivals.values() if s.value >= CONTENDER_SHARE * gain][:CONTENDERS]
     terms = [term, *(s.entry.trial.at(s.coefficients) for s in close)]
     spread = overdispersion(max(scores, key=lambda s: s.value))
-    named = Searcher(training, base).weighed(without, terms, noise, spread)
+    named = Searcher(training, base).contest.weighed(without, terms, noise, spread)
     return list(dict.fromkeys([term.effect.name, *named.names]))

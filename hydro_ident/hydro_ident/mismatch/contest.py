@@ -1,0 +1,145 @@
+"""Trials refined and weighed against each other on held-out blocks: the sets of names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_ident.estimate.scores import GUARD_PERIODS
+from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
+from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.scoring import Score
+from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
+from hydro_ident.mismatch.stepping import is_free
+from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.mismatch.worth import resolved
+from hydro_model.effects.targets import ActiveEffect
+
+#: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
+CONTENDERS, CONTENDER_SHARE = 8, 0.4
+#: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
+#: how many get it.
+_ROUGH, PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
+
+
+class Contest:
+    """Fits trials in each other's place and makes sets of what cannot be told apart.
+
+    Parameters
+    ----------
+    training : Training
+    few : float
+        As `named_of`.
+    """
+
+    def __init__(self, training: Training, few: float) -> None:
+        self.training, self.few = training, few
+
+    def between(
+        self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
+    ) -> tuple[Named, bool]:
+        """Refine the best trials and weigh them against each other on held-out blocks.
+
+        Returns
+        -------
+        named : Named
+        told : bool
+            Whether what fits best is more than sampling can tell.
+        """
+        chosen = [
+            s for s in firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
+        ][:CONTENDERS]
+        without = fitted(self.training, current.model, noise)
+        terms = [self._start(without, s) for s in chosen]
+        contenders = self.fitted(without, terms, noise)
+        told = [c for c in contenders if resolved(self.training, without, c)]
+        members = self.members(told or contenders)
+        leading = max(contenders, key=lambda c: c.held_out)
+        return named_of(members, p, overdispersion(best), self.few), leading in told
+
+    def _start(self, without: Fitted, one: Score) -> ActiveEffect:
+        """The size of a trial that explains most as it is: what a fit starts from."""
+        starts = one.entry.trial.around(one.coefficients)
+        if len(starts) == 1:
+            return starts[0]
+        mask, bench = self.training.mask, without.bench
+        columns = np.stack(
+            [self.training.predictor.contribution(without.model, t)[mask] for t in starts], axis=1
+        )
+        left = bench.residual[:, None] - bench.beyond(columns)
+        return starts[int(np.argmin(np.sum(left**2, axis=0)))]
+
+    def weighed(
+        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
+    ) -> Named:
+        """The set of some effects, each fitted in the others' place on top of a model.
+
+        Parameters
+        ----------
+        without : Fitted
+            The model with none of them, weighed by `noise`.
+        terms : sequence of ActiveEffect
+            Where their fits start.
+        noise : Noise
+        spread : float
+            As `overdispersion`.
+        """
+        return named_of(self.fitted(without, terms, noise), 0.0, spread, self.few)
+
+    def members(self, contenders: list[Contender]) -> list[Contender]:
+        """Contenders that a set may hold: possible ones, if there are any.
+
+        In a few motions a law that has run to the end of its range is not told apart from those
+        that it is known to look like; it stays beside them.
+        """
+        possible = [c for c in contenders if not at_a_bound(c.term)]
+        alike = {name for c in possible for name in c.term.effect.looks_like}
+        few = self.few > 1.0
+        kept = [c for c in contenders if c in possible or (few and c.term.effect.name in alike)]
+        return kept if possible else contenders
+
+    def fitted(
+        self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
+    ) -> list[Contender]:
+        """Contenders fitted: all roughly, those not far behind the best to the end."""
+        rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
+        gains = [without.squares - one.squares for one in rough]
+        close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
+        close = [k for k in close if gains[k] >= CLOSE_SHARE * max(gains)]
+        whole = [
+            fit(self.training, one.model, noise, PASSES) if k in close else one
+            for k, one in enumerate(rough)
+        ]
+        before = self._held_out(without)
+        return [self._contender(without, before, one) for one in whole]
+
+    def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
+        term = whole.model.terms[-1]
+        free = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
+        held = before - self._held_out(whole)
+        cost = 0.5 * free * np.log(max(without.bench.measured, 3))
+        gain = without.squares - whole.squares
+        return Contender(term, whole, gain, held, float(cost))
+
+    def _held_out(self, one: Fitted) -> float:
+        # Around held-out blocks, as far as the filters reach.
+        guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
+        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))
+
+
+def firsts(scores: Sequence[Score]) -> list[Score]:
+    """The best shape of every effect and target, best first."""
+    seen: dict[tuple[str, str], Score] = {}
+    for one in sorted(scores, key=lambda s: -s.value):
+        trial = one.entry.trial
+        seen.setdefault((trial.name, trial.target), one)
+    return list(seen.values())
+
+
+def overdispersion(best: Score) -> float:
+    """How much more sums over blocks vary than independent rows' would; at least 1."""
+    used = int(np.argmax(np.abs(best.coefficients) / best.std))
+    variance = float(np.sum(best.partial.chance[:, used] ** 2))
+    return max(1.0, variance / float(best.partial.gram[used, used]))

@@ -1,0 +1,83 @@
+"""Models as a fit moves them, and what tells two of them apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from hydro_model.effects.effect import Stage
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray, Robot
+
+#: Stages of laws that act through the edges.
+_EDGES = (Stage.SIGNAL, Stage.SUPPLY, Stage.TANK)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A robot with its numbers as they are at present in the fit.
+
+    Attributes
+    ----------
+    robot : Robot
+        Edges and bulk moduli are current; its own list of effects is not looked at.
+    theta : (p,) array
+        Force parameters by `ForceModel.names`.
+    delays_s : tuple of float
+        Command delay of each cylinder's valve.
+    terms : tuple of ActiveEffect
+        Effects at work, at their current parameters.
+    """
+
+    robot: Robot
+    theta: FloatArray
+    delays_s: tuple[float, ...]
+    terms: tuple[ActiveEffect, ...] = ()
+
+    def with_term(self, term: ActiveEffect) -> Model:
+        """The model with one more effect."""
+        return replace(self, terms=(*self.terms, term))
+
+
+def same(one: ActiveEffect, other: ActiveEffect) -> bool:
+    """Whether two effects are the same name on the same target."""
+    return one.effect.name == other.effect.name and one.target == other.target
+
+
+def shapes(one: ActiveEffect) -> bool:
+    """Whether an effect enters through the edges."""
+    return any(term.stage in _EDGES for term in one.effect.terms)
+
+
+def reading_key(model: Model) -> tuple[object, ...]:
+    """What tells models apart whose sensors err differently."""
+    return tuple(
+        (t.effect.name, t.target, tuple(t.parameters))
+        for t in model.terms
+        if t.effect.reading is not None
+    )
+
+
+def same_base(one: Model, other: Model) -> bool:
+    if one.robot is not other.robot or one.theta is not other.theta:
+        return False
+    return one.delays_s == other.delays_s and identical(one, other)
+
+
+def identical(one: Model, other: Model) -> bool:
+    if len(one.terms) != len(other.terms):
+        return False
+    return all(a is b for a, b in zip(one.terms, other.terms, strict=True))
+
+
+def shape_key(model: Model) -> tuple[object, ...]:
+    """What the rows of a balance depend on beside the delay."""
+    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
+    edges = [
+        float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    ]
+    terms = [
+        (t.effect.name, t.target, tuple(t.parameters))
+        for t in model.terms
+        if shapes(t) or t.effect.reading is not None
+    ]
+    return (tuple(terms), tuple(edges) if rails else ())
