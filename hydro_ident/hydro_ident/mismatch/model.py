@@ -171,6 +171,10 @@ def _with_base(
     return given, (text,)
 
 
+#: Far beyond any ripple, Pa s: stiff oil read a second off.
+_ANY_RIPPLE = 1.0e10
+
+
 def prior_of(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
     """What a frozen base is known to: its covariance where its file has one.
 
@@ -191,6 +195,9 @@ def prior_of(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
         plain = name.replace(INVERSE_BULK, "bulk_modulus")
         std = float(given.standard_deviations.get(plain, 0.0))
         variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
+    for at in predictor.ripple_columns.values():
+        # Of the readings, not of the machine: no file knows it.
+        variance[at, at] = _ANY_RIPPLE**2
     scale = np.sqrt(np.diag(variance))
     scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
     root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale

@@ -26,12 +26,15 @@ class Model:
         Command delay of each cylinder's valve.
     terms : tuple of ActiveEffect
         Effects at work, at their current parameters.
+    ripples : tuple of float
+        Of each cylinder's pressures, as `ripple`; Pa s. Empty: none.
     """
 
     robot: Robot
     theta: FloatArray
     delays_s: tuple[float, ...]
     terms: tuple[ActiveEffect, ...] = ()
+    ripples: tuple[float, ...] = ()
 
     def with_term(self, term: ActiveEffect) -> Model:
         """The model with one more effect."""

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
+from hydro_ident.estimate.derivatives import low_pass
 from hydro_ident.mismatch.contributions import compressed, contribution, measured
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import Model, reading_key, shape_key, shapes
+from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import FloatArray
+from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["DELAY", "Model", "Predictor", "shapes"]
 
@@ -36,20 +38,24 @@ class Predictor:
     ----------
     material : Material
     signals : Signals
+    names : tuple of str
+        The base parameters: forces, by cylinder bulk and edges, valves' delays, ripples.
+    delay_columns, ripple_columns : dict of int to int
+        Where among `names` the delay of each cylinder's valve is, and the ripple of its pressures.
     """
 
     material: Material
     signals: Signals = field(init=False)
+    names: tuple[str, ...] = field(init=False)
+    delay_columns: dict[int, int] = field(init=False)
+    ripple_columns: dict[int, int] = field(init=False)
     _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
     _flows: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
+    _ripples: tuple[object, dict[tuple[int, int], FloatArray]] | None = None
 
     def __post_init__(self) -> None:
         self.signals = Signals(self.material)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The base parameters: forces, then by cylinder bulk and edges, then valves' delays."""
-        material = self.material
+        material, cylinders = self.material, self.material.robot.cylinders
         forces = any(not material.is_flow(k) for k in range(len(material.channels)))
         names = list(material.forces.names) if forces else []
         chambers = self._flow_chambers()
@@ -57,13 +63,11 @@ class Predictor:
             own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
             own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
             names += [name for name in own if name not in names]
-        return (*names, *dict.fromkeys(delay_name(chamber) for chamber in chambers))
-
-    @property
-    def delay_columns(self) -> dict[int, int]:
-        """Where among `names` the delay of each cylinder's valve is, by cylinder."""
-        at = {c.index: delay_name(c) for c in self._flow_chambers()}
-        return {index: self.names.index(name) for index, name in at.items()}
+        delays = {c.index: delay_name(c) for c in chambers}
+        ripples = {i: ripple_name(cylinders[i].name) for i in self._rippled()}
+        self.names = (*names, *delays.values(), *ripples.values())
+        self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
+        self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
 
     def base(self, model: Model) -> tuple[FloatArray, FloatArray]:
         """Measured values (N,) and base columns (N, p) at a model's signals and delay."""
@@ -78,6 +82,7 @@ class Predictor:
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
         stretches = self.signals.stretches(model)
+        self._ripple_base(model, stretches, x)
         for place in material.places:
             if material.is_flow(place.channel):
                 self._flow_base(model, stretches[place.stretch], place.channel, place.rows, (y, x))
@@ -117,7 +122,45 @@ class Predictor:
         for valve in model.robot.valves:
             for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
                 values[f"{valve.name}.{edge}"] = float(getattr(valve, edge))
+        for (_, at), ripple in zip(self.ripple_columns.items(), model.ripples, strict=False):
+            values[self.names[at]] = ripple
         return np.array([values.get(name, 0.0) for name in self.names])
+
+    def _rippled(self) -> list[int]:
+        """Cylinders whose force is that of pressures, beside a balance that knows the valve."""
+        material = self.material
+        if material.forces.torque:
+            return []
+        forced = {material.joint_of(p.channel) for p in material.places
+                  if not material.is_flow(p.channel)}  # fmt: skip
+        known = dict.fromkeys(c.index for c in self._flow_chambers())
+        robot = material.robot
+        return [i for i in known if robot.joint_index(robot.cylinders[i].joint) in forced]
+
+    def _ripple_base(self, model: Model, stretches: tuple[Stretch, ...], into: FloatArray) -> None:
+        material, key = self.material, (reading_key(model), _edges_of(model.robot))
+        columns = self.ripple_columns
+        by_joint = {material.robot.joint_index(material.robot.cylinders[i].joint): i
+                    for i in columns}  # fmt: skip
+        if self._ripples is None or self._ripples[0] != key:
+            self._ripples = key, {}
+        kept = self._ripples[1]
+        for place in material.places:
+            if material.is_flow(place.channel):
+                continue
+            index = by_joint.get(material.joint_of(place.channel))
+            if index is None:
+                continue
+            at = place.stretch, index
+            if at not in kept:
+                kept[at] = self._ripple_rows(model.robot, index, stretches[place.stretch])
+            into[place.rows, columns[index]] = kept[at]
+
+    def _ripple_rows(self, robot: Robot, index: int, stretch: Stretch) -> FloatArray:
+        settings, trace = self.material.filters, stretch.trace
+        force = ripple_force(robot, index, trace)
+        smooth = low_pass(force, trace.step_s, settings.differentiation_hz, settings.order)
+        return self.material.filtered(stretch, smooth)
 
     def _flow_chambers(self) -> list[Chamber]:
         material = self.material
@@ -194,3 +237,9 @@ class Predictor:
             self._flows.clear()
         self._flows[key] = material.windowed(stretch, index, steps)
         return self._flows[key]
+
+
+def _edges_of(robot: Robot) -> tuple[float, ...]:
+    return tuple(
+        float(getattr(v, e)) for v in robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    )

@@ -44,7 +44,9 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
         width = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
         terms.append(stepped(term, step[at : at + width]))
         at += width
-    return Model(robot, theta, delays, tuple(terms))
+    now = predictor.parameters(model)
+    ripples = tuple(float(now[k] + step[k]) for k in predictor.ripple_columns.values())
+    return Model(robot, theta, delays, tuple(terms), ripples)
 
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:

@@ -1,0 +1,57 @@
+"""What reading pressures once per command makes of a force: the ripple of a held signal.
+
+A valve's signal u is held over an interval h, while the motion asks for a ramp: held minus ramp is
+a saw tooth of the height of the change per interval D. Its flow q' (held - ramp), per unit of the
+signal q', fills the chamber's volume V, so that the pressure swings about its mean by
+
+    r(phase) = (B / V) q' D (phase / 2 - phase^2 / (2 h) - h / 12),
+
+and a sensor that reads at one phase of every interval (that of the stamps, in step with the
+commands) is off by as much, B / V q' D times a time of up to h / 12. The mass does not feel it: it
+is far too quick. Read at any phase, or slower than the interval, the time is another one: what
+multiplies the column below is fitted, cylinder by cylinder, with the base.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import chamber_volumes
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.valve import edge_flows
+
+#: Volumes are taken to be no less than this share of what the piston sweeps.
+_LEAST_VOLUME = 0.02
+
+
+def ripple_name(cylinder: str) -> str:
+    """What the coefficient of a cylinder's ripple is called; in Pa s."""
+    return f"{cylinder}.pressure_ripple"
+
+
+def ripple_force(robot: Robot, index: int, trace: Trace) -> FloatArray:
+    """Force of a cylinder's ripple per unit of modulus times time, (N,); 0 where not known.
+
+    Parameters
+    ----------
+    robot : Robot
+        With current edges.
+    index : int
+        Of the cylinder.
+    trace : Trace
+    """
+    cylinder = robot.cylinders[index]
+    u = trace.valve_signal[:, index]
+    sign = np.where(u >= 0.0, 1.0, -1.0)
+    p_a, p_b = trace.p_a[:, index], trace.p_b[:, index]
+    flows = edge_flows(robot.valve_of(cylinder.name), sign, p_a, p_b, trace.supply, trace.tank)
+    volumes = chamber_volumes(cylinder, trace.stroke[:, index])
+    areas = cylinder.area_a_m2, cylinder.area_b_m2
+    least = _LEAST_VOLUME * cylinder.stroke_m
+    a, b = (
+        area * flow * sign / np.maximum(volume, least * area)
+        for area, flow, volume in zip(areas, flows, volumes, strict=True)
+    )
+    force = (a - b) * np.gradient(u)
+    return np.where(np.isfinite(force), force, 0.0)
