@@ -66,6 +66,24 @@ def test_hydraulic_natural_frequency() -> None:
     assert 1e4 / np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize("share", [0.07, 0.93])
+def test_a_small_cylinder_is_as_stiff_as_its_volumes_make_it(share: float) -> None:
+    """A thin cylinder's chambers hold less than 0.2 l long before its ends."""
+    robot, truth = _slide(mass_kg=400.0)
+    ram = replace(robot.cylinders[0], bore_m=0.05, rod_m=0.03)
+    robot = replace(robot, cylinders=(ram,))
+    x = share * STROKE
+    volumes = _volumes(robot, x)
+    assert min(volumes) < 2.0e-4
+    plant = Plant(robot, replace(truth, name="thin"), np.array([x]))
+    plant.qd[0] = 1e-3
+    before = plant.state[2:4].copy()
+    plant.advance(STILL, 1e-6)
+    rises = (plant.state[2:4] - before) / 1e-6
+    expected = BETA * 1e-3 * np.array([-ram.area_a_m2, ram.area_b_m2]) / volumes
+    assert rises == pytest.approx(expected, rel=1e-3)
+
+
 def _oil_energy(p: float, volume: float, now: float) -> float:
     """Work stored in a closed chamber of constant modulus: p falls by beta ln(V / V0)."""
     return float(BETA * (now * np.log(now / volume) - now + volume) - p * (now - volume))

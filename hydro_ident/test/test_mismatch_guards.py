@@ -91,6 +91,20 @@ def _verified(work: Residuals) -> Verification:
     return verify(work.training, *_named(work), work.check)
 
 
+def test_a_finding_that_gains_no_more_is_dropped(clean: Residuals) -> None:
+    """What was found beside another effect and does nothing without it: named once, now idle."""
+    whole, named = _named(clean)
+    assert whole.squares < whole.start_squares * 1.5
+    found = verify(clean.training, whole, named, clean.check, tried=300)
+    assert not found.stands
+    assert "no longer stands out on the training rows" in found.reason
+
+
+def test_a_finding_that_gains_stands(rubbing: Residuals) -> None:
+    found = verify(rubbing.training, *_named(rubbing), rubbing.check, tried=300)
+    assert found.stands, found.reason
+
+
 # Rows -----------------------------------------------------------------------------------------
 
 

@@ -136,3 +136,18 @@ def test_what_is_known_beforehand_counts_like_rows() -> None:
     theta = Bench(layout, noise, y, x, 1.0, prior).solve()
     assert theta[0] == pytest.approx(0.0, abs=1e-6)
     assert theta[1] == pytest.approx(1.0, abs=0.1)
+
+
+def test_blocks_that_flip_together_count_once() -> None:
+    """Twelve blocks of one weight are worth twelve, or four where three go together."""
+    count, every = 1_200, 0.1
+    time_s = np.arange(count) * every
+    layout = Layout(
+        np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp), time_s,
+        np.ones(count, dtype=np.bool_),
+    )  # fmt: skip
+    noise = Noise((np.zeros(0),), np.ones(1))
+    bench = Bench(layout, noise, np.ones(count), np.ones((count, 1)), 1.0)
+    column = np.where((time_s >= 30.0) & (time_s < 42.0), 1.0, 0.0)
+    assert bench.spread(column) == pytest.approx(12.0)
+    assert bench.spread(column, together=3) == pytest.approx(4.0)

@@ -158,6 +158,15 @@ class Material:
         wanted = set(chosen)
         return [place for place in self.places if place.channel in wanted]
 
+    def positions(self) -> FloatArray:
+        """Position of each row's own joint, (N,)."""
+        result = np.zeros(self.size)
+        for place in self.places:
+            stretch = self.stretches[place.stretch]
+            own = stretch.trace.q[:, self.joint_of(place.channel)]
+            result[place.rows] = self.on_rows(stretch, place.channel, own)
+        return result
+
     def filtered(self, stretch: Stretch, values: FloatArray) -> FloatArray:
         """Sampled forces (N, ...) on the force rows."""
         finite = np.where(np.isfinite(values), values, 0.0)

@@ -11,6 +11,7 @@ from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
@@ -33,6 +34,8 @@ from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_po
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 
+#: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
+_BEYOND = 0.03
 #: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
 _GROSS = 0.2
 
@@ -174,8 +177,10 @@ def residuals(
         seen = _material(robot, forces, parts, choices, still)
         scan = Training.of(Predictor(seen), seen.masks(split)[0] & seen.moving(), prior)
     bank = Bank(scan.predictor)
+    seen_rows = fit_rows & moving
     if not others:
-        check = Check(predictor, check_rows, moving)
+        known = within(material, seen_rows, material)
+        check = Check(predictor, check_rows & known, moving)
         return Residuals(
             robot, training, base, scan, check, traces, split, signals, notes, bank
         )  # fmt: skip
@@ -185,7 +190,7 @@ def residuals(
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None
-    check = Check(Predictor(seen), np.ones(seen.size, dtype=bool), seen.moving())
+    check = Check(Predictor(seen), within(material, seen_rows, seen), seen.moving())
     every_row = HoldOut(every=0)
     return Residuals(robot, training, base, scan, check, there, every_row, signals, notes, bank)
 
@@ -198,6 +203,35 @@ def _notes(
                 cleaned.items()]  # fmt: skip
     recorded = [note for survey in surveys for note in survey.recording.notes]
     return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
+
+
+def within(material: Material, rows: BoolArray, there: Material) -> BoolArray:
+    """Which rows lie where their joint has been in some rows: beyond, a law is extrapolated.
+
+    Parameters
+    ----------
+    material : Material
+    rows : (N,) bool array
+        Of it: what was fitted.
+    there : Material
+        Of the same robot.
+
+    Returns
+    -------
+    (M,) bool array
+        Rows of `there`.
+    """
+    own, other = material.positions(), there.positions()
+    result = np.zeros(there.size, dtype=np.bool_)
+    for k, name in enumerate(there.channels):
+        if name not in material.channels:
+            continue
+        known = own[rows & (material.channel == material.channels.index(name))]
+        if known.size:
+            margin = _BEYOND * float(np.ptp(known))
+            inside = (other >= known.min() - margin) & (other <= known.max() + margin)
+            result |= inside & (there.channel == k)
+    return result
 
 
 def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:
