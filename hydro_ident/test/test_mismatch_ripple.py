@@ -15,9 +15,10 @@ from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.residuals import Residuals, residuals, within
+from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.telling import within
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.cylinder import chamber_volumes

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from hydro_ident.mismatch.tall import factored
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
@@ -152,7 +153,12 @@ class Bench:
         return Partial(left.T @ left, scores, np.sum(white**2, axis=0), chance)
 
     def held_out(self, block_s: float, folds: int, guard_s: float) -> FloatArray:
-        """Squared whitened errors of rows that took no part, fold by fold; (M,)."""
+        """Twice the negative log-likelihood of rows that took no part, fold by fold; (M,).
+
+        Rows are predicted no better than the other folds know the coefficients (Gaussian, of
+        variance 1 + h by the leverage h): where a fold holds all that tells one of them, its rows
+        are no evidence against it. A constant is left out.
+        """
         times, recording = self.layout.time_s[self.rows], self.layout.recording[self.rows]
         x, y, extra = self._x / self.scale, self._y, slice(self.measured, None)
         errors = np.zeros(self.measured)
@@ -167,8 +173,12 @@ class Bench:
             b = np.concatenate([y[: self.measured][kept], y[extra]])
             gram = a.T @ a
             ridge = RANK * np.trace(gram) * np.eye(gram.shape[0])
-            theta = np.linalg.solve(gram + ridge, a.T @ b)
-            errors[held] = (y[: self.measured][held] - x[: self.measured][held] @ theta) ** 2
+            root = np.linalg.cholesky(gram + ridge)
+            half = solve_triangular(root, a.T @ b, lower=True)
+            reach = solve_triangular(root, x[: self.measured][held].T, lower=True)
+            spread = 1.0 + np.sum(reach**2, axis=0)
+            left = y[: self.measured][held] - reach.T @ half
+            errors[held] = left**2 / spread + np.log(spread)
         return errors
 
     def _whitened(self, columns: FloatArray) -> FloatArray:

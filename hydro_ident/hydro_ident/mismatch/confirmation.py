@@ -69,7 +69,7 @@ def _checked(
     """A finding with what held-out rows say of it."""
     channels = _acting(work, whole, named)
     if channels:
-        checked = verify(work.training, whole, named, work.check, there, tried)
+        checked = verify(work.training, whole, named, work.check, there, tried, channels)
         return Finding(named, checked, channels)
     reason = "it does nothing once everything is fitted together"
     return Finding(named, Verification(1.0, {}, {}, 0.0, False, reason), ())

@@ -57,7 +57,16 @@ class Contest:
         told = [c for c in contenders if resolved(self.training, without, c)]
         members = self.members(told or contenders)
         leading = max(contenders, key=lambda c: c.held_out)
-        return named_of(members, p, overdispersion(best), self.few), leading in told
+        # Of what the best law leaves: a trial's own misfit is no noise.
+        spread = min(overdispersion(best), self._spread(without, best, leading.fitted))
+        return named_of(members, p, spread, self.few), leading in told
+
+    def _spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
+        """As `overdispersion`, of the residual that a fit leaves."""
+        bench, mask = without.bench, self.training.mask
+        left = bench.beyond(best.entry.columns(mask.size)[mask][:, [_told_best(best)]])
+        sums = bench.by_block(left * whole.bench.residual[:, None])
+        return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
 
     def _start(self, without: Fitted, one: Score) -> ActiveEffect:
         """The size of a trial that explains most as it is: what a fit starts from."""
@@ -140,6 +149,11 @@ def firsts(scores: Sequence[Score]) -> list[Score]:
 
 def overdispersion(best: Score) -> float:
     """How much more sums over blocks vary than independent rows' would; at least 1."""
-    used = int(np.argmax(np.abs(best.coefficients) / best.std))
+    used = _told_best(best)
     variance = float(np.sum(best.partial.chance[:, used] ** 2))
     return max(1.0, variance / float(best.partial.gram[used, used]))
+
+
+def _told_best(one: Score) -> int:
+    """A trial's column whose coefficient is told best."""
+    return int(np.argmax(np.abs(one.coefficients) / one.std))

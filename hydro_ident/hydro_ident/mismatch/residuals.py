@@ -11,7 +11,6 @@ from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
-from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
@@ -28,14 +27,13 @@ from hydro_ident.mismatch.settings import (
     PART_S,
     DiagnosisSettings,
 )
+from hydro_ident.mismatch.telling import telling, within
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
 from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 
-#: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
-_BEYOND = 0.03
 #: A lone reading off by this share of the sensor's usual size is an error, no quick transient.
 _GROSS = 0.2
 
@@ -162,7 +160,7 @@ def residuals(
     guarded = choices.filters.parallel_hz
     split = HoldOut.of(durations, every, parallel_hz=guarded) if every else HoldOut(every=0)
     fit_rows, check_rows = material.masks(split)
-    moving = material.moving()
+    moving = telling(material, signals)
     predictor = Predictor(material)
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
@@ -175,7 +173,7 @@ def residuals(
     scan, parts = training, spread_parts(whole, LONGEST_SCAN_S)
     if parts is not whole:
         seen = _material(robot, forces, parts, choices, still)
-        scan = Training.of(Predictor(seen), seen.masks(split)[0] & seen.moving(), prior)
+        scan = Training.of(Predictor(seen), seen.masks(split)[0] & telling(seen, signals), prior)
     bank = Bank(scan.predictor)
     seen_rows = fit_rows & moving
     if not others:
@@ -190,7 +188,7 @@ def residuals(
     seen = _material(robot, forces, there, choices, still)
     if not seen.size:
         return None
-    check = Check(Predictor(seen), within(material, seen_rows, seen), seen.moving())
+    check = Check(Predictor(seen), within(material, seen_rows, seen), telling(seen, signals))
     every_row = HoldOut(every=0)
     return Residuals(robot, training, base, scan, check, there, every_row, signals, notes, bank)
 
@@ -203,35 +201,6 @@ def _notes(
                 cleaned.items()]  # fmt: skip
     recorded = [note for survey in surveys for note in survey.recording.notes]
     return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
-
-
-def within(material: Material, rows: BoolArray, there: Material) -> BoolArray:
-    """Which rows lie where their joint has been in some rows: beyond, a law is extrapolated.
-
-    Parameters
-    ----------
-    material : Material
-    rows : (N,) bool array
-        Of it: what was fitted.
-    there : Material
-        Of the same robot.
-
-    Returns
-    -------
-    (M,) bool array
-        Rows of `there`.
-    """
-    own, other = material.positions(), there.positions()
-    result = np.zeros(there.size, dtype=np.bool_)
-    for k, name in enumerate(there.channels):
-        if name not in material.channels:
-            continue
-        known = own[rows & (material.channel == material.channels.index(name))]
-        if known.size:
-            margin = _BEYOND * float(np.ptp(known))
-            inside = (other >= known.min() - margin) & (other <= known.max() + margin)
-            result |= inside & (there.channel == k)
-    return result
 
 
 def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:

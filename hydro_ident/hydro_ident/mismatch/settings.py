@@ -43,6 +43,8 @@ LEAST_CYCLES = 0.5
 LEAST_EXCESS = 0.25
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005
+#: The same for what no other recording can confirm.
+LEAST_SHARE_UNCONFIRMED = 0.05
 #: A name is kept only where it explains at least this share of what any smooth function of the
 #: variable it acts through explains.
 NAMED_SHARE = 0.7

@@ -16,6 +16,7 @@ from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
     FORM_TOLERANCE,
     LEAST_SHARE,
+    LEAST_SHARE_UNCONFIRMED,
     PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import UNITS
@@ -74,6 +75,15 @@ class NotTestable:
     why: str
 
 
+def least_share(one: Dependence) -> float:
+    """Share of the residual from which a dependence counts.
+
+    What wanders with time does so otherwise in other recordings: they cannot confirm it.
+    """
+    wanders = one.variable == "time" and not one.period
+    return LEAST_SHARE_UNCONFIRMED if wanders else LEAST_SHARE
+
+
 def unexplained(
     training: Training,
     fitted: Fitted,
@@ -98,7 +108,7 @@ def unexplained(
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result:
             continue
-        if one.share < LEAST_SHARE or one.size < least[one.channel]:
+        if one.share < least_share(one) or one.size < least[one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)

@@ -77,6 +77,7 @@ def verify(
     check: Check,
     there: Fitted | None = None,
     tried: int = 1,
+    shown: Sequence[str] = (),
     passes: int = 2,
 ) -> Verification:
     """Put one finding to the check.
@@ -92,6 +93,8 @@ def verify(
         The final model, fitted anew to the check's rows.
     tried : int
         How many candidates it was chosen from.
+    shown : sequence of str
+        Channels in which it shows, none of which it may make worse; by default all it acts on.
     passes : int
         Of the fit without the finding.
     """
@@ -116,7 +119,7 @@ def verify(
     sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
     agreement = agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
-    reason = reason or _worse(sides, _acting(check.predictor, model, terms))
+    reason = reason or _worse(sides, shown or _acting(check.predictor, model, terms))
     if not reason and p > VERIFIED * _FURTHER**named.refused:
         reason = f"held-out rows are not predicted better with it (p = {p:.2g})"
     if not reason and float(np.median(against or [0.0])) > VERIFIED:
@@ -172,7 +175,8 @@ def _idle(gain: float, named: Named, tried: int) -> str:
 def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:
     """Whether a channel that a finding acts on is predicted worse with it."""
     before, after = sides
-    worse = max(acting, key=lambda n: after[n] / max(before[n], 1e-300))
+    known = [n for n in acting if n in before] or list(before)
+    worse = max(known, key=lambda n: after[n] / max(before[n], 1e-300))
     if after[worse] <= WORSE * before[worse]:
         return ""
     return (

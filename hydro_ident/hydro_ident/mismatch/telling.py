@@ -1,0 +1,90 @@
+"""Which rows say something of a law: joints move, edges are told, nothing is extrapolated."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.mismatch.material import Material, Place
+from hydro_model.robot import FloatArray
+
+#: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
+_BEYOND = 0.03
+#: Drop over an open edge, in deviations of its pressure's noise and in changes of the pressure
+#: from sample to sample: noise of the deviation s makes the mean root of a drop d smaller by
+#: s^2 / (8 d^2), and between samples the pressure is taken to be straight.
+_DEVIATIONS, _CHANGES = 25.0, 12.0
+
+
+def telling(material: Material, signals: SignalSurvey) -> BoolArray:
+    """Rows on which laws can be judged.
+
+    Parameters
+    ----------
+    material : Material
+    signals : SignalSurvey
+        Noise of the pressures.
+
+    Returns
+    -------
+    (N,) bool array
+    """
+    result = material.moving()
+    for place in material.places:
+        if material.is_flow(place.channel):
+            result[place.rows] &= _told(material, place, signals)
+    return result
+
+
+def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
+    """Windows over which the drop at the open edge is large beside noise and change."""
+    stretch = material.stretches[place.stretch]
+    number = material.chamber_index(place.channel)
+    chamber, trace = material.chambers[number], stretch.trace
+    first = chamber.side == "a"
+    pressure = (trace.p_a if first else trace.p_b)[:, chamber.index]
+    sensor = (signals.p_a if first else signals.p_b)[chamber.index]
+    noise = sensor.noise(material.robot.sensors.pressure_resolution_pa)
+    fed = (trace.valve_signal[:, chamber.index] > 0.0) == first
+    drop = np.abs(np.where(fed, trace.supply - pressure, pressure - trace.tank))
+    change = np.abs(np.diff(pressure, prepend=pressure[:1]))
+    starts = stretch.starts[number]
+    least = _over_windows(drop, starts, stretch.span).min(axis=1)
+    most = _over_windows(change, starts, stretch.span).max(axis=1)
+    return np.asarray(least >= np.maximum(_DEVIATIONS * noise, _CHANGES * most))
+
+
+def _over_windows(values: FloatArray, starts: np.ndarray, span: int) -> FloatArray:
+    """Samples of every window, (W, span + 1)."""
+    return np.asarray(sliding_window_view(values, span + 1)[starts])
+
+
+def within(material: Material, rows: BoolArray, there: Material) -> BoolArray:
+    """Which rows lie where their joint has been in some rows: beyond, a law is extrapolated.
+
+    Parameters
+    ----------
+    material : Material
+    rows : (N,) bool array
+        Of it: what was fitted.
+    there : Material
+        Of the same robot.
+
+    Returns
+    -------
+    (M,) bool array
+        Rows of `there`.
+    """
+    own, other = material.positions(), there.positions()
+    result = np.zeros(there.size, dtype=np.bool_)
+    for k, name in enumerate(there.channels):
+        if name not in material.channels:
+            continue
+        known = own[rows & (material.channel == material.channels.index(name))]
+        if known.size:
+            margin = _BEYOND * float(np.ptp(known))
+            inside = (other >= known.min() - margin) & (other <= known.max() + margin)
+            result |= inside & (there.channel == k)
+    return result
