@@ -39,7 +39,7 @@ FOREIGN = {
     "source",
     "echo",
     "plotjuggler",
-    "aggregator_node",
+    "diagnostic_aggregator",
     "robot_state_publisher",
     "rviz2",
     "rqt_robot_monitor",

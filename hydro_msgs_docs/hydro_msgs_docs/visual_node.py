@@ -7,15 +7,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command
-from hydro_model.cylinder import joint_position
-from hydro_model.robot import FloatArray, Robot
-from hydro_model.robot_files import load_robot
-from hydro_model.visual_joints import visual_joint_names, visual_joint_positions
+
+if TYPE_CHECKING:
+    from hydro_model.robot import FloatArray, Robot
 
 VISUAL_JOINT_STATES = "/visual_joint_states"
 RATE_HZ = 50.0
@@ -35,6 +32,10 @@ def positions_of(robot: Robot, given: Mapping[str, float]) -> FloatArray | None:
     (n,) array or None
         None where a joint's position is in neither.
     """
+    import numpy as np
+
+    from hydro_model.cylinder import joint_position
+
     q = np.full(robot.dof, np.nan)
     for i, joint in enumerate(robot.joints):
         q[i] = given.get(joint.name, np.nan)
@@ -93,6 +94,8 @@ def publish_visual_joints(node: Any) -> None:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
 
+    from hydro_model.robot_files import load_robot
+    from hydro_model.visual_joints import visual_joint_names, visual_joint_positions
     from hydro_msgs_docs.topics import JOINT_STATES, reliable
 
     robot = load_robot(node.declare_parameter("robot", "").value)

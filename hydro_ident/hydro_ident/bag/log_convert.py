@@ -22,6 +22,7 @@ from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_model.terminal import advance
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_REFERENCE,
@@ -42,6 +43,8 @@ _TOPICS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
+#: Cycles between two words on progress.
+_SAID_EVERY = 500
 #: Share of cycles with a value of every signal below which the rates differ.
 _RARE = 0.75
 _SEVERAL = (
@@ -245,6 +248,8 @@ def _write(
             for topic, columns in topics.items()
         }
         for k, stamp in enumerate(stamps.tolist()):
+            if not k % _SAID_EVERY:
+                advance("writing cycles", k, len(stamps))
             for topic, columns in topics.items():
                 if there[topic][k]:
                     values = {field: v[k] for field, v in columns.fields.items()}

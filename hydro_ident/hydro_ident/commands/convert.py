@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import write_json, write_text
+from hydro_ident.commands.output import add_json, report, write_text
 from hydro_ident.errors import BagError
 from hydro_model.command import run_command
+from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.bag.log_convert import Conversion
@@ -43,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         "--suggest", type=Path, metavar="NEW.yaml", help="write a mapping to start from instead"
     )
     p.add_argument("--robot", help="for --suggest: robot file or shipped robot, for its names")
-    p.add_argument("--json", type=Path, metavar="F", help="write the report as JSON")
+    add_json(p, "the report")
     p.add_argument("--note", default="", help="kept in the bag's metadata")
     return p
 
@@ -78,10 +79,9 @@ def _convert(options: argparse.Namespace) -> int:
         "software": software_version(),
         "note": options.note,
     }
-    done = convert(log, mapping, options.out, metadata)
-    if options.json is not None:
-        write_json(options.json, done.as_dict())
-    print(summary_text(done))
+    with progress_bar(options.json is None):
+        done = convert(log, mapping, options.out, metadata)
+    report(options.json, done.as_dict(), summary_text(done))
     return 0
 
 
@@ -96,11 +96,12 @@ def _suggest(options: argparse.Namespace) -> int:
     robot = load_robot(options.robot) if options.robot is not None else None
     suggestion = suggest(read_log(options.log), robot, options.robot or "")
     write_text(options.suggest, mapping_text(suggestion))
-    if options.json is not None:
-        write_json(options.json, suggestion.as_dict())
-    print("\n".join(lines_of(suggestion)))
-    print(f"written: {options.suggest}; look at it, then: convert {options.log} --map"
-          f" {options.suggest} --out BAG")  # fmt: skip
+    lines = [
+        *lines_of(suggestion),
+        f"written: {options.suggest}; look at it, then: convert {options.log} --map"
+        f" {options.suggest} --out BAG",
+    ]
+    report(options.json, suggestion.as_dict(), "\n".join(lines))
     return 0
 
 

@@ -31,6 +31,7 @@ from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
+from hydro_model.terminal import advance
 
 _FEW = (
     "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
@@ -131,6 +132,10 @@ class Diagnosis:
     refinement: Refinement | None = None
 
 
+#: Of a diagnosis, as `advance` counts them.
+_STAGES = 7
+
+
 def diagnose(
     robot: Robot,
     training: Sequence[Recording | Source],
@@ -164,10 +169,12 @@ def diagnose(
         raise IdentError("expected at least one recording to diagnose, found none")
     settings = settings or DiagnosisSettings()
     sources, others = sources_of(training), sources_of(validation)
+    advance("first look at the bags", 0, _STAGES)
     surveys = [survey_source(source, robot) for source in (*sources, *others)]
     losses = losses_of([s.recording for s in surveys])
     recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
+    advance("fitting the structure", 1, _STAGES)
     work = None if wrong else residuals(robot, sources, others, surveys, settings)
     if work is None:
         problems = tuple(wrong) or (_too_little(surveys),)
@@ -188,13 +195,17 @@ def _too_little(surveys: Sequence[Survey]) -> str:
 def _diagnosed(
     work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
 ) -> Diagnosis:
+    advance("looking where residuals depend on something", 2, _STAGES)
     base = work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
     located = dependences(work.scan, base)
+    advance("searching for effects and testing them", 3, _STAGES)
     search, whole, findings, rejected = _searched(work, base)
+    advance("verifying on what was held out", 4, _STAGES)
     left = dependences(work.training, whole)
     whole, findings, withdrawn = _withdrawn(work, whole, findings, left)
     if withdrawn:
         left = dependences(work.training, whole)
+    advance("describing what has no name", 5, _STAGES)
     unknown = _described(work, whole, left)
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken was testable.
@@ -207,6 +218,7 @@ def _diagnosed(
     if settings.refine is not None:
         refined = refine(work, whole, modelled.robot, settings.refine, settings.fixed_base)
         whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
+    advance("rolling the models out", 6, _STAGES)
     run = free_run(
         before.robot, modelled.robot, work.check_traces, work.split,
         work.training.predictor.material.filters,
