@@ -5,6 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = "hydro_msgs_docs"
+TOOLS = ("foxglove", "plotjuggler", "rqt", "rviz")
 HERE = Path(__file__).parent
 
 setup(
@@ -17,7 +18,13 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         *(
             (f"share/{PACKAGE}/{folder}", sorted(str(p.relative_to(HERE)) for p in files))
-            for folder in ("can", "layouts/foxglove", "layouts/plotjuggler")
+            for folder in (
+                "can",
+                "layouts/foxglove",
+                "layouts/plotjuggler",
+                "layouts/rviz",
+                "layouts/rqt",
+            )
             if (files := list(HERE.glob(f"{folder}/*")))
         ),
     ],
@@ -27,6 +34,10 @@ setup(
     description="Topics, bus and bag contract.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["live_layouts = hydro_msgs_docs.layouts_command:main"],
+        "console_scripts": [
+            "live_layouts = hydro_msgs_docs.layouts_command:main",
+            "visual_urdf = hydro_msgs_docs.visual_command:main",
+            "visual_joints = hydro_msgs_docs.visual_node:main",
+        ],
     },
 )

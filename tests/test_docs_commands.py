@@ -32,13 +32,16 @@ PAGES = [
     *sorted((ROOT / "hydro_msgs_docs").rglob("*.md")),
 ]
 #: Nodes: they take ROS parameters, which other tests compare with the pages.
-NODES = {"can_bridge", "controller", "identification_node"}
+NODES = {"can_bridge", "controller", "identification_node", "visual_joints"}
 #: Commands of other people's packages and of the system that the pages may name.
 FOREIGN = {
     "sudo",
     "source",
     "echo",
     "plotjuggler",
+    "diagnostic_aggregator",
+    "robot_state_publisher",
+    "rviz2",
     "rqt_robot_monitor",
     "ros2 service",
     "ros2 bag",
@@ -189,7 +192,7 @@ def check_module(words: list[str]) -> None:
 def check_executable(package: str, name: str, arguments: list[str]) -> None:
     entry(package, name)
     if name in NODES:
-        assert options(arguments) <= {"--ros-args", "-p", "--params-file", "--help"}
+        assert options(arguments) <= {"--ros-args", "-p", "-r", "--params-file", "--help"}
     elif arguments:
         run_parser(entry(package, name), name, arguments)
 

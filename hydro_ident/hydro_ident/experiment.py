@@ -34,6 +34,7 @@ from hydro_model.errors import RobotError
 from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.paths_check import PathCheck, check_path, joint_motion, joints_at_tip
 from hydro_model.robot import FloatArray, Robot
+from hydro_model.terminal import advance
 
 LIMITS = Limits()
 SHORTEST_S = 30.0
@@ -66,6 +67,10 @@ class Design:
     check: PathCheck
     prediction: Prediction
     left_out: tuple[str, ...] = ()
+
+
+#: Of the design of both runs, as `advance` counts them.
+DESIGN_STAGES = 5
 
 
 def start_pose(robot: Robot, tip_m: FloatArray | None = None) -> FloatArray:
@@ -136,18 +141,22 @@ def design_excitation(
         raise IdentError(f"expected a duration of {SHORTEST_S:g} s or more, found {duration_s:g}")
     residual = residual or Residual()
     information = ForceInformation(robot, residual)
+    advance("ramps, speeds and chirps", 0, DESIGN_STAGES)
     program = Program(robot, LIMITS, start)
     stages = {
         "slow ramps": add_ramps(program, RAMPS * duration_s),
         "speed ladder": add_ladder(program, LADDER * duration_s),
         "chirps": add_chirps(program, CHIRPS * duration_s),
     }
+    advance("optimising the motions", 1, DESIGN_STAGES)
     blocks = optimised_blocks(program, information, np.asarray(start), duration_s, seed)
+    advance("fitting them into the limits", 2, DESIGN_STAGES)
     played = visit_blocks(program, blocks, np.asarray(start))
     program.hold(duration_s - program.duration_s)
     left_out = [name for name, added in stages.items() if not added]
     if played < len(blocks.centre):
         left_out.append(f"{len(blocks.centre) - played} of {len(blocks.centre)} Fourier motions")
+    advance("predicting errors", 3, DESIGN_STAGES)
     return _designed(robot, program.content(), folder, residual, tuple(left_out))
 
 

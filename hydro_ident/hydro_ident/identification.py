@@ -44,6 +44,7 @@ from hydro_ident.verdict import (
 )
 from hydro_ident.workers import Here, Workers
 from hydro_model.robot import Robot
+from hydro_model.terminal import advance
 
 __all__ = ["Identification", "Settings", "identify"]
 
@@ -106,6 +107,10 @@ class Identification:
     recordings: tuple[RecordingSummary, ...] = ()
 
 
+#: Of an identification, as `advance` counts them.
+_STAGES = 5
+
+
 def identify(
     robot: Robot,
     training: Sequence[Recording | Source],
@@ -143,11 +148,14 @@ def identify(
     settings, workers = settings or Settings(), workers or Here()
     sources, others = sources_of(training), sources_of(validation)
     check_names((*sources, *others))
+    advance("first look at the bags", 0, _STAGES)
     job = prepared(robot, (sources, others), settings, workers)
+    advance("fitting", 1, _STAGES)
     estimates = Estimation(sources, job.plan, job.still, workers).run(
         settings.estimator, job.surveys, job.signals
     )
     estimates = within_bounds(robot, estimates)
+    advance("scoring on what was held out", 2, _STAGES)
     last = scored(job, estimates)
     scores = last.held_out
     estimates = tested(robot, estimates, scores)
@@ -157,8 +165,10 @@ def identify(
     found = None
     if judged.verdict != NOT_ENOUGH:
         found = identified_robot(robot, inertial, hydraulic, biases)
+    advance("rolling the model out", 3, _STAGES)
     run = rolled_out(job, found, hydraulic)
     judged = judged.with_problem(run.failed)
+    advance("finding bodies with these parameters", 4, _STAGES)
     physical = None
     if found is not None and found.base_parameters:
         physical = physical_result(found, robot)

@@ -42,12 +42,24 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_msgs_docs.live_layouts import views
 
     for view in views(load_robot(options.robot)):
-        _write(options.out / "plotjuggler" / f"{view.name}.xml", plotjuggler(view))
-        _write(options.out / "foxglove" / f"{view.name}.json", foxglove(view))
+        write_layout(options.out / "plotjuggler" / f"{view.name}.xml", plotjuggler(view))
+        write_layout(options.out / "foxglove" / f"{view.name}.json", foxglove(view))
     return 0
 
 
-def _write(path: Path, text: str) -> None:
+def write_layout(path: Path, text: str) -> None:
+    """Write a file and say so.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Raises
+    ------
+    LayoutError
+        It cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")

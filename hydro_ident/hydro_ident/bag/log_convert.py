@@ -1,8 +1,8 @@
 """A log of other people's tools as a bag of the contract, sample by sample.
 
-The log's own time base is the bag's: every line becomes one cycle with the stamp that the log
-gives it, nothing is resampled, shifted or filled in. A cell without a value becomes NaN, and a
-topic without any value in a line has no message there.
+The log's own time base is the bag's: every instant becomes one cycle with the stamp that the log
+gives it, nothing is resampled or filled in. A cell without a value becomes NaN, and a topic
+without any value at an instant has no message there.
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.log_clocks import timeline_of
+from hydro_ident.bag.log_columns import Columns
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_map import LogMap, LogSignal
+from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_model.terminal import advance
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_REFERENCE,
@@ -38,6 +41,16 @@ _TOPICS: dict[str, dict[str, tuple[str, ...]]] = {
     VALVE_COMMAND: {"effort": ("valve_commands",)},
     JOINT_REFERENCE: {"position": ("references",)},
 }
+
+
+#: Cycles between two words on progress.
+_SAID_EVERY = 500
+#: Share of cycles with a value of every signal below which the rates differ.
+_RARE = 0.75
+_SEVERAL = (
+    "only {} of {} cycles have a value of every signal: several rates; the analysis takes the rest"
+    " for gaps, time: {{keep: common}} leaves them out"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +84,8 @@ class Conversion:
         Messages per topic.
     unused : tuple of str
         Signals of the log that the mapping does not name.
+    remarks : tuple of str
+        How the file was read, and what was done to times and values.
     """
 
     path: Path
@@ -80,6 +95,19 @@ class Conversion:
     longest_s: float
     counts: Mapping[str, int]
     unused: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """For `--json`."""
+        return {
+            "bag": str(self.path),
+            "cycles": self.cycles,
+            "rate_hz": self.rate_hz,
+            "intervals_s": [self.shortest_s, self.longest_s],
+            "messages": dict(self.counts),
+            "not_in_the_mapping": list(self.unused),
+            "remarks": list(self.remarks),
+        }
 
 
 def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, str]) -> Conversion:
@@ -101,14 +129,16 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
     Raises
     ------
     BagError
-        A signal is missing or of another length than the time, time does not increase, there is
+        A signal is missing or of another length than its time, time does not increase, there is
         no position, or `out` exists.
     """
-    stamps = stamps_of(log, mapping)
-    topics = topics_of(log, mapping, len(stamps))
-    temperature = _column(log, mapping.oil_temperature, "oil_temperature", len(stamps))
     if Path(out).exists():
         raise BagError(f"{out}: exists already, nothing overwritten")
+    timeline = timeline_of(log, mapping)
+    columns = Columns(log, mapping, timeline)
+    topics = topics_of(columns)
+    temperature = columns.of(mapping.oil_temperature, "oil_temperature")
+    stamps, topics, temperature, remark = _kept(mapping, timeline.stamps_ns, topics, temperature)
     kept = {"mapping": mapping.source.read_text(encoding="utf-8"), **metadata}
     if mapping.robot is not None:
         kept["robot"] = mapping.robot.name
@@ -119,9 +149,6 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         shutil.rmtree(out, ignore_errors=True)
         raise
     steps = np.diff(stamps) * 1e-9
-    used = {mapping.time.signal} if mapping.time is not None else set()
-    used |= {n for section in mapping.sections.values() for s in section.values() for n in s.names}
-    used |= {mapping.oil_temperature.signal} if mapping.oil_temperature is not None else set()
     return Conversion(
         path=Path(out),
         cycles=len(stamps),
@@ -129,110 +156,79 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         shortest_s=float(steps.min()),
         longest_s=float(steps.max()),
         counts=counts,
-        unused=tuple(name for name in log.columns if name not in used),
+        unused=tuple(name for name in log.columns if name not in columns.used),
+        remarks=(*log.notes, *timeline.remarks, *columns.remarks, *remark),
     )
 
 
-def stamps_of(log: Log, mapping: LogMap) -> IntArray:
-    """Stamps of the log's samples, ns.
-
-    Parameters
-    ----------
-    log : Log
-    mapping : LogMap
-
-    Returns
-    -------
-    (N,) int64 array
-
-    Raises
-    ------
-    BagError
-        Fewer than two samples, or a time that is missing, does not increase or is negative.
-    """
-    if mapping.time is None:
-        first = next(s for section in mapping.sections.values() for s in section.values())
-        count = len(log.column(first.signal, str(mapping.source)))
-        seconds = np.arange(count) / mapping.rate_hz
-    else:
-        where = f"{mapping.source}, time"
-        seconds = mapping.time.values(log.column(mapping.time.signal, where))
-    if len(seconds) < 2:
-        raise BagError(f"{log.path}: expected at least 2 samples, found {len(seconds)}")
-    if not np.isfinite(seconds).all():
-        row = int(np.flatnonzero(~np.isfinite(seconds))[0])
-        raise BagError(f"{log.path}: sample {row + 1} has no time")
-    stamps = mapping.start_ns + np.round(seconds * 1e9).astype(np.int64)
-    late = np.flatnonzero(np.diff(stamps) <= 0)
-    if len(late):
-        k = int(late[0])
-        raise BagError(
-            f"{log.path}: expected a time that increases, found {seconds[k]:.9g} s and then"
-            f" {seconds[k + 1]:.9g} s at sample {k + 2}"
-        )
-    if stamps[0] < 0:
-        raise BagError(f"{log.path}: time {seconds[0]:g} s lies before 1970: give a later 'start'")
-    return np.asarray(stamps, dtype=np.int64)
-
-
-def topics_of(log: Log, mapping: LogMap, count: int) -> dict[str, TopicColumns]:
+def topics_of(columns: Columns) -> dict[str, TopicColumns]:
     """The columns of every topic that the mapping fills.
 
     Parameters
     ----------
-    log : Log
-    mapping : LogMap
-    count : int
-        Number of samples N.
+    columns : Columns
 
     Returns
     -------
     dict of str to TopicColumns
+
+    Raises
+    ------
+    BagError
+        No position is among them, or a signal is not as the mapping says.
     """
-    topics = {}
+    topics, sections = {}, columns.mapping.sections
     for topic, layout in _TOPICS.items():
-        sections = [key for keys in layout.values() for key in keys]
-        names = tuple(dict.fromkeys(n for key in sections for n in mapping.sections[key]))
+        keys = [key for keys in layout.values() for key in keys]
+        names = tuple(dict.fromkeys(n for key in keys for n in sections[key]))
         fields = {
-            field: _field(log, mapping, names, keys, count)
+            field: _field(columns, names, keys)
             for field, keys in layout.items()
-            if any(mapping.sections[key] for key in keys)
+            if any(sections[key] for key in keys)
         }
         if fields:
             topics[topic] = TopicColumns(names, fields)
     if "position" not in topics.get(JOINT_STATES, TopicColumns((), {})).fields:
-        raise BagError(f"{mapping.source}: expected a position under joints or strokes")
+        raise BagError(f"{columns.mapping.source}: expected a position under joints or strokes")
     return topics
 
 
-def _field(
-    log: Log, mapping: LogMap, names: Sequence[str], keys: Sequence[str], count: int
-) -> FloatArray:
-    values = np.full((count, len(names)), np.nan)
+def _field(columns: Columns, names: Sequence[str], keys: Sequence[str]) -> FloatArray:
+    values = np.full((columns.count, len(names)), np.nan)
     for key in keys:
-        for name, signal in mapping.sections[key].items():
-            column = _column(log, signal, f"{key}, {name}", count)
+        for name, signal in columns.mapping.sections[key].items():
+            column = columns.of(signal, f"{key}, {name}", name if key == "joints" else "")
             if column is not None:
                 values[:, names.index(name)] = column
     return values
 
 
-def _column(log: Log, signal: LogSignal | None, where: str, count: int) -> FloatArray | None:
-    if signal is None:
-        return None
-    if not signal.names:
-        return np.full(count, signal.offset)
-    columns = [log.column(name, where) for name in signal.names]
-    for name, column in zip(signal.names, columns, strict=True):
-        if len(column) != count:
-            raise BagError(
-                f"{log.path}: expected {count} samples of '{name}' as of the time,"
-                f" found {len(column)}"
-            )
-        if not np.isfinite(column).any():
-            raise BagError(f"{log.path}: '{name}' holds no number")
-    recorded = columns[0] - columns[1] if signal.minus else columns[0]
-    return signal.values(recorded)
+def _kept(
+    mapping: LogMap,
+    stamps: IntArray,
+    topics: dict[str, TopicColumns],
+    temperature: FloatArray | None,
+) -> tuple[IntArray, dict[str, TopicColumns], FloatArray | None, list[str]]:
+    """All cycles, or those at which every signal has a value."""
+    values = [v for columns in topics.values() for v in columns.fields.values()]
+    # A column that the other section of its topic fills is empty everywhere.
+    full = [np.isfinite(v[:, np.isfinite(v).any(axis=0)]).all(axis=1) for v in values]
+    whole = np.logical_and.reduce(full)
+    count = int(whole.sum())
+    if not mapping.common:
+        several = count < _RARE * len(whole)
+        return stamps, topics, temperature, [_SEVERAL.format(count, len(whole))] * several
+    if count < 2:
+        raise BagError(
+            f"{mapping.source}: keep: common leaves {count} of {len(whole)} cycles: expected"
+            " instants at which all signals have values; time: {within_s: ...} widens an instant"
+        )
+    cut = {
+        topic: TopicColumns(c.names, {f: v[whole] for f, v in c.fields.items()})
+        for topic, c in topics.items()
+    }
+    left = f"keep: common: {len(whole) - count} cycles without a value of every signal left out"
+    return stamps[whole], cut, None if temperature is None else temperature[whole], [left]
 
 
 def _write(
@@ -252,6 +248,8 @@ def _write(
             for topic, columns in topics.items()
         }
         for k, stamp in enumerate(stamps.tolist()):
+            if not k % _SAID_EVERY:
+                advance("writing cycles", k, len(stamps))
             for topic, columns in topics.items():
                 if there[topic][k]:
                     values = {field: v[k] for field, v in columns.fields.items()}

@@ -1,8 +1,8 @@
 """The mapping of a log: which signal is which joint, pressure or valve, and in which unit.
 
 ``value = sign * scale * (signal - minus, in its unit) + offset``, the offset in SI units, as in
-the mapping of a bus; `minus` is another signal, where the log has no difference of the two. The
-page `log_map` of hydro_msgs_docs has every key.
+the mapping of a bus (`hydro_ident.bag.log_signal`). The page `log_map` of hydro_msgs_docs has
+every key.
 """
 
 from __future__ import annotations
@@ -13,10 +13,15 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-import numpy as np
-
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import CsvLayout
+from hydro_ident.bag.log_signal import (
+    Clock,
+    LogSignal,
+    filled,
+    no_other_keys,
+    signal_of,
+    unit_of,
+)
 from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
@@ -25,19 +30,7 @@ from hydro_model.robot_files import load_robot, read_yaml
 
 SCHEMA = "hydro_ident/log_map/1"
 ATMOSPHERE_PA = 101325.0
-_DEGREE = math.pi / 180.0
 
-#: Units by quantity: factor to SI.
-UNITS: dict[str, dict[str, float]] = {
-    "position": {"rad": 1.0, "deg": _DEGREE, "mrad": 1e-3, "m": 1.0, "mm": 1e-3},
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "effort": {"N m": 1.0, "kN m": 1e3, "N": 1.0, "kN": 1e3},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168361},
-    "voltage": {"V": 1.0, "mV": 1e-3},
-    "ratio": {"1": 1.0, "%": 1e-2},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    "temperature": {"degC": 1.0},
-}
 #: Sections of the mapping and the quantity of their signals; the first unit is the default.
 SECTIONS: dict[str, str] = {
     "joints": "position",
@@ -50,37 +43,9 @@ SECTIONS: dict[str, str] = {
     "references": "position",
 }
 _KEYS = frozenset(
-    {"schema", "robot", "time", "start", "csv", "atmospheric_pressure_pa", "oil_temperature"}
+    {"schema", "robot", "time", "clocks", "start", "csv", "atmospheric_pressure_pa"}
+    | {"oil_temperature"}
 )
-
-
-@dataclass(frozen=True, slots=True)
-class LogSignal:
-    """A signal of the log as a quantity, SI.
-
-    Attributes
-    ----------
-    signal : str
-        Name in the log; empty: a constant, `offset`.
-    factor, offset : float
-        ``value = factor * (recorded - minus) + offset``; of a pressure: absolute.
-    minus : str
-        Name in the log of the signal that is taken off first; empty: none is.
-    """
-
-    signal: str
-    factor: float
-    offset: float
-    minus: str = ""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Signals of the log that it takes."""
-        return tuple(name for name in (self.signal, self.minus) if name)
-
-    def values(self, recorded: FloatArray) -> FloatArray:
-        """The quantity from the recorded numbers."""
-        return np.asarray(self.factor * recorded + self.offset)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +57,18 @@ class LogMap:
     source : Path
     robot : Robot or None
         Where the mapping names one: its names are the only ones allowed.
-    time : LogSignal or None
+    time : Clock or None
     rate_hz : float
         Of a log without time; 0 where `time` is given.
+    clocks : mapping of str to Clock
+        Of signals that have a time of their own, by its name in the log.
+    from_s, to_s : float
+        What lies outside is left out, in the log's own time.
+    within_s : float
+        Instants of different clocks that lie this close are one cycle; 0: a twentieth of the
+        finest clock's period.
+    common : bool
+        Whether only instants are kept at which every signal has a value.
     start_ns : int
         Stamp of time 0.
     sections : mapping of str to mapping of str to LogSignal
@@ -105,8 +79,13 @@ class LogMap:
 
     source: Path
     robot: Robot | None
-    time: LogSignal | None
+    time: Clock | None
     rate_hz: float
+    clocks: Mapping[str, Clock]
+    from_s: float
+    to_s: float
+    within_s: float
+    common: bool
     start_ns: int
     sections: Mapping[str, Mapping[str, LogSignal]]
     oil_temperature: LogSignal | None
@@ -142,14 +121,15 @@ def _map_from(top: Fields, path: Path) -> LogMap:
     schema = top.text("schema", SCHEMA)
     if schema != SCHEMA:
         raise BagError(f"{path}: expected schema {SCHEMA}, found '{schema}'")
-    _no_other_keys(top, _KEYS | set(SECTIONS))
+    no_other_keys(top, _KEYS | set(SECTIONS))
     robot = load_robot(_robot_path(top.text("robot"), path)) if "robot" in top else None
     given = ATMOSPHERE_PA if robot is None else robot.atmospheric_pressure_pa
     atmosphere = top.positive("atmospheric_pressure_pa", given)
-    time, rate_hz = _time(top.fields("time"))
+    clock = top.fields("time")
+    time, rate_hz = _time(clock)
     sections = {
         key: {
-            name: _signal(block.fields(name), quantity, atmosphere)
+            name: signal_of(block.fields(name), quantity, atmosphere)
             for name, block in _entries(top, key)
         }
         for key, quantity in SECTIONS.items()
@@ -164,9 +144,14 @@ def _map_from(top: Fields, path: Path) -> LogMap:
         robot=robot,
         time=time,
         rate_hz=rate_hz,
+        clocks=_clocks(top, time),
+        from_s=clock.number("from_s") if "from_s" in clock else -math.inf,
+        to_s=clock.number("to_s") if "to_s" in clock else math.inf,
+        within_s=clock.positive("within_s") if "within_s" in clock else 0.0,
+        common=_kept(clock) == "common",
         start_ns=_start_ns(top),
         sections=sections,
-        oil_temperature=None if oil is None else _signal(oil, "temperature", 0.0),
+        oil_temperature=None if oil is None else signal_of(oil, "temperature", 0.0),
         layout=_layout(top.fields("csv", {})),
     )
 
@@ -182,44 +167,32 @@ def _entries(top: Fields, key: str) -> list[tuple[str, Fields]]:
     return [] if block is None else [(name, block) for name in block.keys()]  # noqa: SIM118
 
 
-def _time(fields: Fields) -> tuple[LogSignal | None, float]:
+def _time(fields: Fields) -> tuple[Clock | None, float]:
+    cut = {"from_s", "to_s", "within_s", "keep"}
     if "rate_hz" in fields:
-        _no_other_keys(fields, {"rate_hz"})
+        no_other_keys(fields, {"rate_hz"} | cut)
         return None, fields.positive("rate_hz")
-    _no_other_keys(fields, {"signal", "unit"})
-    return LogSignal(fields.text("signal"), _unit(fields, "time"), 0.0), 0.0
+    no_other_keys(fields, {"signal", "unit", "late_s"} | cut)
+    late_s = fields.number("late_s", 0.0)
+    return Clock(filled(fields, "signal"), unit_of(fields, "time"), late_s), 0.0
 
 
-def _signal(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
-    if "constant" in fields:
-        _no_other_keys(fields, {"constant", "unit"})
-        return LogSignal("", 0.0, fields.number("constant") * _unit(fields, quantity))
-    allowed = {"signal", "minus", "unit", "scale", "offset", "sign"}
-    _no_other_keys(fields, allowed | ({"reference"} if quantity == "pressure" else set()))
-    sign = fields.number("sign", 1.0)
-    if sign not in (1.0, -1.0):
-        raise BagError(f"{fields.where}: 'sign' should be 1 or -1, found {sign:g}")
-    offset = fields.number("offset", 0.0)
-    if quantity == "pressure":
-        reference = fields.text("reference")
-        if reference not in ("gauge", "absolute"):
-            raise BagError(
-                f"{fields.where}: 'reference' should be gauge or absolute, found '{reference}'"
-            )
-        offset += atmosphere_pa if reference == "gauge" else 0.0
-    factor = sign * fields.number("scale", 1.0) * _unit(fields, quantity)
-    minus = fields.text("minus") if "minus" in fields else ""
-    return LogSignal(fields.text("signal"), factor, offset, minus)
+def _kept(fields: Fields) -> str:
+    keep = fields.text("keep", "all")
+    if keep not in ("all", "common"):
+        raise BagError(f"{fields.where}: 'keep' should be all or common, found '{keep}'")
+    return keep
 
 
-def _unit(fields: Fields, quantity: str) -> float:
-    units = UNITS[quantity]
-    name = fields.text("unit", next(iter(units)))
-    if name not in units:
-        raise BagError(
-            f"{fields.where}: 'unit' should be one of {', '.join(units)}, found '{name}'"
-        )
-    return units[name]
+def _clocks(top: Fields, time: Clock | None) -> dict[str, Clock]:
+    """Further clocks; without a unit they have that of `time`."""
+    clocks = {}
+    for name, block in _entries(top, "clocks"):
+        fields = block.fields(name)
+        no_other_keys(fields, {"unit", "late_s"})
+        factor = unit_of(fields, "time") if "unit" in fields or time is None else time.factor
+        clocks[name] = Clock(name, factor, fields.number("late_s", 0.0))
+    return clocks
 
 
 def _start_ns(top: Fields) -> int:
@@ -238,12 +211,15 @@ def _start_ns(top: Fields) -> int:
 
 
 def _layout(fields: Fields) -> CsvLayout:
-    _no_other_keys(fields, {"delimiter", "comment"})
+    no_other_keys(fields, {"delimiter", "comment", "decimal"})
     layout = CsvLayout()
     delimiter = str(fields.text("delimiter", ",")) if "delimiter" in fields else ""
     if len(delimiter) > 1:
         raise BagError(f"{fields.where}: 'delimiter' should be one character, found '{delimiter}'")
-    return CsvLayout(delimiter, fields.text("comment", layout.comment))
+    decimal = fields.text("decimal") if "decimal" in fields else ""
+    if decimal not in ("", ".", ","):
+        raise BagError(f"{fields.where}: 'decimal' should be '.' or ',', found '{decimal}'")
+    return CsvLayout(delimiter, fields.text("comment", layout.comment), decimal)
 
 
 def _check_names(
@@ -265,10 +241,3 @@ def _check_names(
                     f"{path}, {key}: robot {robot.name} has no '{name}'"
                     f" (known: {', '.join(names) or 'none'})"
                 )
-
-
-def _no_other_keys(fields: Fields, allowed: set[str] | frozenset[str]) -> None:
-    strange = set(fields.keys()) - allowed
-    if strange:
-        expected, found = ", ".join(sorted(allowed)), min(strange)
-        raise BagError(f"{fields.where}: unknown key '{found}' (known: {expected})")

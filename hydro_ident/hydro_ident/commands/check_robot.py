@@ -5,10 +5,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import write_json, write_text
-from hydro_ident.robot_check import RobotCheck
+from hydro_ident.commands.output import add_json, report, write_text
 from hydro_model.command import run_command
+from hydro_model.terminal import coloured
+
+if TYPE_CHECKING:
+    from hydro_ident.robot_check import RobotCheck
+
+_COLOURS = {"error": "red", "warning": "yellow"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,7 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, metavar="FILE.html", help="draw links, pins, strokes and lever arms"
     )
-    parser.add_argument("--json", type=Path, metavar="F", help="write the findings as JSON")
+    add_json(parser, "the findings")
     return parser
 
 
@@ -38,13 +44,11 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_model.robot_files import load_robot
 
     check = check_robot(load_robot(options.robot, check_strokes=False))
-    if options.json is not None:
-        write_json(options.json, check.as_dict())
     if options.out is not None:
         from hydro_ident.report.robot_report import robot_html
 
         write_text(options.out, robot_html(check))
-    print("\n".join(lines_of(check)))
+    report(options.json, check.as_dict(), "\n".join(lines_of(check)))
     return 1 if check.wrong else 0
 
 
@@ -78,4 +82,7 @@ def lines_of(check: RobotCheck) -> Iterator[str]:
     if not check.remarks:
         yield "nothing to remark"
     for remark in check.remarks:
-        yield f"{remark.level.upper():8s} {remark.about}: {remark.text}"
+        level = f"{remark.level.upper():8s}"
+        colour = _COLOURS.get(remark.level)
+        level = coloured(level, colour) if colour else level
+        yield f"{level} {remark.about}: {remark.text}"

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--robot", required=True, help="robot whose kinematics give the tip")
     p.add_argument("--against", metavar="NAME", help="print the other runs' RMSE over this one's")
-    p.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
+    add_json(p)
     return p
 
 
@@ -41,7 +42,6 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
-    from hydro_ident.commands.output import write_json
     from hydro_ident.commands.tracking import tracking_of
     from hydro_ident.errors import IdentError
     from hydro_model.robot_files import load_robot
@@ -55,11 +55,9 @@ def run(arguments: Sequence[str]) -> int:
         raise IdentError(
             f"--against: expected one of {', '.join(rows)}, found '{options.against}'"
         )
-    if options.json is not None:
-        write_json(options.json, as_dict(rows))
-    print(table(rows))
-    if options.against is not None:
-        print("\n".join(ratios(rows, options.against)))
+    lines = [table(rows)]
+    lines += [] if options.against is None else ratios(rows, options.against)
+    report(options.json, as_dict(rows), "\n".join(lines))
     void = [name for name, row in rows.items() if is_void(row["truth"])]
     if void:
         print(f"compare_tracking: void: {', '.join(void)}", file=sys.stderr)

@@ -9,8 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.commands.output import STDOUT, add_json, report
 from hydro_ident.mismatch.settings import LONGEST_S
 from hydro_model.command import run_command
+from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.mismatch.outcome import Diagnosis
@@ -66,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
         " spread parts (default: %(default)g)",
     )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
+    add_json(p, "result.json's content")
     return p
 
 
@@ -96,6 +99,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         The robot file says what cannot be.
     """
     from hydro_ident.mismatch.diagnosis import diagnose
+    from hydro_ident.mismatch.diagnosis_file import result_dict
     from hydro_ident.mismatch.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.results import provenance
@@ -119,13 +123,15 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     )
     refine = RefineSettings() if options.refine else None
     settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)
-    found = diagnose(robot, training, validation, settings)
+    with progress_bar(options.json is None):
+        found = diagnose(robot, training, validation, settings)
     write_results(found, origin, options.out)
-    print(summary_text(found))
+    report(options.json, result_dict(found, origin), summary_text(found))
     if found.verdict == NOT_ENOUGH:
         print(f"diagnose: {'; '.join(found.problems)}", file=sys.stderr)
         return 1, found
-    print(f"written: {options.out}")
+    if options.json != STDOUT:
+        print(f"written: {options.out}")
     return 0, found
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.design.information import Residual
@@ -66,6 +69,7 @@ def parser() -> argparse.ArgumentParser:
     start.add_argument(
         "--start-joints", nargs="+", type=float, metavar="Q", help="joint positions, rad or m"
     )
+    add_json(p, f"{PREDICTION_FILE}'s content")
     return p
 
 
@@ -77,6 +81,7 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.design.prediction import predicted_json
     from hydro_ident.errors import IdentError
     from hydro_ident.experiment import (
+        DESIGN_STAGES,
         design_excitation,
         design_validation,
         path_text,
@@ -98,8 +103,14 @@ def run(arguments: Sequence[str]) -> int:
     residual = _residual(options)
     with tempfile.TemporaryDirectory() as name:
         folder, settings = Path(name), {"residual": residual, "seed": options.seed}
-        excitation = design_excitation(robot, start, options.duration, folder, **settings)
-        validation = design_validation(robot, start, 0.5 * options.duration, folder, **settings)
+        with progress_bar(options.json is None):
+            excitation = design_excitation(robot, start, options.duration, folder, **settings)
+            advance("designing the validation run", 4, DESIGN_STAGES)
+            validation = design_validation(
+                robot, start, 0.5 * options.duration, folder, **settings
+            )
+
+    predicted = predicted_json(robot, excitation.prediction, residual, excitation.path.duration_s)
 
     def fill(fresh: Path) -> None:
         for file, design, text in (
@@ -108,13 +119,15 @@ def run(arguments: Sequence[str]) -> int:
         ):
             comment = f"A run of robot {robot.name} {text}, by hydro_ident excite."
             (fresh / file).write_text(path_text(design.content, comment), encoding="utf-8")
-        text = predicted_json(robot, excitation.prediction, residual, excitation.path.duration_s)
-        (fresh / PREDICTION_FILE).write_text(text, encoding="utf-8")
+        (fresh / PREDICTION_FILE).write_text(predicted, encoding="utf-8")
 
     write_together(options.out, fill, own=())
-    print(_text(robot, excitation, options.out / EXCITATION_FILE))
-    print(_text(robot, validation, options.out / VALIDATION_FILE))
-    print(_table(excitation, options.out / PREDICTION_FILE))
+    lines = [
+        _text(robot, excitation, options.out / EXCITATION_FILE),
+        _text(robot, validation, options.out / VALIDATION_FILE),
+        _table(excitation, options.out / PREDICTION_FILE),
+    ]
+    report(options.json, json.loads(predicted), "\n".join(lines))
     for what in excitation.left_out:
         print(f"excite: left out, since no size of it fits the limits: {what}", file=sys.stderr)
     return 0

@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_ident.commands.output import STDOUT, add_json, report
 from hydro_model.command import run_command
+from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification, Settings
@@ -107,6 +109,7 @@ def parser() -> argparse.ArgumentParser:
         help="spread the bags over this Dask cluster, which sees them under the same paths",
     )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the results")
+    add_json(p, "result.json's content")
     return p
 
 
@@ -117,7 +120,7 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.earlier_model import check_same_machine
     from hydro_ident.identification import identify
     from hydro_ident.model_statistics import Statistics, read_statistics
-    from hydro_ident.results import provenance
+    from hydro_ident.results import provenance, result_dict
     from hydro_ident.sources import bag_source
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_ident.workers import workers_at
@@ -141,7 +144,7 @@ def run(arguments: Sequence[str]) -> int:
         [source.path for source in training],
         [source.path for source in validation],
     )
-    with workers_at(options.scheduler) as workers:
+    with workers_at(options.scheduler) as workers, progress_bar(options.json is None):
         found = identify(robot, training, validation, settings, workers)
     if old is not None and found.robot is not None:
         before = Statistics() if old.source is None else read_statistics(old.source)
@@ -149,11 +152,12 @@ def run(arguments: Sequence[str]) -> int:
         comparison = compare(old, found.robot, found.parameters, options.compare, sides)
         found = replace(found, comparison=comparison)
     write_results(found, origin, options.out)
-    print(summary_text(found))
+    report(options.json, result_dict(found, origin), summary_text(found))
     if found.verdict == NOT_ENOUGH:
         print(f"identify: {'; '.join(found.problems)}", file=sys.stderr)
         return 1
-    print(f"written: {options.out}")
+    if options.json != STDOUT:
+        print(f"written: {options.out}")
     return 0
 
 

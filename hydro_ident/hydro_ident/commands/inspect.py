@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hydro_ident.bag.reader import read_bag
-from hydro_ident.commands.output import write_json
-from hydro_ident.inspection import Inspection, inspect_bag, robot_of
+from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.terminal import coloured
+
+if TYPE_CHECKING:
+    from hydro_ident.inspection import Inspection
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,17 +26,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("bag", type=Path, help="rosbag2 directory or .mcap file")
     parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
-    parser.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
+    add_json(parser)
     return parser
 
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
+    from hydro_ident.bag.reader import read_bag
+    from hydro_ident.inspection import inspect_bag, robot_of
+
     bag = read_bag(options.bag)
     inspection = inspect_bag(bag, robot_of(bag, options.robot), strict=options.robot is not None)
-    if options.json is not None:
-        write_json(options.json, inspection.as_dict())
-    print(text_of(inspection))
+    report(options.json, inspection.as_dict(), text_of(inspection))
     return 0
 
 
@@ -48,36 +52,61 @@ def text_of(inspection: Inspection) -> str:
     -------
     str
     """
-    return "\n".join(
-        [*_head(inspection), *_troubles(inspection), *_topics(inspection), *_ranges(inspection)]
-    )
+    parts = (_verdict, _head, _troubles, _channels, _ranges, _topics, _origin)
+    return "\n".join(line for part in parts for line in part(inspection))
+
+
+def _verdict(i: Inspection) -> list[str]:
+    """One line that answers whether the bag can be used."""
+    if i.damage:
+        said = coloured("damaged", "red") + ": what can be read is used"
+    elif i.robot is None:
+        said = coloured("no robot", "yellow") + ": the bag names no known one; give --robot"
+    elif not i.channels:
+        said = coloured("nothing to identify", "red") + ": no channel is complete"
+    elif i.findings or i.losses or i.diagnostics:
+        count = len(i.findings) + len(i.losses) + len(i.diagnostics)
+        said = coloured(f"{count} to look at", "yellow")
+    else:
+        said = coloured("healthy", "green")
+    return [f"{i.bag}: {said}"]
 
 
 def _head(i: Inspection) -> list[str]:
     sums = "checksums hold" if i.checksummed else "not checksummed"
     packing = ", ".join(i.compression) or "no chunks"
     plural = "" if i.files == 1 else "s"
-    lines = [
-        i.bag,
-        f"  {i.duration_s:.3f} s, {i.messages} messages, {i.size_bytes / 1e6:.1f} MB"
-        f" in {i.files} file{plural} ({packing}; {sums})",
-    ]
+    lines = []
     if i.rate_hz is not None:
         lines.append(f"  robot {i.robot}: {i.cycles} cycles at {i.rate_hz:.2f} Hz")
-    elif i.robot is None:
-        lines.append("  the bag names no known robot: give --robot to see its signals")
-    lines += [f"  {key}: {value}" for key, value in i.metadata.items() if value]
-    return lines
+    lines.append(
+        f"  {i.duration_s:.3f} s, {i.messages} messages, {i.size_bytes / 1e6:.1f} MB"
+        f" in {i.files} file{plural} ({packing}; {sums})"
+    )
+    note = i.metadata.get("note", "")
+    return lines + ([f"  note: {note}"] if note else [])
 
 
 def _troubles(i: Inspection) -> list[str]:
-    lines = [f"  DAMAGE  {text}" for text in i.damage]
-    lines += [f"  CHECK   {finding.signal}: {finding.text}" for finding in i.findings]
-    lines += [f"  SAID    {text}" for text in i.diagnostics]
-    lines += [f"  LOST    {loss['channel']}: {loss['reason']}" for loss in i.losses]
-    if i.channels:
-        lines.append(f"  channels: {', '.join(i.channels)}")
-    return ["", "health", *(lines or ["  nothing irregular"])]
+    lines = [f"  {coloured('DAMAGE', 'red')}  {text}" for text in i.damage]
+    check = coloured("CHECK", "yellow")
+    lines += [f"  {check}   {finding.signal}: {finding.text}" for finding in i.findings]
+    lines += [f"  {coloured('SAID', 'yellow')}    {text}" for text in i.diagnostics]
+    lines += [
+        f"  {coloured('LOST', 'yellow')}    {loss['channel']}: {loss['reason']}"
+        for loss in i.losses
+    ]
+    nothing = [] if i.channels else ["  nothing irregular"]
+    return ["", "health", *(lines or nothing)]
+
+
+def _channels(i: Inspection) -> list[str]:
+    return [f"  channels: {', '.join(i.channels)}"] if i.channels else []
+
+
+def _origin(i: Inspection) -> list[str]:
+    lines = [f"  {key}: {value}" for key, value in i.metadata.items() if value and key != "note"]
+    return ["", "from", *lines] if lines else []
 
 
 def _topics(i: Inspection) -> list[str]:

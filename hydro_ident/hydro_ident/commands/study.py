@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.terminal import advance, progress_bar, say
 
 if TYPE_CHECKING:
     from hydro_ident.study.generate import CaseSpec
@@ -48,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
         help="write the figures to FILE, too, and anew into the tables of study.md in the folder"
         " above it, where there is one",
     )
+    add_json(p, "the summary")
     return p
 
 
@@ -95,14 +98,16 @@ def run(arguments: Sequence[str]) -> int:
     write_json(options.out / PLAN, plan)
     _say_if_not_secluded()
     _prepare_robots(options.out, seed, options.cases, options.jobs)
-    done = _work(options, seed)
+    with progress_bar(options.json is None):
+        advance("cases", 0, options.cases)
+        done = _work(options, seed)
     if options.generate_only:
         print(f"{options.out}: {options.cases} cases written")
         return 0
     summary = publish(options.out, done, plan)
     if options.publish:
         _into_docs(options.publish, summary)
-    print(summary_text(summary))
+    report(options.json, summary, summary_text(summary))
     return 0
 
 
@@ -177,7 +182,10 @@ def _work(options: argparse.Namespace, seed: int) -> list[str]:
         for number, future in enumerate(as_completed(futures), 1):
             row = future.result()
             said = row.get("failed") or row.get("verdict", "")
-            print(f"{number}/{len(waiting)} {row['case']} {said}", flush=True)
+            line = f"{number}/{len(waiting)} {row['case']} {said}"
+            if options.json is None:
+                say(line)
+            advance("cases", number, len(waiting))
             if options.generate_only or "failed" in row:
                 continue
             done.add(row["case"])

@@ -6,20 +6,17 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from hydro_ident.bag.reader import Bag, read_bag
-from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
-from hydro_ident.commands.output import write_json
-from hydro_ident.errors import BagError
-from hydro_ident.inspection import robot_of
-from hydro_ident.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, Tracking, tracking
+from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
-from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.topics import TIP_REFERENCE
+
+if TYPE_CHECKING:
+    from hydro_ident.bag.cdr import FloatArray
+    from hydro_ident.bag.reader import Bag
+    from hydro_ident.bag.recording import Recording
+    from hydro_ident.metrics import Tracking
+    from hydro_model.robot import Robot
 
 _DEFAULT_ROBOT = "xs031"
 
@@ -38,18 +35,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("bag", type=Path, help="rosbag2 directory or .mcap file")
     parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
     parser.add_argument("--truth", type=Path, help="side file of the simulated rig (.npz)")
-    parser.add_argument("--json", type=Path, metavar="F", help="write the same as JSON")
+    add_json(parser)
     return parser
 
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
+    from hydro_ident.bag.reader import read_bag
+    from hydro_ident.bag.recording import RECORDING_TOPICS
+    from hydro_ident.inspection import robot_of
+    from hydro_model.robot_files import load_robot
+
     bag = read_bag(options.bag, RECORDING_TOPICS)
     robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
     rows = tracking_of(bag, robot, options.truth)
-    if options.json is not None:
-        write_json(options.json, _as_dict(options.bag, rows))
-    print(_text(rows))
+    report(options.json, _as_dict(options.bag, rows), _text(rows))
     return 0
 
 
@@ -75,6 +75,11 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     NotEnoughDataError
         The reference or the tip never moves.
     """
+    import numpy as np
+
+    from hydro_ident.bag.recording import recording_of
+    from hydro_ident.errors import BagError
+    from hydro_ident.metrics import ENCODER_HALF_WIDTH, TRUTH_HALF_WIDTH, tracking
     from hydro_ident.truth_file import true_tip_m
     from hydro_model.kinematics import tip_position
 
@@ -92,7 +97,10 @@ def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, 
     return rows
 
 
-def _reference(recording: Recording) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _reference(recording: Recording) -> FloatArray:
+    from hydro_ident.errors import BagError
+    from hydro_msgs_docs.topics import TIP_REFERENCE
+
     if recording.tip_ref is None:
         raise BagError(
             f"{recording.path}: expected {TIP_REFERENCE} on the cycles' stamps, found none"

@@ -37,11 +37,16 @@ from hydro_ident.sources import KeptSource, Source, sources_of
 from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import Robot
+from hydro_model.terminal import advance
 
 _FEW = (
     "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
     " confirmed within them alone, and position, pressures and time are hard to tell apart"
 )
+
+
+#: Of a diagnosis, as `advance` counts them.
+_STAGES = 7
 
 
 def diagnose(
@@ -79,10 +84,12 @@ def diagnose(
     sources, others = (
         [KeptSource(source) for source in sources_of(given)] for given in (training, validation)
     )
+    advance("first look at the bags", 0, _STAGES)
     surveys = [survey_source(source, robot) for source in (*sources, *others)]
     losses = losses_of([s.recording for s in surveys])
     recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
+    advance("fitting the structure", 1, _STAGES)
     work = None if wrong else residuals(robot, sources, others, surveys, settings)
     if work is None:
         problems = tuple(wrong) or (_too_little(surveys),)
@@ -103,13 +110,17 @@ def _too_little(surveys: Sequence[Survey]) -> str:
 def _diagnosed(
     work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
 ) -> Diagnosis:
+    advance("looking where residuals depend on something", 2, _STAGES)
     base = work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
     located = dependences(work.scan, base)
+    advance("searching for effects and testing them", 3, _STAGES)
     search, whole, findings, rejected = searched(work, base)
+    advance("verifying on what was held out", 4, _STAGES)
     left = dependences(work.training, whole)
     whole, findings, taken = withdrawn(work, whole, findings, left)
     if taken:
         left = dependences(work.training, whole)
+    advance("describing what has no name", 5, _STAGES)
     unknown = _described(work, whole, left)
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken was testable.
@@ -121,6 +132,7 @@ def _diagnosed(
     if settings.refine is not None:
         refined = refine(work, whole, modelled.robot, settings.refine, fixed)
         whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
+    advance("rolling the models out", 6, _STAGES)
     filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
     run = free_run(before.robot, modelled.robot, work.check_traces, work.split, filters)
     notes = [*_data_notes(work), *modelled.notes, *run.rejected]

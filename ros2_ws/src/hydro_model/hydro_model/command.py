@@ -1,12 +1,18 @@
-"""What every command line of the packages shares: one clear line on an error, and exit codes."""
+"""What every command line of the packages shares: one clear line on an error, and exit codes.
+
+PYTHON_ARGCOMPLETE_OK: where argcomplete is installed and a shell asks for completions, they are
+those of the parser that the command makes; nothing heavy has been imported by then.
+"""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from hydro_model.errors import HydroError
+from hydro_model.terminal import coloured
 
 Main = Callable[[Sequence[str]], int]
 
@@ -28,10 +34,12 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
     int
         0 done; 1 the work failed; 2 bad usage or unreadable input; 130 on Ctrl-C.
     """
+    if "_ARGCOMPLETE" in os.environ:
+        _complete_words()
     try:
         return main(list(sys.argv[1:] if arguments is None else arguments))
     except HydroError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{coloured(name, 'red', sys.stderr)}: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return 130
@@ -39,3 +47,20 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
         # The reader of our output went away (`... | head`): not our failure.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _complete_words() -> None:
+    """Answer the shell, in the process that it started for completions, with the first parser."""
+    import argparse
+
+    try:
+        import argcomplete
+    except ImportError:
+        return
+    parse = argparse.ArgumentParser.parse_args
+
+    def answer(self: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> Any:
+        argcomplete.autocomplete(self)  # does not return where the shell asks
+        return parse(self, *args, **kwargs)
+
+    argparse.ArgumentParser.parse_args = answer  # type: ignore[method-assign]

@@ -1,0 +1,198 @@
+"""Several clocks of one log on one line of time: which sample belongs to which cycle.
+
+Samples are put to cycles, never made: where clocks agree on an instant, their samples share a
+cycle, and elsewhere each has its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_map import LogMap
+from hydro_ident.bag.log_signal import Clock, LogSignal
+from hydro_ident.errors import BagError
+
+#: Instants of different clocks this share of the finest period apart are one.
+_SAME = 0.05
+#: Share of a slower clock's instants that have to lie on the finest clock's for a quiet report.
+_SHARED = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The cycles of a bag and whose samples they hold.
+
+    Attributes
+    ----------
+    stamps_ns : (N,) int64 array
+    rows : mapping of str to (K,) int array
+        By clock (empty: the log's own): cycle of each of its K samples, -1 where it was left out.
+    remarks : tuple of str
+        What a person should know.
+    """
+
+    stamps_ns: IntArray
+    rows: Mapping[str, IntArray]
+    remarks: tuple[str, ...]
+
+
+def clock_of(log: Log, mapping: LogMap, signal: LogSignal) -> str:
+    """Name of the clock of a signal.
+
+    Parameters
+    ----------
+    log : Log
+    mapping : LogMap
+    signal : LogSignal
+
+    Returns
+    -------
+    str
+        Empty: the log's own.
+    """
+    own = signal.time or log.clocks.get(signal.signal, "")
+    if mapping.time is None or own == mapping.time.signal:
+        return ""
+    return own
+
+
+def timeline_of(log: Log, mapping: LogMap) -> Timeline:
+    """Put all samples that a mapping asks for to cycles.
+
+    Parameters
+    ----------
+    log : Log
+    mapping : LogMap
+
+    Returns
+    -------
+    Timeline
+
+    Raises
+    ------
+    BagError
+        Fewer than two samples, or a time that is missing, does not increase or is negative.
+    """
+    signals = [s for section in mapping.sections.values() for s in section.values() if s.signal]
+    if not signals:
+        raise BagError(f"{mapping.source}: expected at least one signal of the log")
+    clocks = {clock_of(log, mapping, signal) for signal in signals}
+    times = {
+        name: _checked(log, _seconds(log, mapping, name, signals), padded=len(clocks) > 1)
+        for name in sorted(clocks)
+    }
+    remarks = [_beginning(log, name, seconds, times) for name, seconds in times.items()]
+    inside = {n: (t >= mapping.from_s) & (t <= mapping.to_s) for n, t in times.items()}
+    cut = sum(int(np.count_nonzero(~kept)) for kept in inside.values())
+    if cut:
+        remarks.append(f"{cut} samples outside from_s to to_s left out")
+    cycles, rows, joined = _cycles({n: t[inside[n]] for n, t in times.items()}, mapping.within_s)
+    stamps = mapping.start_ns + np.round(cycles * 1e9).astype(np.int64)
+    if len(stamps) < 2:
+        raise BagError(f"{log.path}: expected at least 2 samples, found {len(stamps)}")
+    if stamps[0] < 0:
+        raise BagError(f"{log.path}: time {cycles[0]:g} s lies before 1970: give a later 'start'")
+    all_rows = {}
+    for name, kept in inside.items():
+        all_rows[name] = np.full(len(kept), -1, dtype=np.int64)
+        all_rows[name][kept] = rows[name]
+    return Timeline(stamps, all_rows, tuple(r for r in [*remarks, *joined] if r))
+
+
+def _seconds(log: Log, mapping: LogMap, name: str, signals: Sequence[LogSignal]) -> FloatArray:
+    if name:
+        clock = mapping.clocks.get(name, Clock(name, mapping.time.factor if mapping.time else 1.0))
+    elif mapping.time is not None:
+        clock = mapping.time
+    else:
+        count = len(log.column(signals[0].signal, str(mapping.source)))
+        return np.arange(count) / mapping.rate_hz
+    return clock.seconds(log.column(clock.signal, f"{mapping.source}, time"))
+
+
+def _checked(log: Log, seconds: FloatArray, *, padded: bool) -> FloatArray:
+    """Times that increase; beside other clocks a slower one's column may end before the table."""
+    if len(seconds) < 2:
+        raise BagError(f"{log.path}: expected at least 2 samples, found {len(seconds)}")
+    if not np.isfinite(seconds).any():
+        raise BagError(f"{log.path}: expected numbers or dates in the time, found neither")
+    known = np.isfinite(seconds)
+    last = int(np.flatnonzero(known)[-1])
+    if not known[: last + 1 if padded else None].all():
+        raise BagError(f"{log.path}: sample {int(np.flatnonzero(~known)[0]) + 1} has no time")
+    late = np.flatnonzero(np.diff(seconds[: last + 1]) <= 0.0)
+    if len(late):
+        k = int(late[0])
+        hint = "; times that were rounded too coarsely: give time: {rate_hz: ...}"
+        raise BagError(
+            f"{log.path}: expected a time that increases, found {seconds[k]:.9g} s and then"
+            f" {seconds[k + 1]:.9g} s at sample {k + 2}"
+            + (hint if seconds[k] == seconds[k + 1] else "")
+        )
+    return seconds
+
+
+def _beginning(log: Log, name: str, seconds: FloatArray, times: Mapping[str, FloatArray]) -> str:
+    """A clock that begins elsewhere than at zero, or later than others: a trigger."""
+    begin, first = float(seconds[0]), min(float(t[0]) for t in times.values())
+    called = f"clock '{name}'" if name else "time"
+    if len(times) > 1 and begin - first > 1e-9:
+        return f"{called} begins {begin - first:.6g} s after the first"
+    if len(times) == 1 and abs(begin) > 1e-9:
+        return f"{called} begins at {begin:.6g} s"
+    return ""
+
+
+def _cycles(
+    times: Mapping[str, FloatArray], within_s: float
+) -> tuple[FloatArray, dict[str, IntArray], list[str]]:
+    """Instants of all clocks as one line, and where on it each clock's samples are."""
+    known = {name: t[np.isfinite(t)] for name, t in times.items()}
+    order = sorted((n for n in known if len(known[n])), key=lambda n: _period(known[n]))
+    if not order:
+        return np.zeros(0), {n: np.full(len(t), -1, np.int64) for n, t in times.items()}, []
+    finest = order[0]
+    cycles, remarks = known[finest], []
+    within = within_s or _SAME * _period(known[finest])
+    for name in order[1:]:
+        near = _nearest(cycles, known[name])
+        shift = np.abs(cycles[near] - known[name])
+        shared = shift <= within
+        cycles = np.union1d(cycles, known[name][~shared])
+        remarks.append(_shared_remark(name, shared, shift, within, _period(known[finest])))
+    rows = {}
+    for name, t in times.items():
+        rows[name] = np.full(len(t), -1, dtype=np.int64)
+        rows[name][np.isfinite(t)] = _nearest(cycles, t[np.isfinite(t)])
+    return cycles, rows, remarks
+
+
+def _period(seconds: FloatArray) -> float:
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf
+
+
+def _nearest(line: FloatArray, instants: FloatArray) -> IntArray:
+    right = np.clip(np.searchsorted(line, instants), 1, len(line) - 1)
+    left = right - 1
+    closer = np.abs(line[left] - instants) <= np.abs(line[right] - instants)
+    return np.asarray(np.where(closer, left, right), dtype=np.int64)
+
+
+def _shared_remark(
+    name: str, shared: np.ndarray, shift: FloatArray, within: float, period: float
+) -> str:
+    called = f"clock '{name}'" if name else "the log's time"
+    text = f"{called}: {int(shared.sum())} of {len(shared)} instants are the finest clock's"
+    if shared.any() and shift[shared].max() > 1e-9:
+        text += f" (moved by up to {shift[shared].max() * 1e6:.3g} us)"
+    if shared.mean() < _SHARED:
+        text += (
+            f"; the others have cycles of their own, which no analysis can join: time:"
+            f" {{within_s: {0.5 * period:.3g}}} would move each to the nearest"
+        )
+    return text

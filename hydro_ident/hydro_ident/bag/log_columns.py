@@ -1,0 +1,153 @@
+"""Signals of a log as quantities on the cycles of a bag, and what was done to them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_clocks import Timeline, clock_of
+from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_map import LogMap
+from hydro_ident.bag.log_signal import LogSignal, turns
+from hydro_ident.errors import BagError
+
+#: Periods by which angles are wrapped.
+_PERIODS = (360.0, 2.0 * math.pi)
+#: A jump is one of a wrapped angle where it misses its period by no more than this share; other
+#: steps of the signal are smaller than this share of it.
+_MISSES = 0.15
+
+
+def wrap_of(recorded: FloatArray) -> float:
+    """Period by which an angle seems to be wrapped.
+
+    Parameters
+    ----------
+    recorded : (N,) array
+
+    Returns
+    -------
+    float
+        360 or 2 pi; 0 where nothing jumps by it.
+    """
+    steps = np.abs(np.diff(recorded[np.isfinite(recorded)]))
+    for period in _PERIODS:
+        jumps = np.abs(steps - period) <= _MISSES * period
+        if jumps.any() and bool((steps[~jumps] <= _MISSES * period).all()):
+            return period
+    return 0.0
+
+
+class Columns:
+    """Signals of a log on the cycles of a bag.
+
+    Parameters
+    ----------
+    log : Log
+    mapping : LogMap
+    timeline : Timeline
+
+    Attributes
+    ----------
+    log, mapping, timeline
+        As given.
+    used : set of str
+        Signals of the log that were taken, their clocks among them.
+    remarks : list of str
+        What was done to values, and what looks odd.
+    """
+
+    def __init__(self, log: Log, mapping: LogMap, timeline: Timeline) -> None:
+        self.log, self.mapping, self.timeline = log, mapping, timeline
+        self.used = set(timeline.rows) | ({mapping.time.signal} if mapping.time else set())
+        self.remarks: list[str] = []
+
+    @property
+    def count(self) -> int:
+        """Number of cycles."""
+        return len(self.timeline.stamps_ns)
+
+    def of(self, signal: LogSignal | None, where: str, joint: str = "") -> FloatArray | None:
+        """A quantity on the cycles.
+
+        Parameters
+        ----------
+        signal : LogSignal or None
+        where : str
+            Who asks, for messages.
+        joint : str
+            Whose angle it is; whole turns bring it into the joint's range.
+
+        Returns
+        -------
+        (N,) array or None
+            NaN at cycles that hold no sample of it.
+
+        Raises
+        ------
+        BagError
+            A signal is missing, of another length than its time, or holds no number.
+        """
+        if signal is None:
+            return None
+        if not signal.names:
+            return np.full(self.count, signal.offset)
+        rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]
+        columns = [self._recorded(name, where, len(rows)) for name in signal.names]
+        recorded = columns[0] - columns[1] if signal.minus else columns[0]
+        self._say_wraps(recorded, signal, where)
+        values = signal.values(recorded)
+        if signal.wrap and joint:
+            values = self._in_range(values, abs(signal.factor) * signal.wrap, joint, where)
+        self._say_beginning(recorded, rows, where)
+        placed = np.full(self.count, np.nan)
+        placed[rows[rows >= 0]] = values[rows >= 0]
+        return placed
+
+    def _recorded(self, name: str, where: str, count: int) -> FloatArray:
+        column = self.log.column(name, where)
+        self.used.add(name)
+        if len(column) != count:
+            raise BagError(
+                f"{self.log.path}: expected {count} samples of '{name}' as of its time, found"
+                f" {len(column)}: name its own with 'time: SIGNAL'"
+            )
+        if not np.isfinite(column).any():
+            raise BagError(f"{self.log.path}: '{name}' holds no number")
+        return column
+
+    def _say_wraps(self, recorded: FloatArray, signal: LogSignal, where: str) -> None:
+        if signal.wrap:
+            count = turns(recorded, signal.wrap)
+            self.remarks.append(f"{where}: {count} jumps by {signal.wrap:.6g} taken out")
+        elif (period := wrap_of(recorded)) > 0.0:
+            self.remarks.append(
+                f"{where}: {turns(recorded, period)} jumps by about {period:.6g}; if the angle is"
+                f" wrapped, give wrap: {period:.9g}"
+            )
+
+    def _in_range(self, values: FloatArray, turn: float, joint: str, where: str) -> FloatArray:
+        """Whole turns that bring an angle nearest to the middle of its joint's range."""
+        if self.mapping.robot is None:
+            return values
+        limits = next(j for j in self.mapping.robot.joints if j.name == joint)
+        if not (math.isfinite(limits.lower) and math.isfinite(limits.upper)):
+            return values
+        away = 0.5 * (limits.lower + limits.upper) - float(np.nanmedian(values))
+        whole = round(away / turn)
+        if whole:
+            self.remarks.append(f"{where}: {whole:+d} turns, into the joint's range")
+        return values + whole * turn
+
+    def _say_beginning(self, recorded: FloatArray, rows: np.ndarray, where: str) -> None:
+        """A channel that was triggered later than the others."""
+        first = int(np.flatnonzero(np.isfinite(recorded))[0])
+        if first and (rows >= 0).any() and rows[first] >= 0:
+            stamps = self.timeline.stamps_ns
+            late_s = (stamps[rows[first]] - stamps[0]) * 1e-9
+            # A slow channel in a fast table begins a little late; that is its rate.
+            gap = np.diff(np.flatnonzero(np.isfinite(recorded)))
+            if not len(gap) or first > 2 * int(np.median(gap)):
+                self.remarks.append(f"{where}: first value {late_s:.6g} s after the beginning")

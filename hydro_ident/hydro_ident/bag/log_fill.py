@@ -1,0 +1,188 @@
+"""What an entry of a suggested mapping says beside the signal: unit, sign, wrap, raw range.
+
+The robot's joint limits, rated signals and supply pressure decide where the file gives no unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_columns import wrap_of
+from hydro_ident.bag.log_guess import Reading
+from hydro_ident.bag.log_names import Target
+from hydro_ident.bag.log_signal import FILL_IN, unwrapped
+from hydro_ident.bag.log_targets import Targets
+from hydro_ident.bag.log_units import UNITS
+
+Entry = dict[str, object]
+
+#: Largest pressure over the supply's of the robot: between these it is believed.
+_UNDER, _SUPPLY_UNDER, _OVER = 0.1, 0.4, 1.6
+
+
+def fill(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    """Add to an entry what its section needs.
+
+    Parameters
+    ----------
+    entry : dict
+        Is added to.
+    values : (N,) array
+        As recorded.
+    reading : Reading
+    target : Target
+    targets : Targets
+
+    Returns
+    -------
+    str, list of str
+        How sure that is, and why.
+    """
+    filler: Callable[..., tuple[str, list[str]]] = {
+        "pressures": _fill_pressure,
+        "joints": _fill_angle,
+        "references": _fill_angle,
+        "valve_commands": _fill_voltage,
+        "valves": _fill_voltage,
+    }.get(target.section, _fill_unit)
+    return filler(entry, values, reading, target, targets)
+
+
+def _fill_unit(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    del values, targets
+    quantity = {"strokes": "length", "efforts": "effort", "spools": "ratio"}.get(
+        target.section, ""
+    )
+    if quantity and reading.unit is not None and reading.unit.unit in UNITS[quantity]:
+        entry["unit"] = reading.unit.unit
+    elif quantity == "length":
+        # A cylinder's stroke of more than ten metres there is not.
+        entry["unit"] = "mm" if max(abs(reading.low), abs(reading.high)) > 10.0 else "m"
+        return "likely", [f"{entry['unit']}: within {reading.low:.4g} to {reading.high:.4g}"]
+    elif quantity == "ratio":
+        entry["unit"] = "%" if max(abs(reading.low), abs(reading.high)) > 2.0 else "1"
+        return "likely", [f"{entry['unit']}: within {reading.low:.4g} to {reading.high:.4g}"]
+    elif quantity:
+        entry["unit"] = FILL_IN
+    return "sure", []
+
+
+def _fill_angle(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    why: list[str] = []
+    level = "sure"
+    if period := wrap_of(values):
+        entry["wrap"] = round(period, 9)
+        why.append(f"jumps by {period:.6g}: wrapped")
+    if reading.unit is not None and reading.unit.unit in UNITS["position"]:
+        entry["unit"] = reading.unit.unit
+    elif max(abs(reading.low), abs(reading.high)) > 7.0:
+        entry["unit"] = "deg"
+        level = "likely"
+        why.append(f"deg: reaches {max(abs(reading.low), abs(reading.high)):.4g}")
+    else:
+        fits = [u for u in ("rad", "deg") if targets.share_inside(target.name, values, u) > 0.99]
+        entry["unit"] = fits[0] if len(fits) == 1 else "rad"
+        level = "likely" if len(fits) == 1 else "guess"
+        why.append(f"{entry['unit']}: no unit given, numbers within {reading.low:.4g} to"
+                   f" {reading.high:.4g}")  # fmt: skip
+    if targets.robot is not None and target.section == "joints":
+        if period:
+            values = targets.whole_turns(target.name, unwrapped(values, period), period)
+        level, remark = _against_limits(entry, values, target, targets, level)
+        why += [remark] if remark else []
+    return level, why
+
+
+def _against_limits(
+    entry: Entry, values: FloatArray, target: Target, targets: Targets, level: str
+) -> tuple[str, str]:
+    unit = str(entry["unit"])
+    if targets.share_inside(target.name, values, unit) > 0.99:
+        return level, "within the joint's range"
+    if targets.share_inside(target.name, -values, unit) > 0.99:
+        entry["sign"] = -1
+        return "guess", "within the joint's range only with its sign changed"
+    return "guess", "outside the joint's range: give sign and offset, or minus for an inclinometer"
+
+
+def _fill_pressure(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    del values
+    if reading.unit is not None and reading.unit.unit in UNITS["pressure"]:
+        entry["unit"] = reading.unit.unit
+        return "sure", []
+    if reading.unit is not None and reading.unit.quantity in ("current", "voltage"):
+        return _fill_transducer(entry, reading, targets)
+    limit = targets.supply_pa
+    share = {u: reading.high * factor / limit for u, factor in UNITS["pressure"].items()}
+    low = _SUPPLY_UNDER if target.name == "supply" else _UNDER
+    fitting = [u for u, of_supply in share.items() if low < of_supply < _OVER]
+    if target.name != "tank" and len(fitting) == 1:
+        entry["unit"] = fitting[0]
+        return "likely", [f"{fitting[0]}: largest {reading.high:.4g}, supply {limit:.3g} Pa"]
+    entry["unit"] = FILL_IN
+    return "open", [f"unit: largest {reading.high:.4g} could be {', '.join(fitting) or 'any'}"]
+
+
+def _fill_transducer(entry: Entry, reading: Reading, targets: Targets) -> tuple[str, list[str]]:
+    """A transducer's loop current or voltage: its range comes from the robot file."""
+    current = reading.unit is not None and reading.unit.quantity == "current"
+    if reading.unit is not None and reading.unit.unit == "A":
+        entry["raw"] = [0.004, 0.02]
+    else:
+        entry["raw"] = [4, 20] if current else [0, 10]
+    entry["unit"] = "bar"
+    if targets.robot is None:
+        entry["span"] = FILL_IN
+        return "open", ["a transducer's raw signal: its range is on its label"]
+    top = targets.robot.sensors.pressure_range_pa / 1e5
+    entry["span"] = [0, round(top, 3)]
+    return "guess", [f"a transducer's raw signal; 0 to {top:g} bar is the robot file's range"]
+
+
+def _fill_voltage(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    del values
+    one_sided = reading.low * reading.high > 0.0
+    aside = ["stays on one side of zero: is 0 V neutral? else give an offset"] if one_sided else []
+    if reading.unit is not None and reading.unit.unit in UNITS["voltage"]:
+        entry["unit"] = reading.unit.unit
+        return "guess" if one_sided else "sure", aside
+    rated = targets.rated_v(target.name)
+    if reading.unit is not None and reading.unit.quantity == "current":
+        entry |= {"raw": FILL_IN, "span": [-rated, rated], "unit": "V"}
+        return "open", ["a current: raw is what stands for minus and plus the rated signal"]
+    entry["unit"] = "V"
+    if max(abs(reading.low), abs(reading.high)) <= 1.01 * rated:
+        return "guess" if one_sided else "likely", [f"V: within the valve's {rated:g} V", *aside]
+    entry |= {"raw": FILL_IN, "span": [-rated, rated]}
+    return "open", [f"beyond the valve's {rated:g} V: not volts"]

@@ -1,0 +1,182 @@
+"""What a column of a log may be: from its unit, the words of its name and its numbers.
+
+Every reason is kept, so that a person can see why, and its weight says how much to trust it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
+
+#: How sure a guess is, most sure first.
+LEVELS = ("sure", "likely", "guess", "open")
+#: Weights of a unit, of a word in the name, of the numbers, and what makes a level.
+_UNIT, _WORD, _RANGE = 3, 2, 1
+_SURE, _LIKELY, _GUESS = 4, 3, 1
+
+#: Words of names by quantity, in English and German, and the usual letters.
+_WORDS: dict[str, str] = {
+    "time": "t time zeit timestamp zeitstempel clock uhrzeit sec x_value",
+    "pressure": "p press pressure druck ps pt pp",
+    "angle": "q angle winkel theta phi alpha joint gelenk encoder enc pitch inclination neigung z",
+    "length": "stroke hub weg len length laenge länge extension s x",
+    "voltage": "u valve ventil cmd command stell joystick sig voltage spannung servo uv",
+    "ratio": "spool schieber lvdt",
+    "temperature": "temp temperature temperatur oil öl oel",
+    "effort": "torque moment tau force kraft",
+    "velocity": "dq qd dz vel velocity speed geschwindigkeit omega qdot",
+    "flow": "flow durchfluss volumenstrom",
+}
+_OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a column may be.
+
+    Attributes
+    ----------
+    column : str
+    quantity : str
+        As in `SpeltUnit`; empty: nothing points anywhere.
+    unit : SpeltUnit or None
+        As the file gives it.
+    words : tuple of str
+        Of the name, lower case, numbers apart.
+    level : str
+    why : tuple of str
+    low, high : float
+        Of the recorded numbers.
+    """
+
+    column: str
+    quantity: str
+    unit: SpeltUnit | None
+    words: tuple[str, ...]
+    level: str
+    why: tuple[str, ...]
+    low: float
+    high: float
+
+
+def weakest(*levels: str) -> str:
+    """The least sure of some levels.
+
+    Parameters
+    ----------
+    *levels : str
+    """
+    return max(levels, key=LEVELS.index)
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Words and numbers of a name, lower case, without the unit.
+
+    Parameters
+    ----------
+    name : str
+        Of a path the last two parts count.
+
+    Returns
+    -------
+    tuple of str
+        `pA_lift [bar]` gives p, a, lift; `q12` gives q, 12.
+    """
+    unit = unit_in(name)
+    bare = name[: name.rfind(unit)] if unit else name
+    bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
+    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", bare)
+    return tuple(part.lower() for part in parts)
+
+
+def read_columns(log: Log) -> list[Reading]:
+    """What each column of a log may be.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    list of Reading
+    """
+    return [
+        reading_of(name, values, log.units.get(name, "")) for name, values in log.columns.items()
+    ]
+
+
+def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
+    """What one column may be.
+
+    Parameters
+    ----------
+    name : str
+    values : (N,) array
+    unit : str
+        As the file gives it, or empty.
+
+    Returns
+    -------
+    Reading
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Reading(name, "", None, words_of(name), "open", ("holds no number",), 0.0, 0.0)
+    words, declared = words_of(name), spelt(unit)
+    weights: dict[str, int] = {}
+    reasons: dict[str, list[str]] = {}
+    _weigh(weights, reasons, declared.quantity if declared else "", _UNIT, f"unit '{unit}'")
+    seen = {q: w for w in words if (q := _OF_WORD.get(w, ""))}
+    for quantity, word in seen.items():
+        _weigh(weights, reasons, quantity, _WORD, f"'{word}' in the name")
+    for quantity, text in _by_numbers(known).items():
+        if quantity in weights:
+            _weigh(weights, reasons, quantity, _RANGE, text)
+    if not weights:
+        return Reading(name, "", declared, words, "open", ("neither its name nor a unit says",),
+                       float(known.min()), float(known.max()))  # fmt: skip
+    best = max(weights, key=lambda q: weights[q])
+    rivals = [q for q in weights if q != best and weights[q] >= weights[best] - 1]
+    level = _level(weights[best] - len(rivals))
+    why = reasons[best] + [f"could be {q}: {', '.join(reasons[q])}" for q in rivals]
+    return Reading(name, best, declared, words, level, tuple(why),
+                   float(known.min()), float(known.max()))  # fmt: skip
+
+
+def _weigh(
+    weights: dict[str, int], reasons: dict[str, list[str]], quantity: str, weight: int, text: str
+) -> None:
+    if quantity:
+        weights[quantity] = weights.get(quantity, 0) + weight
+        reasons.setdefault(quantity, []).append(text)
+
+
+def _level(weight: int) -> str:
+    if weight >= _SURE:
+        return "sure"
+    return "likely" if weight >= _LIKELY else "guess" if weight >= _GUESS else "open"
+
+
+def _by_numbers(known: FloatArray) -> Mapping[str, str]:
+    """What the numbers speak for."""
+    steps = np.diff(known)
+    low, high = float(known.min()), float(known.max())
+    found = {}
+    if len(steps) and bool((steps > 0.0).all()):
+        found["time"] = "increases from line to line"
+    if low > -2.0 and high > 1e4:
+        found["pressure"] = f"reaches {high:.3g}"
+    if max(abs(low), abs(high)) <= 10.5 and high - low > 0.0:
+        found["voltage"] = f"within {low:.3g} to {high:.3g}"
+    if max(abs(low), abs(high)) <= 360.0:
+        found["angle"] = f"within {low:.3g} to {high:.3g}"
+    if low > 5.0 and high < 110.0 and high - low < 30.0:
+        found["temperature"] = f"within {low:.3g} to {high:.3g}"
+    return found

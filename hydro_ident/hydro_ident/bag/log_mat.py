@@ -1,0 +1,95 @@
+"""MAT files as logs: vectors, matrices, structs, and those that dSPACE ControlDesk writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_file import Log
+from hydro_ident.errors import BagError
+
+
+def read_mat_log(path: Path) -> Log:
+    """Read a MAT file of up to version 7.2.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Log
+        A vector by its name, a matrix as `name[1]` ..., a struct as `name.field`; of a struct with
+        axes `X` and signals `Y`, as ControlDesk exports, the signals by their own names.
+
+    Raises
+    ------
+    BagError
+        No MAT file, or one of version 7.3.
+    """
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=True)
+    except NotImplementedError as error:
+        raise BagError(
+            f"{path}: MAT files of version 7.3 are HDF5: save it with '-v7' in MATLAB first"
+        ) from error
+    except (MatReadError, ValueError, TypeError, OSError, EOFError) as error:
+        line = " ".join(str(error).split())
+        raise BagError(f"{path}: not a readable MAT file: {line}") from error
+    columns: dict[str, FloatArray] = {}
+    units: dict[str, str] = {}
+    clocks: dict[str, str] = {}
+    for name, value in content.items():
+        if name.startswith("__"):
+            continue
+        names = getattr(np.asarray(value).dtype, "names", None) or ()
+        if {"X", "Y"} <= set(names):
+            _add_axes_and_signals(columns, units, clocks, np.asarray(value))
+        else:
+            _add_variable(columns, name, value)
+    notes = ("a struct of axes X and signals Y (dSPACE)",) if clocks else ()
+    return Log(path, columns, units=units, clocks=clocks, notes=notes)
+
+
+def _add_variable(columns: dict[str, FloatArray], name: str, value: Any) -> None:
+    array = np.asarray(value)
+    if array.dtype.names and array.ndim == 0:
+        for field in array.dtype.names:
+            _add_variable(columns, f"{name}.{field}", array[field].item())
+    elif array.dtype.kind in "biuf" and array.ndim <= 1:
+        columns[name] = np.atleast_1d(array).astype(np.float64)
+    elif array.dtype.kind in "biuf" and array.ndim == 2:
+        upright = array if array.shape[0] >= array.shape[1] else array.T
+        for i in range(upright.shape[1]):
+            columns[f"{name}[{i + 1}]"] = upright[:, i].astype(np.float64)
+
+
+def _add_axes_and_signals(
+    columns: dict[str, FloatArray], units: dict[str, str], clocks: dict[str, str], struct: Any
+) -> None:
+    """`X(i).Data` are time axes, `Y(k).Data` signals with `Name`, `Unit` and `XIndex`."""
+    axes = np.atleast_1d(struct["X"].item())
+    times = [f"time[{i + 1}]" if len(axes) > 1 else "time" for i in range(len(axes))]
+    for time, axis in zip(times, axes, strict=True):
+        columns[time] = np.atleast_1d(axis["Data"]).astype(np.float64)
+        _add_unit(units, time, axis)
+    for signal in np.atleast_1d(struct["Y"].item()):
+        name = str(signal["Name"])
+        if name in columns and "Path" in (signal.dtype.names or ()):
+            name = f"{signal['Path']}/{name}"
+        columns[name] = np.atleast_1d(signal["Data"]).astype(np.float64)
+        _add_unit(units, name, signal)
+        index = int(signal["XIndex"]) if "XIndex" in (signal.dtype.names or ()) else 1
+        clocks[name] = times[min(max(index, 1), len(times)) - 1]
+
+
+def _add_unit(units: dict[str, str], name: str, struct: Any) -> None:
+    unit = str(struct["Unit"]).strip() if "Unit" in (struct.dtype.names or ()) else ""
+    if unit and unit != "[]":
+        units[name] = unit

@@ -1,0 +1,59 @@
+"""Parquet files as logs; needs the optional package pyarrow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hydro_ident.bag.log_file import Log
+from hydro_ident.errors import BagError
+
+_NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
+
+
+def read_parquet_log(path: Path) -> Log:
+    """Read a Parquet file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Log
+        A column of time stamps is in seconds since its first; that is `start`.
+
+    Raises
+    ------
+    BagError
+        pyarrow is not there, or the file is no Parquet file.
+    """
+    try:
+        from pyarrow import (  # type: ignore[import-not-found, import-untyped, unused-ignore]
+            ArrowException,
+            parquet,
+        )
+    except ImportError as error:
+        raise BagError(
+            f"{path}: Parquet needs the optional package pyarrow: python -m pip install pyarrow"
+        ) from error
+    columns, start = {}, ""
+    try:
+        table = parquet.read_table(path)
+        for name, kind in zip(table.column_names, table.schema.types, strict=True):
+            if str(kind).startswith(_NUMBERS):
+                columns[name] = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+            elif str(kind).startswith("timestamp") and table.num_rows:
+                stamps = np.asarray(table.column(name).to_numpy()).astype("datetime64[ns]")
+                columns[name] = (stamps - stamps[0]) / np.timedelta64(1, "s")
+                start = start or str(stamps[0].astype("datetime64[us]"))
+        units = {
+            f.name: f.metadata[b"unit"].decode()
+            for f in table.schema
+            if f.metadata and b"unit" in f.metadata
+        }
+    except (ArrowException, OSError, ValueError) as error:
+        line = " ".join(str(error).split())
+        raise BagError(f"{path}: not a readable Parquet file: {line}") from error
+    return Log(path, columns, units=units, start=start)

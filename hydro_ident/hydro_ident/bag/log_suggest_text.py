@@ -1,0 +1,108 @@
+"""A suggested mapping as a YAML file with its reasons, and as lines for a person."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+
+import yaml
+
+from hydro_ident.bag.log_map import SCHEMA, SECTIONS
+from hydro_ident.bag.log_suggest import Guess, Suggestion
+
+_LEVELS = {"sure": "sure", "likely": "likely", "guess": "a guess", "open": "FILL IN"}
+
+
+def mapping_text(suggestion: Suggestion) -> str:
+    """The mapping as YAML.
+
+    Parameters
+    ----------
+    suggestion : Suggestion
+
+    Returns
+    -------
+    str
+    """
+    return "\n".join([*_head(suggestion), *_body(suggestion), *_tail(suggestion)]) + "\n"
+
+
+def _head(s: Suggestion) -> Iterator[str]:
+    yield f"# Suggested for {s.log.path.name}: look at every line before trusting it."
+    if s.to_fill_in:
+        yield f"# {len(s.to_fill_in)} to fill in: convert refuses FILL_IN."
+    yield f"schema: {SCHEMA}"
+    if s.robot:
+        yield f"robot: {_scalar(s.robot)}"
+    else:
+        yield "# robot: NAME      # without one the names below are free, and nothing checks them"
+    if s.log.start:
+        yield f'start: "{s.log.start}"      # as the file says; without a zone it counts as UTC'
+
+
+def _body(s: Suggestion) -> Iterator[str]:
+    for guess in s.guesses:
+        if guess.section == "time":
+            yield f"# {_LEVELS[guess.level]}: {'; '.join(guess.why)}"
+            several = len(set(s.log.clocks.values())) > 1
+            yield f"time: {_flow(guess, {'keep': 'common'} if several else {})}"
+    own = {g.column for g in s.guesses if g.section == "time"}
+    others = [clock for clock in dict.fromkeys(s.log.clocks.values()) if clock not in own]
+    if others:
+        yield "clocks:      # late_s: how much later than the first clock its zero is"
+        yield from (f"  {_scalar(clock)}: {{late_s: 0}}" for clock in others)
+    for section in SECTIONS:
+        members = [g for g in s.guesses if g.section == section]
+        if members:
+            yield f"{section}:"
+        for guess in members:
+            yield f"  # {_LEVELS[guess.level]}: {'; '.join(guess.why)}"
+            yield f"  {_scalar(guess.name)}: {_flow(guess)}"
+    for guess in s.guesses:
+        if guess.section == "oil_temperature":
+            yield f"# {_LEVELS[guess.level]}: {'; '.join(guess.why)}"
+            yield f"oil_temperature: {_flow(guess)}"
+
+
+def _tail(s: Suggestion) -> Iterator[str]:
+    left = [g for g in s.guesses if not g.section]
+    if left:
+        yield "# Left out:"
+    yield from (f"#   {g.column}: {'; '.join(g.why)}" for g in left)
+    if s.missing:
+        yield f"# The robot has these too, and no column looks like them: {'; '.join(s.missing)}"
+
+
+def _flow(guess: Guess, more: Mapping[str, object] | None = None) -> str:
+    pairs = [f"{k}: {_scalar(value)}" for k, value in {**guess.entry, **(more or {})}.items()]
+    return "{" + ", ".join(pairs) + "}"
+
+
+def _scalar(value: object) -> str:
+    """A value on one line, quoted where YAML would read it otherwise."""
+    if not isinstance(value, str):
+        return json.dumps(value)
+    plain = yaml.safe_dump([value], default_flow_style=True, width=10_000, allow_unicode=True)
+    return plain.strip()[1:-1]
+
+
+def lines_of(suggestion: Suggestion) -> list[str]:
+    """The suggestion as a table.
+
+    Parameters
+    ----------
+    suggestion : Suggestion
+
+    Returns
+    -------
+    list of str
+    """
+    lines = [f"{'column':28s} {'becomes':34s} {'':8s} because"]
+    for g in suggestion.guesses:
+        units = [str(g.entry[key]) for key in ("unit", "reference") if key in g.entry]
+        into = f"{g.section}{', ' if g.name else ''}{g.name} {' '.join(units)}".strip() or "-"
+        level = _LEVELS[g.level] if g.section else ""
+        lines.append(f"{g.column[-28:]:28s} {into:34s} {level:8s} {'; '.join(g.why)}")
+    lines += [f"to fill in: {text}" for text in suggestion.to_fill_in]
+    lines += [f"no column for: {text}" for text in suggestion.missing]
+    return lines

@@ -1,0 +1,261 @@
+"""Which joint, chamber or valve a column belongs to, by the words and numbers of its name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_guess import Reading, words_of
+from hydro_ident.bag.log_names import (
+    CHAMBER_A,
+    CHAMBER_B,
+    COMMON,
+    SUPPLY,
+    TANK,
+    Target,
+    made_up,
+)
+from hydro_ident.bag.log_units import UNITS
+from hydro_model.robot import Robot
+
+_NAME, _NUMBER, _CHAMBER = 4.0, 2.0, 1.0
+_SUPPLY_PA, _RATED_V = 2e7, 10.0
+
+
+class Targets:
+    """The names that columns can have.
+
+    Parameters
+    ----------
+    robot : Robot, optional
+        Without one names are made of the columns' own.
+
+    Attributes
+    ----------
+    robot
+        As given.
+    """
+
+    def __init__(self, robot: Robot | None) -> None:
+        self.robot = robot
+
+    @property
+    def has_strokes(self) -> bool:
+        """Whether lengths are cylinders' strokes and not prismatic joints."""
+        return self.robot is None or not any(j.prismatic for j in self.robot.joints)
+
+    @property
+    def supply_pa(self) -> float:
+        """Supply pressure that readings are held against."""
+        return _SUPPLY_PA if self.robot is None else self.robot.supply_pressure_pa
+
+    def rated_v(self, valve: str) -> float:
+        """Rated signal of a valve.
+
+        Parameters
+        ----------
+        valve : str
+        """
+        valves = self.robot.valves if self.robot is not None else ()
+        return next((v.rated_voltage_v for v in valves if v.name == valve), _RATED_V)
+
+    def share_inside(self, joint: str, values: FloatArray, unit: str) -> float:
+        """Share of an angle's samples within the joint's limits.
+
+        Parameters
+        ----------
+        joint : str
+        values : (N,) array
+        unit : str
+
+        Returns
+        -------
+        float
+            0 where no limits are known.
+        """
+        joints = self.robot.joints if self.robot is not None else ()
+        limits = next((j for j in joints if j.name == joint), None)
+        known = values[np.isfinite(values)] * UNITS["position"][unit]
+        if limits is None or not len(known) or not math.isfinite(limits.upper - limits.lower):
+            return 0.0
+        margin = 0.02 * (limits.upper - limits.lower)
+        inside = (known >= limits.lower - margin) & (known <= limits.upper + margin)
+        return float(inside.mean())
+
+    def whole_turns(self, joint: str, values: FloatArray, turn: float) -> FloatArray:
+        """An unwrapped angle, by whole turns nearest to the middle of its joint's range.
+
+        Parameters
+        ----------
+        joint : str
+        values : (N,) array
+        turn : float
+            In the values' own unit: 360, or 2 pi.
+
+        Returns
+        -------
+        (N,) array
+        """
+        joints = self.robot.joints if self.robot is not None else ()
+        limits = next((j for j in joints if j.name == joint), None)
+        if limits is None or not math.isfinite(limits.upper - limits.lower):
+            return values
+        middle = 0.5 * (limits.lower + limits.upper) * turn / (2.0 * math.pi)
+        return values + turn * round((middle - float(np.nanmedian(values))) / turn)
+
+    def names(self, section: str) -> tuple[str, ...]:
+        """The robot's names of a section.
+
+        Parameters
+        ----------
+        section : str
+
+        Returns
+        -------
+        tuple of str
+            Empty without a robot.
+        """
+        if self.robot is None or section == "oil_temperature":
+            return ()
+        if section == "pressures":
+            return tuple(self.robot.pressure_names) if self.robot.cylinders else ()
+        if section == "strokes":
+            return tuple(c.name for c in self.robot.cylinders)
+        if section in ("valves", "valve_commands", "spools"):
+            return tuple(self.robot.valve_names)
+        return tuple(self.robot.joint_names)
+
+    def assign(self, columns: Mapping[str, tuple[str, Reading]]) -> dict[str, Target]:
+        """Give columns their names, best fits first, each name once in its section.
+
+        Parameters
+        ----------
+        columns : mapping of str to (str, Reading)
+            Section and reading by column.
+
+        Returns
+        -------
+        dict of str to Target
+            Columns that got none are absent.
+        """
+        found: dict[str, Target] = {}
+        for section in dict.fromkeys(section for section, _ in columns.values()):
+            members = [r for s, r in columns.values() if s == section]
+            if section == "oil_temperature":
+                best = max(members, key=lambda r: ("oil" in r.words) + ("öl" in r.words))
+                found[best.column] = Target(section, "", "sure", ())
+            elif section not in ("", "left out"):
+                known = self.names(section)
+                found |= self._fit(section, members, known) if known else made_up(section, members)
+        return found
+
+    def _fit(
+        self, section: str, members: Sequence[Reading], names: Sequence[str]
+    ) -> dict[str, Target]:
+        scores = [
+            (*self._score(section, r, name, members), r.column, name)
+            for r in members
+            for name in names
+        ]
+        # Stable: what scores alike keeps the order of the columns.
+        scores.sort(key=lambda entry: -entry[0])
+        found: dict[str, Target] = {}
+        taken: set[str] = set()
+        for score, why, column, name in scores:
+            if column in found or name in taken or score <= 0.0:
+                continue
+            taken.add(name)
+            level = "sure" if score >= _NAME else "likely" if score > _NUMBER else "guess"
+            found[column] = Target(section, name, level, (why,))
+        rest = [r.column for r in members if r.column not in found]
+        for column, name in zip(rest, [n for n in names if n not in taken], strict=False):
+            if name not in ("supply", "tank"):
+                found[column] = Target(section, name, "guess", (f"{name}: only by its place",))
+        return found
+
+    def _score(
+        self, section: str, reading: Reading, name: str, members: Sequence[Reading]
+    ) -> tuple[float, str]:
+        words = set(reading.words)
+        numbers = [int(word) for word in reading.words if word.isdigit()]
+        if section == "pressures" and "/" not in name:
+            # `pP` and `pS` are the supply: the first p says no more than pressure.
+            rest = set(reading.words[1:] if reading.words[:1] == ("p",) else reading.words)
+            hit = rest & ((SUPPLY | {"p"}) if name == "supply" else TANK)
+            plain = not numbers and bool(hit) and not words & (CHAMBER_A | CHAMBER_B)
+            return (_NAME if plain else 0.0), f"{name}: '{min(hit, default='')}'"
+        body, _, chamber = name.partition("/")
+        own = set(words_of(body)) - COMMON
+        hit = (words & own) - {word for word in own if len(word) < 2}
+        index = self._index(section, body)
+        letter = _CHAMBER if words & (CHAMBER_A if chamber == "a" else CHAMBER_B) else 0.0
+        if chamber and not letter:
+            return self._by_order(reading, members, numbers, index, chamber, name)
+        if hit:
+            return _NAME + letter, f"{name}: '{min(hit)}'"
+        if numbers and numbers[-1] - self._first(members) == index:
+            # As many columns as names, all counted: no accident.
+            whole = 0.5 if len(members) == len(self.names(section)) else 0.0
+            return _NUMBER + letter + whole, f"{name}: number {numbers[-1]}"
+        return 0.0, ""
+
+    def _by_order(
+        self,
+        reading: Reading,
+        members: Sequence[Reading],
+        numbers: Sequence[int],
+        index: int,
+        chamber: str,
+        name: str,
+    ) -> tuple[float, str]:
+        """p1, p2, p3, p4: chambers a and b of the first cylinder, then of the next."""
+        lettered = any(set(r.words) & (CHAMBER_A | CHAMBER_B) for r in members)
+        if lettered or not numbers or set(reading.words) & (CHAMBER_A | CHAMBER_B):
+            return 0.0, ""
+        place = numbers[-1] - self._first(members)
+        return (0.5 * _NUMBER if place == 2 * index + (chamber == "b") else 0.0), (
+            f"{name}: number {numbers[-1]} of chambers counted a, b, a, b"
+        )
+
+    def _index(self, section: str, body: str) -> int:
+        names = [name.partition("/")[0] for name in self.names(section)]
+        return list(dict.fromkeys(names)).index(body)
+
+    @staticmethod
+    def _first(members: Sequence[Reading]) -> int:
+        """Where the columns' own count begins: at 0 or at 1."""
+        numbers = [int(w) for r in members for w in r.words if w.isdigit()]
+        return 0 if 0 in numbers else 1
+
+    def missing(self, targets: Iterable[Target]) -> tuple[str, ...]:
+        """What the robot has and no column became.
+
+        Parameters
+        ----------
+        targets : iterable of Target
+
+        Returns
+        -------
+        tuple of str
+        """
+        given = {(t.section, t.name) for t in targets}
+        if self.robot is None:
+            return ()
+        driven = {c.joint: c.name for c in self.robot.cylinders}
+        lost = [
+            f"joints, {j.name}"
+            for j in self.robot.joints
+            if ("joints", j.name) not in given and ("strokes", driven.get(j.name, "")) not in given
+        ]
+        lost += [
+            f"pressures, {n}" for n in self.names("pressures") if ("pressures", n) not in given
+        ]
+        lost += [
+            f"valves, {n}"
+            for n in self.names("valves")
+            if not {("valves", n), ("valve_commands", n)} & given
+        ]
+        return tuple(lost)

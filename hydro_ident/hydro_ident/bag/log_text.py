@@ -1,0 +1,166 @@
+"""Text logs: a table below any number of header lines, with or without units, in any locale.
+
+Two tools' own layouts are told by their first words and read in `hydro_ident.bag.log_layouts`.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_moment, is_number
+from hydro_ident.bag.log_file import CsvLayout, Log
+from hydro_ident.bag.log_units import spelt, unit_in
+from hydro_ident.errors import BagError
+
+#: Lines from the middle of a file that tell delimiter and decimal sign.
+_SAMPLED = 200
+
+
+def read_text_log(path: Path, layout: CsvLayout) -> Log:
+    """Read a text log.
+
+    Parameters
+    ----------
+    path : Path
+    layout : CsvLayout
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    BagError
+        Not text, no line of names, lines of different lengths, or a cell that is no number.
+    """
+    from hydro_ident.bag.log_layouts import is_control_desk, read_control_desk, read_labview
+
+    lines = list(enumerate(_text(path).splitlines(), 1))
+    first = next((line for _, line in lines if line.strip()), "")
+    if first.startswith("LabVIEW Measurement"):
+        return read_labview(path, lines)
+    if layout.comment:
+        lines = [(n, line) for n, line in lines if not line.startswith(layout.comment)]
+    if is_control_desk(lines):
+        return read_control_desk(path, lines, layout)
+    return _read_table(path, [(n, line) for n, line in lines if line.strip()], layout)
+
+
+def _text(path: Path) -> str:
+    try:
+        raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return raw.decode("utf-16")
+        try:
+            return raw.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            # Tools on Windows write `°` and `µ` of units so.
+            return raw.decode("cp1252")
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+        raise BagError(f"{path}: cannot be read as text: {error}") from error
+
+
+def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout) -> Log:
+    if len(lines) < 2:
+        raise BagError(f"{path}: expected a line of names and lines of numbers, found fewer")
+    delimiter, decimal = dialect([line for _, line in lines], layout)
+    rows = split(lines, delimiter)
+    begin = next((k for k, (_, row) in enumerate(rows) if _is_data(row, decimal)), None)
+    if begin is None:
+        raise BagError(
+            f"{path}: expected lines of numbers, found none with delimiter '{delimiter}' and"
+            f" decimal '{decimal}': give csv: {{delimiter: , decimal: }} in the mapping"
+        )
+    names, units, skipped = _header(path, rows[:begin], rows[begin])
+    columns, start = columns_of(path, names, rows[begin:], decimal)
+    shown = {"\t": "tab"}.get(delimiter, delimiter)
+    notes = [f"delimiter '{shown}', decimal '{decimal}'"]
+    notes += [f"{skipped} lines above the names left out"] if skipped else []
+    return Log(path, columns, units=units, start=start, notes=tuple(notes))
+
+
+def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
+    """Delimiter and decimal sign of lines.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    layout : CsvLayout
+        What is given is kept.
+
+    Returns
+    -------
+    tuple of str
+        Delimiter, decimal sign: those that make numbers of most cells, all lines equally long.
+    """
+    half = lines[len(lines) // 2 :][:_SAMPLED]
+    found: list[tuple[float, str, str]] = []
+    for delimiter in [layout.delimiter] if layout.delimiter else [";", "\t", ","]:
+        rows = [row for _, row in split(list(enumerate(half)), delimiter)]
+        width, alike = Counter(len(row) for row in rows).most_common(1)[0]
+        for decimal in [layout.decimal] if layout.decimal else [".", ","]:
+            if decimal == delimiter:
+                continue
+            cells = [cell for row in rows for cell in row if cell.strip()]
+            good = sum(is_number(cell, decimal) for cell in cells) / max(len(cells), 1)
+            # A comma between digits parts columns or decimals; where semicolons or tabs part
+            # columns, it is decimals. More columns decide between readings that are equally good.
+            found.append((good * alike / len(rows) + 1e-6 * min(width, 1000), delimiter, decimal))
+    return max(found, key=lambda entry: entry[0])[1:]
+
+
+def split(lines: Sequence[tuple[int, str]], delimiter: str) -> list[Row]:
+    """Lines as cells.
+
+    Parameters
+    ----------
+    lines : sequence of (int, str)
+        Line number and text.
+    delimiter : str
+
+    Returns
+    -------
+    list of (int, list of str)
+    """
+    rows = csv.reader((line for _, line in lines), delimiter=delimiter)
+    return [(number, row) for (number, _), row in zip(lines, rows, strict=False)]
+
+
+def _is_data(row: Sequence[str], decimal: str) -> bool:
+    cells = [cell for cell in row if cell.strip()]
+    return sum(is_number(cell, decimal) or is_moment(cell) for cell in cells) * 2 > len(cells)
+
+
+def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict[str, str], int]:
+    """Names, units, and how many lines above belong to neither."""
+    if not rows:
+        raise BagError(f"{path}: expected a first line of names, found numbers")
+    head = [row for _, row in rows]
+    with_units = _known_units(head[-1]) if len(head) > 1 else 0
+    named = len(head) - (2 if with_units else 1)
+    names = [name.strip() for name in head[named]]
+    while names and not names[-1]:
+        names.pop()
+    check_names(names, path)
+    if len([cell for cell in data[1] if cell.strip()]) > len(names):
+        raise BagError(
+            f"{path}, line {data[0]}: expected {len(names)} columns, found {len(data[1])}"
+        )
+    given = head[-1] if with_units else []
+    units = {name: unit_in(name) for name in names}
+    units |= {
+        name: text.strip().strip("[]()") for name, text in zip(names, given, strict=False) if text
+    }
+    return names, {name: unit for name, unit in units.items() if unit}, named
+
+
+def _known_units(row: Sequence[str]) -> int:
+    """How many cells are units; 0 where most are something else."""
+    cells = [cell for cell in row if cell.strip() and cell.strip() not in ("-", "1")]
+    known = sum(spelt(cell) is not None for cell in cells)
+    return known if known * 2 > len(cells) else 0

@@ -1,0 +1,263 @@
+"""Logs as other tools write them: rates, clocks, commas, wrapped angles, raw transducers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.io import savemat
+
+from hydro_ident.bag.log_convert import Conversion, convert
+from hydro_ident.bag.log_file import read_log
+from hydro_ident.bag.log_map import read_map
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recording import read_recording
+from hydro_ident.errors import BagError
+from hydro_model.robot_files import load_robot
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"
+
+
+def converted(log: Path, mapping: dict, folder: Path) -> Conversion:
+    file = folder / "map.yaml"
+    file.write_text(yaml.safe_dump(mapping), encoding="utf-8")
+    read = read_map(file)
+    return convert(read_log(log, read.layout), read, folder / "bag", {})
+
+
+def positions(folder: Path) -> dict[str, np.ndarray]:
+    series = read_bag(folder / "bag").series["/joint_states"]
+    return {n: series.fields["position"][:, i] for i, n in enumerate(series.names)}
+
+
+def write(folder: Path, text: str, name: str = "log.csv") -> Path:
+    file = folder / name
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+JOINT = {"slide": {"signal": "q", "unit": "mm"}}
+
+
+def lines(time: np.ndarray, *columns: np.ndarray, decimal: str = ".", delimiter: str = ",") -> str:
+    rows = np.column_stack([time, *columns])
+    return "\n".join(delimiter.join(f"{v:.6f}".replace(".", decimal) for v in row) for row in rows)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_units_and_lines_above_are_read(delimiter: str, tmp_path: Path) -> None:
+    t = np.arange(40) * 0.01
+    head = f"Messung 7\nBediener: M. Muster, Halle 3\nt{delimiter}q\ns{delimiter}mm\n"
+    file = write(tmp_path, head + lines(t, 1.5 + t, decimal=",", delimiter=delimiter))
+    log = read_log(file)
+    assert log.units == {"t": "s", "q": "mm"}
+    assert "2 lines above the names left out" in log.notes
+    done = converted(file, {"time": {"signal": "t"}, "joints": JOINT}, tmp_path)
+    assert done.rate_hz == pytest.approx(100.0)
+    np.testing.assert_allclose(positions(tmp_path)["slide"], (1.5 + t) * 1e-3, atol=1e-9)
+
+
+def test_a_comma_in_a_number_of_points_says_what_it_may_be(tmp_path: Path) -> None:
+    file = write(tmp_path, "t;q\n0.0;1.0\n0.1;1.1\n0.2;1,2\n0.3;1.3\n0.4;1.4\n")
+    with pytest.raises(BagError, match=r"line 4: expected a number, found '1,2'; is the decimal"):
+        read_log(file)
+
+
+def test_dates_and_times_of_day_are_time(tmp_path: Path) -> None:
+    rows = [f"2026-03-01 23:59:59.{k}00,{k}" for k in range(10)]
+    rows += [f"2026-03-02 00:00:00.{k}00,{k}" for k in range(10)]
+    log = read_log(write(tmp_path, "\n".join(["stamp,q", *rows])))
+    np.testing.assert_allclose(np.diff(log.columns["stamp"]), 0.1, atol=1e-6)
+    assert log.start == "2026-03-01T23:59:59.000"
+
+
+def test_windows_and_utf16_texts_are_read(tmp_path: Path) -> None:
+    text = "t (s)\tWinkel (°)\n0\t1\n1\t2\n"
+    for encoding in ("cp1252", "utf-16", "utf-8-sig"):
+        (tmp_path / "log.txt").write_bytes(text.encode(encoding))
+        assert read_log(tmp_path / "log.txt").units == {"t (s)": "s", "Winkel (°)": "°"}
+
+
+def test_several_rates_keep_their_own_instants_or_those_they_share(tmp_path: Path) -> None:
+    fast, slow = np.arange(100) * 0.002, 0.02 + np.arange(16) * 0.01
+    file = tmp_path / "log.mat"
+    savemat(file, {"t": fast, "q": fast * 10.0, "t2": slow, "p": 1e6 + slow})
+    mapping = {
+        "time": {"signal": "t"},
+        "joints": {"lift": {"signal": "q"}},
+        "pressures": {
+            "lift_cylinder/a": {"signal": "p", "unit": "Pa", "reference": "absolute", "time": "t2"}
+        },
+    }
+    every = converted(file, mapping, tmp_path)
+    assert every.counts == {"/joint_states": 100, "/chamber_pressures": 16}
+    assert "clock 't2' begins 0.02 s after the first" in every.remarks
+    assert any("time: {keep: common} leaves them out" in text for text in every.remarks)
+    (tmp_path / "bag").rename(tmp_path / "all")
+    mapping["time"]["keep"] = "common"
+    done = converted(file, mapping, tmp_path)
+    assert done.counts == {"/joint_states": 16, "/chamber_pressures": 16}
+    np.testing.assert_allclose(positions(tmp_path)["lift"], slow * 10.0, atol=1e-12)
+    recording = read_recording(tmp_path / "bag", load_robot("xs031"))
+    assert (recording.period_s, len(recording.gaps)) == (pytest.approx(0.01), 0)
+
+
+def test_a_late_trigger_is_shifted_and_clocks_that_never_meet_are_said(tmp_path: Path) -> None:
+    t = np.arange(50) * 0.01
+    file = tmp_path / "log.mat"
+    savemat(file, {"t": t, "q": t, "t2": t[:40], "s": t[:40] + 0.1})
+    mapping = {
+        "time": {"signal": "t"},
+        "clocks": {"t2": {"late_s": 0.1}},
+        "joints": {"a": {"signal": "q"}, "b": {"signal": "s", "time": "t2"}},
+    }
+    done = converted(file, mapping, tmp_path)
+    assert done.cycles == 50
+    both = positions(tmp_path)
+    late = np.isfinite(both["b"])
+    assert np.count_nonzero(late) == 40
+    np.testing.assert_allclose(both["b"][late], both["a"][late], atol=1e-12)
+    (tmp_path / "bag").rename(tmp_path / "first")
+    mapping["clocks"]["t2"]["late_s"] = 0.1033
+    apart = converted(file, mapping, tmp_path)
+    assert apart.cycles == 90
+    assert any("would move each to the nearest" in text for text in apart.remarks)
+    (tmp_path / "bag").rename(tmp_path / "second")
+    mapping["time"]["within_s"] = 0.005
+    near = converted(file, mapping, tmp_path)
+    assert near.cycles == 50
+    assert any("moved by up to 3.3e+03 us" in text for text in near.remarks)
+
+
+def test_a_channel_that_begins_late_and_a_cut_are_said(tmp_path: Path) -> None:
+    rows = [f"{k / 100:.2f},{k},{'' if k < 30 else k}" for k in range(-10, 90)]
+    file = write(tmp_path, "\n".join(["t,q,p", *rows]))
+    mapping = {
+        "time": {"signal": "t", "from_s": 0.0},
+        "joints": JOINT,
+        "valves": {"v": {"signal": "p"}},
+    }
+    done = converted(file, mapping, tmp_path)
+    assert done.cycles == 90
+    assert done.counts["/valve_state"] == 60
+    assert "time begins at -0.1 s" in done.remarks
+    assert "10 samples outside from_s to to_s left out" in done.remarks
+    assert "valves, v: first value 0.3 s after the beginning" in done.remarks
+
+
+def test_wrapped_angles_are_said_and_unwrapped_where_asked(tmp_path: Path) -> None:
+    t = np.arange(400) * 0.01
+    true = -70.0 + 12.0 * np.sin(3.0 * t)
+    wrapped = (true - 110.0 + 180.0) % 360.0 - 180.0
+    jumps = int(np.count_nonzero(np.abs(np.diff(wrapped)) > 180.0))
+    assert jumps > 2
+    wrapped[7] = np.nan
+    file = tmp_path / "log.mat"
+    savemat(file, {"t": t, "q": np.full(400, 30.0), "z": wrapped})
+    mapping = {
+        "robot": "xs031",
+        "time": {"signal": "t"},
+        "joints": {
+            "lift": {"signal": "q", "unit": "deg"},
+            "tilt": {"signal": "z", "unit": "deg", "offset": float(np.radians(110.0 - 720.0))},
+        },
+    }
+    said = converted(file, mapping, tmp_path).remarks
+    assert any(
+        f"joints, tilt: {jumps} jumps by about 360; if the angle is wrapped" in r for r in said
+    )
+    (tmp_path / "bag").rename(tmp_path / "wrapped")
+    mapping["joints"]["tilt"]["wrap"] = 360
+    remarks = converted(file, mapping, tmp_path).remarks
+    assert f"joints, tilt: {jumps} jumps by 360 taken out" in remarks
+    got = positions(tmp_path)["tilt"]
+    known = np.isfinite(got)
+    np.testing.assert_allclose(got[known], np.radians(true)[known], atol=1e-9)
+
+
+def test_loop_currents_become_the_transducers_range(tmp_path: Path) -> None:
+    file = write(tmp_path, "t,q,i\n0,1,4\n1,2,12\n2,3,20\n")
+    pressure = {"signal": "i", "raw": [4, 20], "span": [0, 250], "unit": "bar"}
+    mapping = {
+        "time": {"signal": "t"},
+        "joints": JOINT,
+        "pressures": {"supply": {**pressure, "reference": "absolute"}},
+    }
+    converted(file, mapping, tmp_path)
+    series = read_bag(tmp_path / "bag").series["/chamber_pressures"]
+    np.testing.assert_allclose(series.fields["effort"][:, 0], [0.0, 1.25e7, 2.5e7])
+
+
+def test_structs_of_axes_and_signals_are_read_by_name(tmp_path: Path) -> None:
+    def signal(name: str, data: np.ndarray, index: int) -> dict:
+        return {"Name": name, "Data": data, "Unit": "deg", "XIndex": index, "Path": "Model"}
+
+    axes = [{"Name": "fast", "Data": np.arange(6.0)}, {"Name": "slow", "Data": np.arange(3.0)}]
+    signals = [signal("q", np.ones(6), 1), signal("p", np.zeros(3), 2)]
+    dtype = [(k, object) for k in axes[0]]
+    x = np.array([tuple(a.values()) for a in axes], dtype=dtype)
+    y = np.array([tuple(s.values()) for s in signals], dtype=[(k, object) for k in signals[0]])
+    savemat(tmp_path / "rec.mat", {"rec1": {"X": x, "Y": y}})
+    log = read_log(tmp_path / "rec.mat")
+    assert dict(log.clocks) == {"q": "time[1]", "p": "time[2]"}
+    assert {n: len(v) for n, v in log.columns.items()} == {
+        "time[1]": 6, "time[2]": 3, "q": 6, "p": 3,
+    }  # fmt: skip
+    assert log.units["q"] == "deg"
+
+
+def test_control_desk_example_is_what_it_was_made_of(tmp_path: Path) -> None:
+    mapping = read_map(EXAMPLES / "control_desk.map.yaml")
+    done = convert(read_log(EXAMPLES / "control_desk.csv"), mapping, tmp_path / "bag", {})
+    assert done.rate_hz == pytest.approx(100.0)
+    assert "clock 'time[2]' begins 0.04 s after the first" in done.remarks
+    t = 0.04 + 0.01 * np.arange(done.cycles)
+    got = positions(tmp_path)
+    lift = 40.0 + 6.0 * np.sin(1.6 * np.pi * t)
+    tilt = -70.0 + 8.0 * np.sin(1.2 * np.pi * t + 0.4)
+    np.testing.assert_allclose(np.degrees(got["lift"]), lift, atol=1e-5)
+    np.testing.assert_allclose(np.degrees(got["tilt"]), tilt, atol=1e-3)
+
+
+def test_labview_example_is_what_it_was_made_of(tmp_path: Path) -> None:
+    mapping = read_map(EXAMPLES / "labview.map.yaml")
+    log = read_log(EXAMPLES / "labview.lvm")
+    assert log.start == "2026-03-01T09:30:00.250000"
+    done = convert(log, mapping, tmp_path / "bag", {})
+    assert "25 samples outside from_s to to_s left out" in done.remarks
+    t = 0.002 * np.arange(done.cycles)
+    lift = 40.0 + 6.0 * np.sin(1.6 * np.pi * t)
+    np.testing.assert_allclose(np.degrees(positions(tmp_path)["lift"]), lift, atol=1e-5)
+
+
+def lvm(x_columns: str, top: str, table: str) -> str:
+    return (
+        f"LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nMulti_Headings\tYes\n"
+        f"X_Columns\t{x_columns}\n***End_of_Header***\t\n\t\n{top}***End_of_Header***\t\n{table}"
+    )
+
+
+def test_labview_without_an_x_column_and_with_one_each(tmp_path: Path) -> None:
+    top = "Channels\t2\t\nX0\t0.5\t0.5\t\nDelta_X\t1.0E-2\t1.0E-2\t\n"
+    none = lvm("No", top, "X_Value\tq\tp\tComment\n\t1\t2\n\t3\t4\n")
+    log = read_log(write(tmp_path, none, "a.lvm"))
+    np.testing.assert_allclose(log.columns["X_Value"], [0.5, 0.51])
+    multi = lvm("Multi", "Channels\t2\t\n", "X_Value\tq\tX_Value\tp\n0\t1\t0\t2\n1\t3\t\t\n")
+    log = read_log(write(tmp_path, multi, "b.lvm"))
+    assert dict(log.clocks) == {"q": "X_Value[1]", "p": "X_Value[2]"}
+    np.testing.assert_array_equal(log.columns["X_Value[2]"], [0.0, np.nan])
+
+
+def test_labview_segments_follow_each_other_by_their_own_times(tmp_path: Path) -> None:
+    def segment(second: int) -> str:
+        return (
+            f"Channels\t1\t\nDate\t2026/03/01\t\nTime\t10:00:0{second}.000000\t\n"
+            "***End_of_Header***\t\nX_Value\tq\tComment\n0.0\t1\n0.1\t2\n\n"
+        )
+
+    head = "LabVIEW Measurement\t\nSeparator\tTab\nMulti_Headings\tYes\n***End_of_Header***\t\n\n"
+    log = read_log(write(tmp_path, head + segment(0) + segment(3), "log.lvm"))
+    np.testing.assert_allclose(log.columns["X_Value"], [0.0, 0.1, 3.0, 3.1])
+    assert log.notes == ("LabVIEW measurement file, 2 segments",)

@@ -1,0 +1,48 @@
+"""`visual_urdf`: a robot to look at, for RViz and robot_state_publisher."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from hydro_model.command import run_command
+from hydro_msgs_docs.layouts_command import write_layout
+
+_EPILOG = """\
+Writes NAME.urdf (the robot's own with plain bodies and moving cylinders), NAME.rviz and
+robot_state_publisher.yaml. The node visual_joints publishes the positions of all its joints.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The `visual_urdf` executable."""
+    return run_command("visual_urdf", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="visual_urdf",
+        description="Write a robot to look at, for RViz and robot_state_publisher.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--robot", required=True, help="robot file or shipped robot")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="what is there is replaced"
+    )
+    return parser
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    from hydro_model.robot_files import load_robot
+    from hydro_msgs_docs.rviz_files import rviz_view, state_publisher_parameters
+    from hydro_msgs_docs.visual_urdf import visual_urdf
+
+    robot = load_robot(options.robot)
+    urdf = visual_urdf(robot)
+    write_layout(options.out / f"{robot.name}.urdf", urdf)
+    write_layout(options.out / f"{robot.name}.rviz", rviz_view(robot))
+    write_layout(options.out / "robot_state_publisher.yaml", state_publisher_parameters(urdf))
+    return 0

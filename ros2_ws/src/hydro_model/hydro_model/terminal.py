@@ -1,0 +1,127 @@
+"""What a command shows on a terminal and nowhere else: colours, and progress of long work.
+
+Long work calls `advance` wherever it is; a command that wants a bar on the terminal does its work
+inside `progress_bar`. Without one, in worker processes and in tests, `advance` does nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+_CODES = {"red": "31", "green": "32", "yellow": "33", "bold": "1", "dim": "2"}
+_CLEAR = "\r\x1b[2K"
+_WIDTH, _EVERY_S = 24, 0.1
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether a person watches a stream on something that knows escape codes.
+
+    Parameters
+    ----------
+    stream : file
+    """
+    return stream.isatty() and os.environ.get("TERM", "") != "dumb"
+
+
+def coloured(text: str, colour: str, stream: TextIO | None = None) -> str:
+    """A text in a colour where that is wanted.
+
+    Parameters
+    ----------
+    text : str
+    colour : {"red", "green", "yellow", "bold", "dim"}
+    stream : file, optional
+        Where it will be printed; standard output by default.
+
+    Returns
+    -------
+    str
+        The text alone where the stream is no terminal or NO_COLOR is set (https://no-color.org).
+    """
+    if os.environ.get("NO_COLOR") or not is_terminal(stream or sys.stdout):
+        return text
+    return f"\x1b[{_CODES[colour]}m{text}\x1b[0m"
+
+
+class _Bar:
+    """One line on standard error that is written over."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._begun = time.monotonic()
+        self._drawn = 0.0
+        self._what = ""
+
+    def draw(self, what: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if what == self._what and done < total and now - self._drawn < _EVERY_S:
+            return
+        self._what, self._drawn = what, now
+        share = min(max(done / total, 0.0), 1.0) if total else 0.0
+        full = round(share * _WIDTH)
+        bar = "#" * full + "." * (_WIDTH - full)
+        line = f"[{bar}] {share:4.0%} {now - self._begun:5.0f} s  {what}"
+        columns = shutil.get_terminal_size().columns
+        self._stream.write(_CLEAR + line[: max(columns - 1, 10)])
+        self._stream.flush()
+
+    def clear(self) -> None:
+        self._stream.write(_CLEAR)
+        self._stream.flush()
+
+
+_bar: _Bar | None = None
+
+
+@contextmanager
+def progress_bar(wanted: bool = True) -> Iterator[None]:
+    """Show what the work inside says of its progress, on standard error.
+
+    Parameters
+    ----------
+    wanted : bool
+        False where the command prints for programs. Nothing is shown either where standard error
+        is no terminal.
+    """
+    global _bar
+    if not wanted or not is_terminal(sys.stderr) or _bar is not None:
+        yield
+        return
+    _bar = _Bar(sys.stderr)
+    try:
+        yield
+    finally:
+        _bar.clear()
+        _bar = None
+
+
+def advance(what: str, done: int, total: int) -> None:
+    """Say how far work has come.
+
+    Parameters
+    ----------
+    what : str
+        In a few words.
+    done, total : int
+        Steps; the last call of a stage may leave them unequal.
+    """
+    if _bar is not None:
+        _bar.draw(what, done, total)
+
+
+def say(text: str) -> None:
+    """Print a line on standard output, beside a bar.
+
+    Parameters
+    ----------
+    text : str
+    """
+    if _bar is not None:
+        _bar.clear()
+    print(text, flush=True)

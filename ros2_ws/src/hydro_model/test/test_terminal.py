@@ -1,0 +1,129 @@
+"""A terminal gets colours, a bar and completions; a pipe, a file and a program get none."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hydro_model import terminal
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def screen(monkeypatch: pytest.MonkeyPatch) -> Screen:
+    made = Screen()
+    # sys itself belongs to pytest, which puts files of its own in place for each test.
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=made, stdout=sys.stdout))
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    return made
+
+
+def test_colours_are_for_terminals_that_want_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert terminal.coloured("x", "red", Screen()) == "\x1b[31mx\x1b[0m"
+    assert terminal.coloured("x", "red", io.StringIO()) == "x"
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert terminal.coloured("x", "red", Screen()) == "x"
+    monkeypatch.delenv("NO_COLOR")
+    monkeypatch.setenv("TERM", "dumb")
+    assert terminal.coloured("x", "red", Screen()) == "x"
+
+
+def test_a_bar_shows_stages_and_leaves_nothing_behind(screen: Screen, capsys) -> None:
+    with terminal.progress_bar():
+        terminal.advance("first", 0, 4)
+        terminal.advance("second", 2, 4)
+        terminal.say("a line")
+    text = screen.getvalue()
+    assert "  0%" in text
+    assert " 50%" in text
+    assert "############............" in text
+    assert text.endswith("\r\x1b[2K")
+    assert capsys.readouterr().out == "a line\n"
+
+
+def test_a_stage_is_not_drawn_over_and_over(screen: Screen) -> None:
+    with terminal.progress_bar():
+        for k in range(10_000):
+            terminal.advance("many", k, 10_000)
+    assert 0 < screen.getvalue().count("many") < 1000
+
+
+def test_nothing_is_shown_where_nobody_looks(screen: Screen, monkeypatch) -> None:
+    with terminal.progress_bar(wanted=False):
+        terminal.advance("x", 1, 2)
+    assert screen.getvalue() == ""
+    pipe = io.StringIO()
+    monkeypatch.setattr(terminal.sys, "stderr", pipe)
+    with terminal.progress_bar():
+        terminal.advance("x", 1, 2)
+    assert pipe.getvalue() == ""
+    terminal.advance("x", 1, 2)  # outside of any bar
+
+
+def test_a_failure_clears_the_bar(screen: Screen) -> None:
+    def fails() -> None:
+        with terminal.progress_bar():
+            terminal.advance("x", 1, 2)
+            raise ValueError("inside")
+
+    with pytest.raises(ValueError, match="inside"):
+        fails()
+    terminal.advance("later", 1, 2)
+    assert "later" not in screen.getvalue()
+
+
+COMMAND = """
+import argparse, sys
+from hydro_model.command import run_command
+def main(arguments):
+    p = argparse.ArgumentParser()
+    p.add_argument("--robot"); p.add_argument("--out"); p.add_argument("--round")
+    p.parse_args(arguments)
+    return 0
+sys.exit(run_command("tool", main))
+"""
+
+
+def test_a_shell_gets_the_options_that_begin_so(tmp_path: Path) -> None:
+    pytest.importorskip("argcomplete", reason="argcomplete is optional and not installed")
+    line = "tool --ro"
+    asked = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "words"),
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+    }
+    subprocess.run([sys.executable, "-c", COMMAND], env={**os.environ, **asked}, check=False)
+    assert set((tmp_path / "words").read_text().split()) == {"--robot", "--round"}
+
+
+def test_a_real_terminal_shows_the_bar() -> None:
+    script = (
+        "from hydro_model.terminal import advance, progress_bar\n"
+        "with progress_bar():\n    advance('counting', 1, 2)\n"
+    )
+    master, slave = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], stderr=slave, stdout=subprocess.PIPE, env=environment
+    )
+    seen = os.read(master, 10_000).decode()
+    os.close(slave)
+    os.close(master)
+    assert done.stdout == b""
+    assert "counting" in seen
