@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Runs every test: linters, types, then pytest over all packages (arguments go to pytest).
-#   scripts/test.sh                 everything
+#   scripts/test.sh                 everything, in as many processes as there are cores (at most 4)
 #   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
+#   scripts/test.sh -n 0 FILE       in one process, whose output is seen (-s) and debugged (--pdb)
 set -euo pipefail
 shopt -s inherit_errexit
 
-case ${1:-} in -h|--help) sed -n '2,4s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
+case ${1:-} in -h|--help) sed -n '2,5s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
 # shellcheck source=scripts/env.sh
 source "$(dirname "${BASH_SOURCE[0]}")/env.sh"
 cd "$hydro_root"
@@ -16,13 +17,15 @@ packages=(ros2_ws/src/hydro_model/hydro_model hydro_msgs_docs/hydro_msgs_docs
 for script in scripts/*.sh .ci/run; do bash -n "$script"; done
 ruff check .
 ruff format --check .
-# Types are checked while the first tests run: told at the end.
+# Types are checked while the first tests run, which have the right of way: told at the end.
 types=$(mktemp)
 trap 'rm -f "$types"' EXIT
-mypy "${packages[@]}" >"$types" 2>&1 &
+nice mypy "${packages[@]}" >"$types" 2>&1 &
 checking=$!
 failed=0
-python -m pytest "$@" || failed=$?
+# Tests with processes on buses share one worker and come first (conftest.py).
+python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" ||
+  failed=$?
 wait "$checking" || failed=1
 cat "$types"
 exit "$failed"

@@ -121,7 +121,7 @@ def test_the_tip_follows(idle_run: Path) -> None:
 def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
     idle_run: Path, tmp_path: Path
 ) -> None:
-    with busy(4):
+    with busy(os.cpu_count() or 1):
         finish(start(tmp_path, "busy"))
     idle, loaded = truth_of(idle_run, "idle"), truth_of(tmp_path, "busy")
     assert idle.names == loaded.names

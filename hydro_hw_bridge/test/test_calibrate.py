@@ -17,6 +17,7 @@ from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec, CommandFrame
 
+pytestmark = pytest.mark.processes
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 240.0
 PORT = 20_000 + (os.getpid() + 7_000) % 20_000

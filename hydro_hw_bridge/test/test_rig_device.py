@@ -18,6 +18,7 @@ from hydro_hw_bridge.codec import Codec, Readings
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
 
+pytestmark = pytest.mark.processes
 BUS = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 17_000) % 20_000}"
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 120.0

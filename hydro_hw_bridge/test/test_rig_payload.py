@@ -90,6 +90,7 @@ def test_argument() -> None:
         Payload(-1.0)
 
 
+@pytest.mark.processes
 def test_the_side_file_says_what_was_loaded(tmp_path: Path) -> None:
     out = tmp_path / "truth.npz"
     main = "from hydro_hw_bridge.rig.command import main; raise SystemExit(main())"

@@ -91,7 +91,7 @@ def run_columns(robot: Robot) -> Callable[[int], dict[str, tuple[tuple[str, ...]
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """A simulated run of the reference crane with noisy sensors, gauge pressures."""
+    """A simulated run of the reference crane as its sensors see it, gauge pressures."""
 
     robot: Robot
     q: np.ndarray
@@ -114,11 +114,11 @@ class SimulatedRun:
             "/valve_state": (robot.valve_names, {"effort": self.voltage}),
         }
 
-    def recording(self, name: str = "run") -> Recording:
-        """The run as a recording under the reference crane's robot file."""
+    def recording(self, name: str = "run", **changes: object) -> Recording:
+        """The run as a recording under the reference crane's robot file, some fields changed."""
         count = len(self.q)
         rail = np.ones(count)
-        return Recording(
+        given = Recording(
             path=Path(name), robot=load_robot("xs031"), period_s=PERIOD_NS * 1e-9,
             stamp_ns=START_NS + PERIOD_NS * np.arange(count), q=self.q, stroke=None, effort=None,
             p_a=self.p_a, p_b=self.p_b, supply=self.robot.supply_pressure_pa * rail,
@@ -128,6 +128,7 @@ class SimulatedRun:
             tip_ref=None, temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(),
             duplicates={}, notes=(), metadata={},
         )  # fmt: skip
+        return replace(given, **changes)  # type: ignore[arg-type]
 
 
 def _motion(t: float, phase: float, scale: float = 1.0) -> np.ndarray:
@@ -140,10 +141,12 @@ def _motion(t: float, phase: float, scale: float = 1.0) -> np.ndarray:
     )
 
 
-def simulated_run(robot: Robot, seconds: float, seed: int = 0, scale: float = 1.0) -> SimulatedRun:
+def simulated_run(
+    robot: Robot, seconds: float, seed: int = 0, scale: float = 1.0, noisy: bool = True
+) -> SimulatedRun:
     """Drive the model along a motion by a slow loop, then roll it out in one piece.
 
-    `scale` is that of the motion's amplitude.
+    `scale` is that of the motion's amplitude; `noisy` are the sensors.
     """
     from hydro_model.cylinder import lever
     from hydro_model.simulate import simulate
@@ -163,6 +166,8 @@ def simulated_run(robot: Robot, seconds: float, seed: int = 0, scale: float = 1.
         q, qd = out.q[-1], out.qd[-1]
         pressures = np.stack([out.p_a[-1], out.p_b[-1]], axis=1)
     out = simulate(robot, time, voltage, _motion(0.0, phase, scale))
+    if not noisy:
+        return SimulatedRun(robot, out.q, out.p_a, out.p_b, voltage)
     rng, count = np.random.default_rng(seed), 2 * np.pi / 2**20
     return SimulatedRun(
         robot,

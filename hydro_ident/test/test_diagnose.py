@@ -57,12 +57,16 @@ def found(runs: tuple) -> Diagnosis:
     return diagnose(load_robot("xs031"), [train.recording()], [check.recording("check")])
 
 
-def test_a_machine_that_equals_its_structure_matches(crane_run: object) -> None:
-    result = diagnose(load_robot("xs031"), [crane_run.recording()])
-    assert result.verdict == "matches"
-    assert not result.findings
-    assert not result.unexplained
-    for channel in result.channels:
+@pytest.fixture(scope="module")
+def matching(crane_run: object) -> Diagnosis:
+    return diagnose(load_robot("xs031"), [crane_run.recording()])
+
+
+def test_a_machine_that_equals_its_structure_matches(matching: Diagnosis) -> None:
+    assert matching.verdict == "matches"
+    assert not matching.findings
+    assert not matching.unexplained
+    for channel in matching.channels:
         assert channel.after == pytest.approx(channel.before)
 
 
@@ -215,10 +219,12 @@ def test_unreadable_input_writes_nothing(
         run(arguments[1:])
 
 
-def test_a_payload_is_told_against_a_fixed_base_alone(make_run: tuple) -> None:
+def test_a_payload_is_told_against_a_fixed_base_alone(
+    make_run: tuple, matching: Diagnosis
+) -> None:
     """A refit swallows it; a base known beforehand does not."""
     true_crane, simulated_run = make_run
-    known = diagnose(load_robot("xs031"), [simulated_run(true_crane(), SECONDS).recording()]).robot
+    known = matching.robot
     assert known is not None
     loaded = simulated_run(true_crane(50.0), SECONDS, seed=2).recording()
     fixed = diagnose(known, [loaded], (), DiagnosisSettings(fixed_base=True))

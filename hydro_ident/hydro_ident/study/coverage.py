@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,23 +28,19 @@ from hydro_ident.estimate.flow_moments import (
     gathered_rows,
 )
 from hydro_ident.estimate.hydraulics import hydraulic_fit
-from hydro_ident.estimate.inertial import ForceModel, Motion, force_columns, force_model
 from hydro_ident.estimate.least_squares import Estimator, weighted_least_squares
 from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.experiment import design_excitation, start_pose
 from hydro_ident.parameters import NORMAL_95, student_95
+from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
 from hydro_model.command import run_command
-from hydro_model.paths_check import joint_motion
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
 PHI = 0.98
 #: Size of the residuals: some hundred newtons, and two per mille of a valve's flow.
 FORCE_N, FLOW = (300.0, 500.0), 5.0e-6
-LAG_S = 0.05  # of the motion behind the reference that serves as the instrument
 DURATIONS_S, KINDS = (30.0, 300.0), ("row", "sample")
 
 
@@ -91,11 +86,11 @@ class _Outcome:
 
 
 def force_coverage(
-    robot: Robot, duration_s: float, kind: str, count: int, seed: int, estimator: Estimator = "wls"
+    motion: DesignedMotion, kind: str, count: int, seed: int, estimator: Estimator = "wls"
 ) -> list[Coverage]:
-    """Coverage on the designed excitation; with instruments, `LAG_S` ahead of the motion."""
-    settings, model = FilterSettings(), force_model(robot)
-    times, rows = _designed_rows(model, duration_s, settings, estimator == "iv")
+    """Coverage of the links' and frictions' parameters on a designed motion."""
+    settings, model, robot = FilterSettings(), motion.model, motion.model.robot
+    rows = motion.rows(settings, estimator == "iv")
     x = rows.x
     friction = [4.0e4] * len(robot.cylinders)
     truth = np.array([*(model.base.combination @ robot.parameter_vector), *friction])
@@ -105,7 +100,7 @@ def force_coverage(
         if kind == "row":
             noise = autoregression(rng, len(x), robot.dof)
         else:
-            raw = autoregression(rng, times.size, robot.dof)
+            raw = autoregression(rng, motion.times.size, robot.dof)
             noise = parallel_filter(raw, STEP_S, settings)
         y = x @ truth + noise * np.array(FORCE_N)
         fit = weighted_least_squares([replace(rows, y=y)], estimator)
@@ -117,27 +112,7 @@ def force_coverage(
             half / (NORMAL_95 * std),
         )
 
-    return _summary(model.names, [once(i) for i in range(count)], duration_s, kind)
-
-
-def _designed_rows(
-    model: ForceModel, duration_s: float, settings: FilterSettings, instruments: bool
-) -> tuple[FloatArray, Rows]:
-    """Sampling times of a designed motion, and its rows, whose y is yet to come."""
-    robot = model.robot
-    with tempfile.TemporaryDirectory() as folder:
-        path = design_excitation(robot, start_pose(robot), duration_s, Path(folder)).path
-    times = np.arange(0.0, path.duration_s, STEP_S)
-    trace = traces_of([replace(synthetic_recording(robot, 1.0), q_ref=None)])[0]
-
-    def columns(at: FloatArray) -> FloatArray:
-        moved = Motion(*joint_motion(robot, path, at))
-        return parallel_filter(force_columns(model, trace, moved), STEP_S, settings)
-
-    x = columns(times)
-    z = columns(np.minimum(times + LAG_S, path.duration_s)) if instruments else None
-    step_s = settings.decimation(STEP_S) * STEP_S
-    return times, Rows(x[..., 0], x, step_s * np.arange(float(len(x))), z=z, step_s=step_s)
+    return _summary(model.names, [once(i) for i in range(count)], motion.duration_s, kind)
 
 
 def flow_coverage(
@@ -253,8 +228,9 @@ def study(count: int, seed: int) -> list[Coverage]:
     robot = load_robot("xs031")
     found = []
     for duration_s in DURATIONS_S:
+        motion = DesignedMotion.of(robot, duration_s)
         for kind in KINDS:
-            found += force_coverage(robot, duration_s, kind, count, seed)
+            found += force_coverage(motion, kind, count, seed)
             found += flow_coverage(robot, duration_s, kind, count, seed)
     return found
 

@@ -1,0 +1,199 @@
+"""The controller process, cycle by cycle: a command for every sample, and 0 V at every end."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.gains import Gains
+from hydro_msgs_docs import topics
+from hydro_msgs_docs.messages import joint_state, stamp_ns
+
+rclpy = pytest.importorskip("rclpy")
+from sensor_msgs.msg import JointState  # noqa: E402
+
+from hydro_control import hot_path  # noqa: E402
+from hydro_control.hot_path import HotPath  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+def test_one_command_per_stamp_and_repeats_are_identical(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    controller()
+    commands = [machine.answer(k, pressures_first=bool(k % 2)) for k in range(40)]
+    stamps = [stamp_ns(c) for c in commands]
+    assert stamps == sorted(set(stamps))
+    # At rest in balance the valves stay shut.
+    assert max(abs(v) for c in commands for v in c.effort) < 0.02
+    moved = machine.answer(40, machine.pose + np.array([0.0, 0.002]))
+    again = machine.answer(40, machine.pose + np.array([0.0, 0.003]))
+    assert again == moved
+    assert list(moved.name) == list(machine.robot.valve_names)
+    assert abs(moved.effort[1]) > 0.01
+    wait_for(lambda: len(machine.heard[topics.TIP_REFERENCE]) > 41)
+    reference = machine.heard[topics.JOINT_REFERENCE][-1]
+    assert stamp_ns(reference) == stamp_ns(moved)
+    np.testing.assert_allclose(reference.position, machine.pose, atol=1e-12)
+    assert len(reference.effort) == 2
+    assert machine.heard[topics.TIP_REFERENCE][-1].header.frame_id == "base_link"
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP], ids=["term", "int", "hup"]
+)
+def test_a_signal_ends_at_zero_volts(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    number: int,
+    wait_for: Callable[..., bool],
+    patience_s: float,
+) -> None:
+    process = controller()
+    for k in range(5):
+        machine.answer(k)
+    assert any(machine.answer(k, machine.pose - 0.02).effort[0] for k in range(5, 8))
+    # Configured anew, it answers as before.
+    for transition in ("deactivate", "cleanup", "configure", "activate"):
+        machine.transition(transition)
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
+    assert any(machine.answer(k, machine.pose + 0.02 * (k % 2)).effort[0] for k in range(8, 11))
+    process.send_signal(number)
+    assert process.wait(patience_s) == 0
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
+
+
+def test_it_ends_on_a_ramp_to_zero_while_samples_come(
+    machine: Any, monkeypatch: pytest.MonkeyPatch, patience_s: float
+) -> None:
+    # Its last samples are waited for, however long a busy machine keeps this process from them.
+    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
+        monkeypatch.setattr(hot_path, name, patience_s)
+    node = rclpy.create_node("hot", context=machine.context)
+    core = ControllerCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
+    hot = HotPath(node, core, 0, lambda error: None)
+    hot.start()
+    cycle = 0
+    while (
+        abs(machine.answer(cycle, machine.pose if cycle == 0 else machine.pose - 0.05).effort[0])
+        < 1.0
+    ):
+        cycle += 1
+    ending = threading.Thread(target=hot.stop)
+    ending.start()
+    while ending.is_alive():
+        cycle += 1
+        before, stamp = len(machine.commands()), machine.publish(cycle, machine.pose - 0.05)
+        machine.commands_of(stamp, before, 0.2)
+    hot.destroy()
+    node.destroy_node()
+    voltage = np.array([c.effort for c in machine.commands()])
+    assert np.abs(np.diff(voltage, axis=0)).max() <= 0.2 + 1e-9
+    assert voltage[-1].tolist() == [0.0, 0.0]
+
+
+def test_values_that_are_no_numbers_give_zero_volts(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    controller()
+    machine.answer(0)
+    machine.answer(1, machine.pose - 0.02)
+    assert list(machine.answer(2, [np.nan, -1.5]).effort) == [0.0, 0.0]
+
+    def said() -> list[str]:
+        return [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
+
+    assert wait_for(lambda: any("joint position [nan, -1.5]" in text for text in said()))
+
+
+class FailingCore(ControllerCore):
+    """A controller whose law breaks down at the tenth sample."""
+
+    def answer(self, sample: Sample) -> Answer | None:
+        if self.counts.answered == 9:
+            raise ZeroDivisionError("a defect")
+        return super().answer(sample)
+
+
+def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
+    machine: Any, wait_for: Callable[..., bool]
+) -> None:
+    node = rclpy.create_node("hot", context=machine.context)
+    told: list[BaseException] = []
+    hot = HotPath(node, FailingCore(machine.robot, Gains()), 0, told.append)
+    hot.start()
+    for k in range(9):
+        last = machine.answer(k, machine.pose - 0.001 * k)
+    assert any(last.effort)
+    machine.publish(9)
+    assert wait_for(lambda: bool(told))
+    assert isinstance(told[0], ZeroDivisionError)
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
+    hot.stop()
+    hot.destroy()
+    node.destroy_node()
+
+
+def test_waits_for_the_recorders(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]]
+) -> None:
+    controller("required_recorders:=1")
+    for _ in range(5):
+        machine.publish(0)
+        time.sleep(0.05)
+    assert machine.commands() == []
+    heard = len(machine.heard[topics.JOINT_REFERENCE])
+    for topic in (topics.VALVE_COMMAND, topics.JOINT_REFERENCE, topics.TIP_REFERENCE):
+        machine.listen(topic)
+    assert heard == 0
+    machine.answer(0)
+
+
+def test_commands_that_the_valves_do_not_get_are_noticed(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    valves = machine.node.create_publisher(JointState, topics.VALVE_STATE, topics.reliable(1000))
+    controller()
+    assert wait_for(lambda: valves.get_subscription_count() == 1)
+    time.sleep(0.2)
+
+    def said() -> str:
+        return str(machine.heard[topics.DIAGNOSTICS][-1].status[0].message)
+
+    def drive(cycles: range, share: float) -> Any:
+        for k in cycles:
+            # Not at the pose of the first sample, so something is commanded.
+            command = machine.answer(k, machine.pose - 0.02 * (k > 0))
+            applied = [share * v for v in command.effort]
+            valves.publish(joint_state(stamp_ns(command), command.name, effort=applied))
+        return machine.heard[topics.JOINT_REFERENCE][-1]
+
+    drive(range(20), 1.0)
+    reference = drive(range(20, 60), 0.0)
+    np.testing.assert_allclose(reference.position, machine.pose - 0.02, atol=1e-12)
+    assert wait_for(lambda: "the valves do not get the commands" in said())
+    # Anchored where it is there is little to command: enough to see that it is applied.
+    for k in range(60, 120):
+        drive(range(k, k + 1), 1.0)
+    machine.answer(120, machine.pose - 0.03)
+    valves.publish(
+        joint_state(stamp_ns(machine.commands()[-1]), machine.robot.valve_names, effort=[0.1, 0.1])
+    )
+    cycles = itertools.count(121)
+
+    def holding() -> bool:
+        machine.answer(next(cycles), machine.pose - 0.03)
+        return wait_for(lambda: said() == "holding", 0.1)
+
+    assert wait_for(holding)

@@ -1,0 +1,124 @@
+"""What is asked of the controller process: paths, parameters, transitions, adaptation."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hydro_msgs_docs import topics
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_sent_path_is_played_and_a_far_one_refused(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    tmp_path: Path,
+    wait_for: Callable[..., bool],
+    run_module: Callable[..., Any],
+    patience_s: float,
+) -> None:
+    process = controller()
+    for k in range(3):
+        machine.answer(k)
+    near, far = tmp_path / "near.yaml", tmp_path / "far.yaml"
+    text = "joints: [tilt]\nstart: [{}]\nsegments: [{{kind: move, to: [{}], duration_s: 2.0}}]\n"
+    near.write_text(text.format(-1.5, -1.4))
+    far.write_text(text.format(-0.5, -0.6))
+    assert run_module("send_path", str(far), "--timeout", "100").returncode == 0
+
+    def refused() -> bool:
+        messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
+        return any("starts 1.000 rad or m from where the robot stands" in m for m in messages)
+
+    assert wait_for(refused)
+    sent = run_module("send_path", str(near), "--timeout", "100")
+    assert sent.returncode == 0, sent.stderr
+    cycle, speed = 3, 0.0
+    end = time.monotonic() + patience_s
+    while speed < 0.05 and time.monotonic() < end:
+        machine.answer(cycle)
+        cycle += 1
+        if machine.heard[topics.JOINT_REFERENCE]:
+            speed = machine.heard[topics.JOINT_REFERENCE][-1].velocity[1]
+    assert speed >= 0.05
+    assert process.poll() is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["-p", "robot:=nowhere.yaml"], "no robot file 'nowhere.yaml'"),
+        (["-p", "path:=nowhere.yaml"], "no path file 'nowhere.yaml'"),
+        (["-p", "k_v:=-1.0"], "k_v should be a number with a decimal point from 0"),
+        (["-p", "robot:=3"], "robot should be a text"),
+        (["--params-file", "nowhere.yaml"], "nowhere.yaml"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(
+    arguments: list[str], expected: str, run_module: Callable[..., Any]
+) -> None:
+    done = run_module("node", "--ros-args", *arguments)
+    assert done.returncode == 2
+    assert expected in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_lifecycle_command_says_what_is_open(
+    controller: Callable[..., subprocess.Popen[str]],
+    run_module: Callable[..., Any],
+    patience_s: float,
+) -> None:
+    controller(activate=False)
+    patient = ("--timeout", str(patience_s))
+    refused = run_module("lifecycle_command", "activate", "controller", *patient)
+    assert refused.returncode == 1
+    assert "controller is unconfigured and cannot activate" in refused.stderr
+    assert (
+        run_module("lifecycle_command", "get", "controller", *patient).stdout == "unconfigured\n"
+    )
+    assert run_module("lifecycle_command", "configure", "controller", *patient).returncode == 0
+    absent = run_module("lifecycle_command", "get", "nobody", "--timeout", "0.2")
+    assert absent.returncode == 1
+    assert "no node answers at /nobody/get_state" in absent.stderr
+    assert run_module("lifecycle_command", "fly", "controller").returncode == 2
+
+
+def test_adaptation_is_told_and_reset(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    wait_for: Callable[..., bool],
+    patience_s: float,
+) -> None:
+    from std_srvs.srv import Trigger
+
+    controller("adaptation:=payload null_bias")
+    for k in range(20):
+        machine.answer(k)
+
+    def told() -> dict[str, str]:
+        statuses = [s for m in machine.heard[topics.DIAGNOSTICS] for s in m.status]
+        return {v.key: v.value for s in statuses[-1:] for v in s.values}
+
+    assert wait_for(lambda: told().get("adaptation") == "payload null_bias")
+    assert told()["adaptation_frozen"] == "yes"
+    assert float(told()["adapted/payload_kg"]) == 0.0
+    client = machine.node.create_client(Trigger, "/controller/reset_adaptation")
+    assert client.wait_for_service(patience_s)
+    future = client.call_async(Trigger.Request())
+    assert wait_for(future.done)
+    assert future.result().success
+
+
+def test_adaptation_of_an_unknown_kind_ends_the_node_with_one_line(
+    run_module: Callable[..., Any],
+) -> None:
+    done = run_module("node", "--ros-args", "-p", "adaptation:=mass")
+    assert done.returncode == 2
+    assert "expected some of payload, friction, null_bias" in done.stderr
+    assert "Traceback" not in done.stderr
