@@ -17,7 +17,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
-from hydro_hw_bridge.bridge_core import NOTHING, BridgeCore, Step
+from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import can
 
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
+from hydro_hw_bridge.bridge_step import NOTHING, CommandCounters, Sample, Step, ValveState
 from hydro_hw_bridge.codec import Codec, Frame, Readings
 from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome
 from hydro_hw_bridge.plausibility import ReadingsWatch
@@ -26,72 +26,8 @@ IMPOSSIBLE = "impossible_readings"
 CLOCK_WORDS = {True: "lockstep", False: "real_time"}
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A complete cycle with its stamp.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        ROS time.
-    counter : int
-        Sample counter without wrap.
-    readings : Readings
-    repeated : bool
-        Sent again under the same counter.
-    """
-
-    stamp_ns: int
-    counter: int
-    readings: Readings
-    repeated: bool
-
-
-@dataclass(frozen=True, slots=True)
-class ValveState:
-    """Voltages on the wire during a cycle, and the measured spools of that cycle."""
-
-    stamp_ns: int
-    voltages: tuple[float, ...]
-    spools: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What followed from a frame or a command.
-
-    Attributes
-    ----------
-    sample : Sample or None
-        To publish.
-    valve_states : tuple of ValveState
-        To publish.
-    answer : can.Message or None
-        Has been sent; None where there was nothing to send or the bus did not take it.
-    """
-
-    sample: Sample | None = None
-    valve_states: tuple[ValveState, ...] = ()
-    answer: can.Message | None = None
-
-
-NOTHING = Step()
-
-
 def _taken(_frame: can.Message) -> bool:
     return True
-
-
-@dataclass(slots=True)
-class CommandCounters:
-    """Commands by what became of them; `not_driving` came while inactive or not ready."""
-
-    accepted: int = 0
-    repeated: int = 0
-    outdated: int = 0
-    released: int = 0
-    denied: int = 0
-    not_driving: int = 0
 
 
 class BridgeCore:

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import FluidPressure, JointState, Temperature
 
-from hydro_hw_bridge.bridge_core import Sample, ValveState
+from hydro_hw_bridge.bridge_step import Sample, ValveState
 from hydro_hw_bridge.codec import Codec
 from hydro_msgs_docs.messages import set_stamp
 from hydro_msgs_docs.topics import (

@@ -10,7 +10,8 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, NOTHING, BridgeCore, Step
+from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, BridgeCore
+from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
 from hydro_hw_bridge.gate import GateLimits, GateState
 

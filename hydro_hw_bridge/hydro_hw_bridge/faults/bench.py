@@ -13,7 +13,8 @@ from typing import Protocol
 
 import can
 
-from hydro_hw_bridge.bridge_core import BridgeCore, Sample, Step
+from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_step import Sample, Step
 from hydro_hw_bridge.bus import Bus, BusName
 from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault

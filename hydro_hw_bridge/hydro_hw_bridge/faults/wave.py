@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hydro_hw_bridge.bridge_core import Sample
+from hydro_hw_bridge.bridge_step import Sample
 from hydro_hw_bridge.faults.command_faults import Command
 
 SHARES = (0.9, 0.6)

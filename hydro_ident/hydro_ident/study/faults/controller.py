@@ -6,7 +6,7 @@ import numpy as np
 
 from hydro_control.core import ControllerCore, Sample
 from hydro_control.gains import Gains
-from hydro_hw_bridge import bridge_core
+from hydro_hw_bridge import bridge_step
 from hydro_hw_bridge.faults.command_faults import Command
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import TipPath
@@ -31,7 +31,7 @@ class CoreCommander:
         self._robot = robot
         self._core = ControllerCore(robot, Gains(), path)
 
-    def answer(self, sample: bridge_core.Sample) -> Command | None:
+    def answer(self, sample: bridge_step.Sample) -> Command | None:
         """The command that follows from a sample; None for an old one."""
         robot, readings = self._robot, sample.readings
         absolute = np.array(readings.pressures_pa) + robot.atmospheric_pressure_pa

@@ -6,7 +6,7 @@ import threading
 import time
 from typing import Any
 
-from hydro_hw_bridge.bridge_core import Sample
+from hydro_hw_bridge.bridge_step import Sample
 from hydro_hw_bridge.codec import Readings, Status
 from hydro_hw_bridge.faults.command_faults import CommandFault, Publisher
 from hydro_hw_bridge.faults.wave import Wave

@@ -1,0 +1,73 @@
+"""What follows from a frame or a command: samples and valve states to publish, answers sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import can
+
+from hydro_hw_bridge.codec import Readings
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A complete cycle with its stamp.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        ROS time.
+    counter : int
+        Sample counter without wrap.
+    readings : Readings
+    repeated : bool
+        Sent again under the same counter.
+    """
+
+    stamp_ns: int
+    counter: int
+    readings: Readings
+    repeated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ValveState:
+    """Voltages on the wire during a cycle, and the measured spools of that cycle."""
+
+    stamp_ns: int
+    voltages: tuple[float, ...]
+    spools: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What followed from a frame or a command.
+
+    Attributes
+    ----------
+    sample : Sample or None
+        To publish.
+    valve_states : tuple of ValveState
+        To publish.
+    answer : can.Message or None
+        Has been sent; None where there was nothing to send or the bus did not take it.
+    """
+
+    sample: Sample | None = None
+    valve_states: tuple[ValveState, ...] = ()
+    answer: can.Message | None = None
+
+
+NOTHING = Step()
+
+
+@dataclass(slots=True)
+class CommandCounters:
+    """Commands by what became of them; `not_driving` came while inactive or not ready."""
+
+    accepted: int = 0
+    repeated: int = 0
+    outdated: int = 0
+    released: int = 0
+    denied: int = 0
+    not_driving: int = 0
