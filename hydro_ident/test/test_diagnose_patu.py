@@ -110,11 +110,12 @@ def test_what_one_raise_cannot_tell_is_listed(found: Diagnosis) -> None:
     assert "tilt/torque" in {loss.channel for loss in found.losses}
 
 
-def test_that_little_valve_signal_moves_nothing_is_seen(found: Diagnosis) -> None:
-    """The valve opens at more than a tenth of its travel: an overlap, or a progressive gain."""
+def test_that_the_valve_is_not_the_models_is_seen(found: Diagnosis) -> None:
+    """It opens late; in one raise the opening, the speed, pressure B and time run together."""
     names = {n for f in found.findings for n in f.named.names}
-    unknown = {v for u in found.unexplained for v in u.depends_on}
-    assert "valve_deadband" in names or "valve_signal" in unknown
+    unknown = {u.channel: set(u.depends_on) for u in found.unexplained}
+    together = {"valve_signal", "piston_velocity", "pressure_b", "time", "piston_position"}
+    assert "valve_deadband" in names or unknown["lift/flow_b"] <= together
     for finding in found.findings:
         if finding.named.term.effect.name == "valve_deadband":
             assert 0.08 < finding.named.term.parameters[0] < 0.3

@@ -9,7 +9,7 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import Model, Predictor, shapes
-from hydro_ident.mismatch.stepping import held_delays, is_free, moved, stepped
+from hydro_ident.mismatch.stepping import held_columns, is_free, moved, stepped
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
@@ -158,7 +158,7 @@ def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)
-    if held := held_delays(training, model, bench.solve()):
+    if held := held_columns(training, model, bench.solve()):
         # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
         columns[:, held] = 0.0
         bench = training.bench(noise, residual, columns, offset)

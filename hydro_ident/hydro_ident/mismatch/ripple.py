@@ -23,11 +23,18 @@ from hydro_model.valve import edge_flows
 
 #: Volumes are taken to be no less than this share of what the piston sweeps.
 _LEAST_VOLUME = 0.02
+#: No oil is stiffer.
+_STIFFEST_PA = 2.5e9
 
 
 def ripple_name(cylinder: str) -> str:
     """What the coefficient of a cylinder's ripple is called; in Pa s."""
     return f"{cylinder}.pressure_ripple"
+
+
+def largest_ripple(cycle_s: float) -> float:
+    """Bound of a ripple's coefficient for commands at such an interval, Pa s."""
+    return _STIFFEST_PA * cycle_s / 12.0
 
 
 def ripple_force(robot: Robot, index: int, trace: Trace) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.training import Training
 from hydro_model.closed_chain import with_parameters
 from hydro_model.effects.targets import ActiveEffect
@@ -44,8 +45,10 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
         width = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
         terms.append(stepped(term, step[at : at + width]))
         at += width
-    now = predictor.parameters(model)
-    ripples = tuple(float(now[k] + step[k]) for k in predictor.ripple_columns.values())
+    most, now = largest_ripple(training.cycle_s), predictor.parameters(model)
+    ripples = tuple(
+        float(np.clip(now[k] + step[k], -most, most)) for k in predictor.ripple_columns.values()
+    )
     return Model(robot, theta, delays, tuple(terms), ripples)
 
 
@@ -115,14 +118,17 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
-def held_delays(training: Training, model: Model, step: FloatArray) -> list[int]:
-    """Columns of delays that can take no step: at their bound, or beside one that is listed."""
+def held_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
+    """Columns that can take no step: at their bound, or a delay beside one that is listed."""
     longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
-    return [
+    held = [
         at
         for index, at in training.predictor.delay_columns.items()
         if _listed_delay(model) or (step[at] > 0.0 and model.delays_s[index] >= longest)
     ]
+    most, now = largest_ripple(training.cycle_s), training.predictor.parameters(model)
+    ripples = training.predictor.ripple_columns.values()
+    return held + [k for k in ripples if abs(now[k]) >= most and now[k] * step[k] > 0.0]
 
 
 def _listed_delay(model: Model) -> bool:

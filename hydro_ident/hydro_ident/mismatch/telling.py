@@ -12,10 +12,10 @@ from hydro_model.robot import FloatArray
 
 #: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
 _BEYOND = 0.03
-#: Drop over an open edge, in deviations of its pressure's noise and in changes of the pressure
-#: from sample to sample: noise of the deviation s makes the mean root of a drop d smaller by
-#: s^2 / (8 d^2), and between samples the pressure is taken to be straight.
-_DEVIATIONS, _CHANGES = 25.0, 12.0
+#: Share of the usual flow by which an edge's flow may be off. Noise of the deviation s makes the
+#: mean root of a drop d smaller by s^2 / (8 d^2), and a pressure that changes by D from sample to
+#: sample, taken to be straight there, is off by some D / 8.
+_OFF = 0.01
 
 
 def telling(material: Material, signals: SignalSurvey) -> BoolArray:
@@ -39,7 +39,7 @@ def telling(material: Material, signals: SignalSurvey) -> BoolArray:
 
 
 def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
-    """Windows over which the drop at the open edge is large beside noise and change."""
+    """Windows in which the open edge's flow follows from the pressures that were read."""
     stretch = material.stretches[place.stretch]
     number = material.chamber_index(place.channel)
     chamber, trace = material.chambers[number], stretch.trace
@@ -47,13 +47,18 @@ def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
     pressure = (trace.p_a if first else trace.p_b)[:, chamber.index]
     sensor = (signals.p_a if first else signals.p_b)[chamber.index]
     noise = sensor.noise(material.robot.sensors.pressure_resolution_pa)
-    fed = (trace.valve_signal[:, chamber.index] > 0.0) == first
-    drop = np.abs(np.where(fed, trace.supply - pressure, pressure - trace.tank))
+    u = trace.valve_signal[:, chamber.index]
+    drop = np.abs(np.where((u > 0.0) == first, trace.supply - pressure, pressure - trace.tank))
     change = np.abs(np.diff(pressure, prepend=pressure[:1]))
-    starts = stretch.starts[number]
-    least = _over_windows(drop, starts, stretch.span).min(axis=1)
-    most = _over_windows(change, starts, stretch.span).max(axis=1)
-    return np.asarray(least >= np.maximum(_DEVIATIONS * noise, _CHANGES * most))
+    starts, span = stretch.starts[number], stretch.span
+    if not starts.size:
+        return np.zeros(0, dtype=np.bool_)
+    least = np.maximum(_over_windows(drop, starts, span).min(axis=1), 1.0)
+    most = _over_windows(change, starts, span).max(axis=1)
+    flow = _over_windows(np.abs(u) * np.sqrt(drop), starts, span).max(axis=1)
+    usual = float(np.sqrt(np.mean(flow**2))) or 1.0
+    off = noise**2 / (8.0 * least**2) + most / (16.0 * least)
+    return np.asarray(off * flow <= _OFF * usual)
 
 
 def _over_windows(values: FloatArray, starts: np.ndarray, span: int) -> FloatArray:
