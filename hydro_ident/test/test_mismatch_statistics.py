@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.scoring import best_subset, p_value, signs
@@ -122,9 +123,27 @@ def test_held_out_errors_come_from_fits_without_the_rows() -> None:
     fold = np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
     y = bench._y * 0.3
     for k in (0, 3):
-        theta = np.linalg.lstsq(x[fold != k], y[fold != k], rcond=None)[0]
-        expected = ((y - x @ theta)[fold == k] / 0.3) ** 2
-        assert errors[fold == k] == pytest.approx(expected, rel=1e-4, abs=1e-9)
+        kept, held = x[fold != k], x[fold == k]
+        theta = np.linalg.lstsq(kept, y[fold != k], rcond=None)[0]
+        inverse = np.linalg.inv(kept.T @ kept)
+        variance = 0.3**2 * (1.0 + np.einsum("ni,ij,nj->n", held, inverse, held))
+        likely = norm.logpdf(y[fold == k], held @ theta, np.sqrt(variance))
+        expected = -2.0 * likely - np.log(2.0 * np.pi * 0.3**2)
+        assert errors[fold == k] == pytest.approx(expected, rel=1e-4, abs=1e-7)
+
+
+def test_the_only_visit_to_a_place_is_no_evidence_against_it() -> None:
+    """A coefficient that one block alone tells: its rows are predicted with what is unknown."""
+    layout, rng = _layout(), np.random.default_rng(8)
+    fold = np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
+    place = np.where(np.floor(np.arange(ROWS) * STEP_S / 3.0) == 7, 1.0, 0.0)
+    y = rng.standard_normal(ROWS) + 50.0 * place
+    noise = Noise((np.zeros(0),), np.array([1.0]))
+    columns = np.ones((ROWS, 1)), np.stack([np.ones(ROWS), place], axis=1)
+    without, with_it = (Bench(layout, noise, y, x, 1.0).held_out(3.0, 5, 0.0) for x in columns)
+    there = (fold == 2) & (place > 0.0)
+    assert without[there].mean() > 2000.0
+    assert with_it[there].mean() < 50.0
 
 
 def test_what_is_known_beforehand_counts_like_rows() -> None:
