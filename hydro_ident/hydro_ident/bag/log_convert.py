@@ -40,6 +40,9 @@ _TOPICS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
+_END_S = 2.0**31
+
+
 @dataclass(frozen=True, slots=True)
 class TopicColumns:
     """What one topic of the bag will carry.
@@ -104,9 +107,11 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         A signal is missing or of another length than the time, time does not increase, there is
         no position, or `out` exists.
     """
-    stamps = stamps_of(log, mapping)
-    topics = topics_of(log, mapping, len(stamps))
-    temperature = _column(log, mapping.oil_temperature, "oil_temperature", len(stamps))
+    # Numbers beyond a float's range become infinite: judged below, not warned of here.
+    with np.errstate(all="ignore"):
+        stamps = stamps_of(log, mapping)
+        topics = topics_of(log, mapping, len(stamps))
+        temperature = _column(log, mapping.oil_temperature, "oil_temperature", len(stamps))
     if Path(out).exists():
         raise BagError(f"{out}: exists already, nothing overwritten")
     kept = {"mapping": mapping.source.read_text(encoding="utf-8"), **metadata}
@@ -162,6 +167,7 @@ def stamps_of(log: Log, mapping: LogMap) -> IntArray:
     if not np.isfinite(seconds).all():
         row = int(np.flatnonzero(~np.isfinite(seconds))[0])
         raise BagError(f"{log.path}: sample {row + 1} has no time")
+    _check_span(log, mapping.start_ns * 1e-9 + seconds)
     stamps = mapping.start_ns + np.round(seconds * 1e9).astype(np.int64)
     late = np.flatnonzero(np.diff(stamps) <= 0)
     if len(late):
@@ -170,9 +176,17 @@ def stamps_of(log: Log, mapping: LogMap) -> IntArray:
             f"{log.path}: expected a time that increases, found {seconds[k]:.9g} s and then"
             f" {seconds[k + 1]:.9g} s at sample {k + 2}"
         )
-    if stamps[0] < 0:
-        raise BagError(f"{log.path}: time {seconds[0]:g} s lies before 1970: give a later 'start'")
     return np.asarray(stamps, dtype=np.int64)
+
+
+def _check_span(log: Log, seconds: FloatArray) -> None:
+    """Stamps are int32 seconds since 1970."""
+    if seconds.min() < 0.0:
+        raise BagError(f"{log.path}: {-seconds.min():g} s before 1970: give a later 'start'")
+    if seconds.max() >= _END_S:
+        raise BagError(
+            f"{log.path}: expected times before 2038, found {seconds.max():g} s of 1970"
+        )
 
 
 def topics_of(log: Log, mapping: LogMap, count: int) -> dict[str, TopicColumns]:

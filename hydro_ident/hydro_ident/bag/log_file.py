@@ -6,38 +6,27 @@ it, and nothing more: what the columns mean is the mapping's (`hydro_ident.bag.l
 
 from __future__ import annotations
 
-import csv
-import gzip
+import math
+import struct
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import IO, Any
 
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_csv import CsvLayout, read_csv
 from hydro_ident.errors import BagError
 
-_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MAX_NAMES = 12
 _TEXT = (".csv", ".txt", ".tsv")
+#: What a MAT file may unfold to: so much, and so many times its size.
+_FREE_BYTES, _LARGEST_RATIO = 1 << 27, 100
+_MAT_HEADER_BYTES, _MAT_COMPRESSED = 128, 15
 
-
-@dataclass(frozen=True, slots=True)
-class CsvLayout:
-    """How a CSV file is laid out.
-
-    Attributes
-    ----------
-    delimiter : str
-        Empty: comma, semicolon or tab, whichever the header line has most of.
-    comment : str
-        Lines that begin with it are left out; empty: none are.
-    """
-
-    delimiter: str = ""
-    comment: str = "#"
+__all__ = ["CsvLayout", "Log", "read_log"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +92,7 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     kind = path.suffix.lower()
     inner = Path(path.stem).suffix.lower() if kind == ".gz" else kind
     if inner in _TEXT:
-        return Log(path, _read_csv(path, layout or CsvLayout()))
+        return Log(path, read_csv(path, layout or CsvLayout()))
     reader = _READERS.get(kind)
     if reader is None:
         raise BagError(
@@ -116,90 +105,52 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     return Log(path, columns)
 
 
-def _read_csv(path: Path, layout: CsvLayout) -> dict[str, FloatArray]:
-    try:
-        with _opened(path) as stream:
-            lines = [(number, line) for number, line in enumerate(stream, 1) if line.strip()]
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
-        raise BagError(f"{path}: cannot be read as text: {error}") from error
-    if layout.comment:
-        lines = [(n, line) for n, line in lines if not line.startswith(layout.comment)]
-    if len(lines) < 2:
-        raise BagError(f"{path}: expected a line of names and lines of numbers, found fewer")
-    delimiter = layout.delimiter or max(",;\t", key=lines[0][1].count)
-    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
-    names = [name.strip() for name in rows[0]]
-    _check_names(names, path)
-    for (number, _), row in zip(lines[1:], rows[1:], strict=True):
-        if len(row) != len(names):
-            raise BagError(
-                f"{path}, line {number}: expected {len(names)} columns, found {len(row)}"
-            )
-    at = [number for number, _ in lines[1:]]
-    return {
-        name: _numbers([row[i] for row in rows[1:]], at, f"{path}, column '{name}'")
-        for i, name in enumerate(names)
-    }
-
-
-def _opened(path: Path) -> TextIO:
-    if path.suffix.lower() == ".gz":
-        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
-
-
-def _check_names(names: Sequence[str], path: Path) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise BagError(f"{path}: column '{twice[0]}' appears more than once")
-    if all(_is_number(name) for name in names):
-        raise BagError(f"{path}: expected a first line of names, found numbers")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(cells: Sequence[str], lines: Sequence[int], where: str) -> FloatArray:
-    """A column of texts as numbers; NaN where a cell is empty or where nothing is a number."""
-    try:
-        return np.array(cells, dtype=np.float64)
-    except ValueError:
-        pass
-    result = np.full(len(cells), np.nan)
-    if not any(_is_number(cell) for cell in cells):
-        return result  # A column of remarks: only an error if the mapping asks for it.
-    for k, cell in enumerate(cells):
-        if cell.strip().lower() in _MISSING:
-            continue
-        if not _is_number(cell):
-            raise BagError(f"{where}, line {lines[k]}: expected a number, found '{cell.strip()}'")
-        result[k] = float(cell)
-    return result
-
-
 def _read_mat(path: Path) -> dict[str, FloatArray]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
+    from scipy.io import loadmat, whosmat
 
+    allowed = _FREE_BYTES + _LARGEST_RATIO * path.stat().st_size
     try:
+        _check_packed(path, allowed)
+        if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > allowed:
+            raise ValueError(f"variables of more than {allowed} numbers")
         content = loadmat(path, squeeze_me=True, struct_as_record=True)
     except NotImplementedError as error:
         raise BagError(
             f"{path}: MAT files of version 7.3 are HDF5: save it with '-v7' in MATLAB first"
         ) from error
-    except (MatReadError, ValueError, TypeError, OSError, EOFError) as error:
-        line = " ".join(str(error).split())
-        raise BagError(f"{path}: not a readable MAT file: {line}") from error
+    except Exception as error:  # scipy raises what its parts raise: IndexError, MemoryError ...
+        line = " ".join(str(error).split()) or type(error).__name__
+        raise BagError(f"{path}: not a readable MAT file: {line[:400]}") from error
     columns: dict[str, FloatArray] = {}
     for name, value in content.items():
         if not name.startswith("__"):
             _add_variable(columns, name, value)
     return columns
+
+
+def _check_packed(path: Path, allowed: int) -> None:
+    """Unfold the packed elements of a MAT file (versions 6 and 7) to nowhere and add them up."""
+    with open(path, "rb") as stream:
+        head = stream.read(_MAT_HEADER_BYTES)
+        order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
+        while order and len(tag := stream.read(8)) == 8:
+            kind, count = struct.unpack(f"{order}II", tag)
+            if kind == _MAT_COMPRESSED:
+                allowed -= _unfolded(stream, count, allowed)
+            else:
+                stream.seek(count, 1)
+
+
+def _unfolded(stream: IO[bytes], count: int, allowed: int) -> int:
+    unpacker, total = zlib.decompressobj(), 0
+    while count > 0 and (piece := stream.read(min(count, 1 << 16))):
+        count -= len(piece)
+        while piece:
+            total += len(unpacker.decompress(piece, 1 << 20))
+            if total > allowed:
+                raise ValueError(f"it unfolds to more than {allowed} bytes")
+            piece = unpacker.unconsumed_tail
+    return total
 
 
 def _add_variable(columns: dict[str, FloatArray], name: str, value: Any) -> None:

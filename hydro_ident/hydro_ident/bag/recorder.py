@@ -9,6 +9,7 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,10 @@ from hydro_msgs_docs.topics import (
 
 #: After a wake-up messages are left to gather this long: fewer wake-ups, the same log times.
 _GATHER_S = 0.004
+#: Wake-ups where nothing comes: a chunk is closed by so much later than it should.
+_WAKE_S = 0.05
+#: A disk that takes longer for a chunk falls behind.
+SLOW_S = 0.2
 FLUID_PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
 
 
@@ -151,22 +156,26 @@ def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[st
         started = time.monotonic()
         try:
             recorder = Recorder(writer, topics)
-            print(f"recording {len(topics)} topics to {writer.directory}", flush=True)
+            _tell(f"recording {len(topics)} topics to {writer.directory}")
             recorder.spin(stop)
+            writer.close()
         except OSError as error:
-            raise RecordError(f"{writer.directory}: recording ended: {error.strerror}") from error
+            writer.abandon()
+            raise RecordError(
+                f"{writer.directory}: recording ended after {time.monotonic() - started:.1f} s:"
+                f" {error.strerror}; what was written before is readable"
+            ) from error
         finally:
-            _close(writer)
+            writer.close()
             rclpy.try_shutdown()
-    print(summary(writer, recorder.lost, time.monotonic() - started), flush=True)
+    _tell(summary(writer, recorder.lost, time.monotonic() - started))
     return 0
 
 
-def _close(writer: BagWriter) -> None:
-    try:
-        writer.close()
-    except OSError as error:
-        print(f"recorder: {writer.directory}: not closed: {error.strerror}", file=sys.stderr)
+def _tell(text: str) -> None:
+    """Print; nobody who listens, or a full disk under the log, is no reason not to record."""
+    with suppress(OSError):
+        print(text, flush=True)
 
 
 def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
@@ -176,6 +185,8 @@ def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
     for topic, count in counts.items():
         gone = f"  {lost[topic]} LOST before the recorder" if lost.get(topic) else ""
         lines.append(f"  {count:9d}  {topic}{gone}")
+    if writer.slowest_s > SLOW_S:
+        lines.append(f"  the disk took up to {writer.slowest_s:.1f} s for a chunk")
     return "\n".join(lines)
 
 
@@ -213,6 +224,7 @@ class Recorder:
 
         self._writer = writer
         self.lost: dict[str, int] = {}
+        self._said_slow = False
         self._node = Node("recorder")
         self._sources = []
         for topic, message_type in topics.items():
@@ -230,11 +242,20 @@ class Recorder:
         stop : sequence
         """
         while not stop:
-            if self._wait.wait(0.1):
+            if self._wait.wait(_WAKE_S):
                 self._drain()
                 time.sleep(_GATHER_S)
             self._writer.flush_older_than(time.time_ns())
+            self._say_slow()
         self._drain()
+
+    def _say_slow(self) -> None:
+        if self._writer.slowest_s > SLOW_S and not self._said_slow:
+            self._said_slow = True
+            slowest_s = self._writer.slowest_s
+            text = f"recorder: slow disk, {slowest_s:.1f} s for a chunk of 0.2 s"
+            with suppress(OSError):
+                print(text, file=sys.stderr, flush=True)
 
     def _drain(self) -> None:
         for source in self._sources:
@@ -259,7 +280,7 @@ class Recorder:
     def _announce(self, source: _Source) -> None:
         source.announced = True
         # Discovery is complete for this topic only now: scripts and operators wait for it.
-        print(f"receiving {source.topic}", flush=True)
+        _tell(f"receiving {source.topic}")
         endpoints = self._node.get_publishers_info_by_topic(source.topic)
         qos = [_offered(e.qos_profile) for e in endpoints]
         known = source.message_type in TYPE_HASHES

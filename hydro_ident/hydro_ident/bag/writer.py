@@ -10,6 +10,7 @@ import os
 import re
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -106,6 +107,8 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._chunk_ns: int | None = None
         self._closed = False
+        #: Longest that the disk took for a chunk, s.
+        self.slowest_s = 0.0
         try:
             self.directory.mkdir(parents=True, exist_ok=False)
             self._open_file()
@@ -236,11 +239,13 @@ class BagWriter:
     def flush(self) -> None:
         """Close the chunk that is being filled and hand it to the operating system."""
         self._chunk_ns = None
+        began_s = time.monotonic()
         self._writer.flush()
+        self.slowest_s = max(self.slowest_s, time.monotonic() - began_s)
 
     def flush_older_than(self, log_ns: int) -> None:
-        """Close the chunk if it was begun 0.2 s before `log_ns` or earlier."""
-        if self._chunk_ns is not None and log_ns - self._chunk_ns >= CHUNK_NS:
+        """Close the chunk unless it was begun within the 0.2 s before `log_ns`."""
+        if self._chunk_ns is not None and not 0 <= log_ns - self._chunk_ns < CHUNK_NS:
             self.flush()
 
     def close(self) -> None:
@@ -250,6 +255,12 @@ class BagWriter:
         self._closed = True
         self._finish_file()
         write_atomically(self.directory / METADATA_FILE, self._metadata_text())
+
+    def abandon(self) -> None:
+        """Leave the bag as it is on the disk, where writing failed; then `close` does nothing."""
+        self._closed = True
+        with suppress(OSError):
+            self._stream.close()
 
     def _metadata_text(self) -> str:
         return metadata_text(self._files, list(self._topics.values()), self._metadata)

@@ -9,7 +9,7 @@ from pathlib import Path
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands.output import write_json
 from hydro_ident.inspection import Inspection, inspect_bag, robot_of
-from hydro_model.command import run_command
+from hydro_model.command import printable, run_command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,13 +48,14 @@ def text_of(inspection: Inspection) -> str:
     -------
     str
     """
-    return "\n".join(
-        [*_head(inspection), *_troubles(inspection), *_topics(inspection), *_ranges(inspection)]
-    )
+    lines = [*_head(inspection), *_troubles(inspection), *_topics(inspection)]
+    # Names and notes come from the bag: nothing in them commands the terminal.
+    return "\n".join(printable(line) for line in [*lines, *_ranges(inspection)])
 
 
 def _head(i: Inspection) -> list[str]:
     sums = "checksums hold" if i.checksummed else "not checksummed"
+    sums = "a checksum FAILS" if i.checksum_failed else sums
     packing = ", ".join(i.compression) or "no chunks"
     plural = "" if i.files == 1 else "s"
     lines = [

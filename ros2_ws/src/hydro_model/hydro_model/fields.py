@@ -77,7 +77,9 @@ class Fields:
         """A file in or below a folder, named relative to it: nothing leads out of it."""
         value = self.text(key)
         named = PurePath(value)
-        if not value.isprintable() or named.is_absolute() or ".." in named.parts:
+        too_long = any(len(part.encode()) > 255 for part in named.parts)
+        leads_away = named.is_absolute() or ".." in named.parts
+        if leads_away or too_long or not value.isprintable():
             raise self._wrong(key, f"a file in or below {folder}, named relative to it", value)
         return folder / named
 

@@ -65,7 +65,7 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     """
     shipped = shipped_robots()
     path = shipped.get(str(robot), Path(robot))
-    if not path.is_file():
+    if not is_file(path):
         names = ", ".join(shipped)
         raise RobotError(
             f"no robot file '{robot}': expected a *.hydraulics.yaml, a model.yaml"
@@ -75,6 +75,14 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     if check_strokes:
         _check_strokes(found, path)
     return found
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def read_yaml(path: Path) -> Fields:
