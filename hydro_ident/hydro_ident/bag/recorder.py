@@ -33,6 +33,8 @@ from hydro_msgs_docs.topics import (
 
 #: After a wake-up messages are left to gather this long: fewer wake-ups, the same log times.
 _GATHER_S = 0.004
+#: Messages of one topic that are written before the next topic has its turn.
+_TURN = 200
 #: Wake-ups where nothing comes: a chunk is closed by so much later than it should.
 _WAKE_S = 0.05
 #: A disk that takes longer for a chunk falls behind.
@@ -247,7 +249,7 @@ class Recorder:
                 time.sleep(_GATHER_S)
             self._writer.flush_older_than(time.time_ns())
             self._say_slow()
-        self._drain()
+        self._drain(RECORDER_DEPTH, time.time_ns())
 
     def _say_slow(self) -> None:
         if self._writer.slowest_s > SLOW_S and not self._said_slow:
@@ -257,15 +259,22 @@ class Recorder:
             with suppress(OSError):
                 print(text, file=sys.stderr, flush=True)
 
-    def _drain(self) -> None:
+    def _drain(self, most: int = _TURN, until_ns: int | None = None) -> None:
+        """Write what waits; on a slow disk more comes meanwhile, so there is an end to a turn."""
         for source in self._sources:
             subscription = source.hot.subscription
             handle = subscription.handle
             with handle:
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    self._keep(source, taken[0], taken[1])
+                for _ in range(most):
+                    taken = handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    log_ns = self._keep(source, taken[0], taken[1])
+                    if until_ns is not None and log_ns > until_ns:
+                        break
 
-    def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> None:
+    def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> int:
+        """Write a message; when it was received, ns."""
         if not source.announced:
             self._announce(source)
         sequence = info.get("publication_sequence_number") or 0
@@ -276,6 +285,7 @@ class Recorder:
         source.sequence = sequence
         log_ns = info.get("received_timestamp") or time.time_ns()
         self._writer.write(source.topic, data, log_ns, info.get("source_timestamp") or log_ns)
+        return int(log_ns)
 
     def _announce(self, source: _Source) -> None:
         source.announced = True

@@ -178,6 +178,8 @@ def _check_numbers(model: Any, path: Path) -> None:
     for link in model.links:
         if (body := link.inertial) is None:
             continue
+        if body.inertia is None:
+            raise RobotError(f"{path}: link '{link.name}' has a mass without <inertia>")
         numbers = [*_pose(body.origin), body.mass, body.inertia.to_matrix()]
         _check_finite(f"link '{link.name}'", numbers, path)
         if body.mass < 0.0:
