@@ -25,13 +25,13 @@ DOMAIN = 10 + (os.getpid() + 73) % 90
 PATIENCE_S = 120.0
 TOPIC = "/joint_states"
 RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
-#: The same with a file that takes 0.4 s for whatever it is given.
+#: The same with a file that takes 0.25 s for whatever it is given.
 SLOW = """
 import io, time
 from hydro_ident.bag import writer
 class Slow(io.FileIO):
     def write(self, data):
-        time.sleep(0.4)
+        time.sleep(0.25)
         return super().write(data)
 writer.open = lambda path, mode: io.BufferedWriter(Slow(path, "x"))
 """

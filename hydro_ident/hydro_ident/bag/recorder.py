@@ -15,17 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, message_class_of
-from hydro_ident.bag.metadata import OfferedQos
+from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.provenance import project_metadata
+from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
-from hydro_ident.bag.writer import BagWriter, bag_directory
-from hydro_ident.errors import BagError, IdentError
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
-from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
-    MESSAGE_TYPES,
     RECORDER_DEPTH,
     latched,
     reliable,
@@ -39,7 +38,6 @@ _TURN = 200
 _WAKE_S = 0.05
 #: A disk that takes longer for a chunk falls behind.
 SLOW_S = 0.2
-FLUID_PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
 
 
 class RecordError(IdentError):
@@ -92,61 +90,11 @@ def _run(arguments: Sequence[str]) -> int:
     topics = wanted_topics(options.topics, robot)
     metadata = project_metadata(robot, options.note, options.attach)
     for topic, message_type in topics.items():
-        _check_topic(topic, message_type)
+        check_topic(topic, message_type)
     writer = BagWriter(
         bag_directory(options.out, options.name), metadata, compression=options.compression
     )
     return _record(writer, topics, arguments)
-
-
-def wanted_topics(asked: Sequence[str] | None, robot: Robot) -> dict[str, str]:
-    """Topics to record and their types.
-
-    Parameters
-    ----------
-    asked : sequence of str, or None
-        `TOPIC` of the contract or `TOPIC:TYPE`; None for everything of the contract.
-    robot : Robot
-        Its cylinders name the `/pressure` topics.
-
-    Returns
-    -------
-    dict of str to str
-
-    Raises
-    ------
-    BagError
-        A topic whose type is neither known nor given.
-    """
-    pressures = {
-        f"/pressure/{c.name}/{s}": FLUID_PRESSURE_TYPE for c in robot.cylinders for s in "ab"
-    }
-    known = {**MESSAGE_TYPES, **pressures}
-    if asked is None:
-        return known
-    topics = {}
-    for entry in asked:
-        name, _, kind = entry.partition(":")
-        topic = name if name.startswith("/") else f"/{name}"
-        if not kind and topic not in known:
-            raise BagError(
-                f"unknown topic {topic}: expected one of {', '.join(known)}, or TOPIC:TYPE"
-            )
-        topics[topic] = kind or known[topic]
-    return topics
-
-
-def _check_topic(topic: str, message_type: str) -> None:
-    from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.validate_full_topic_name import validate_full_topic_name
-
-    try:
-        validate_full_topic_name(topic)
-        message_class_of(message_type)
-    except InvalidTopicNameException as error:
-        raise BagError(f"'{topic}' is no topic name: {' '.join(str(error).split())}") from error
-    except LookupError as error:
-        raise BagError(str(error)) from error
 
 
 def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[str]) -> int:

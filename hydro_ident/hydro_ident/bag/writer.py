@@ -7,7 +7,6 @@ A process that dies loses the chunk it was filling, no more.
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -39,33 +38,6 @@ _COMPRESSION = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-
-
-def bag_directory(out: str | Path, name: str, now: time.struct_time | None = None) -> Path:
-    """The directory of a new bag, `OUT/YYYYMMDD-HHMMSS_NAME`.
-
-    Parameters
-    ----------
-    out : str or Path
-    name : str
-        Letters, digits, dot, dash, underscore.
-    now : time.struct_time, optional
-        Local time by default.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    BagError
-        A name that would not make a directory's name.
-    """
-    if not _NAME.fullmatch(name):
-        raise BagError(f"expected a bag name of letters, digits, '.', '-' and '_', found '{name}'")
-    stamp = time.strftime("%Y%m%d-%H%M%S", now or time.localtime())
-    return Path(out) / f"{stamp}_{name}"
 
 
 class BagWriter:

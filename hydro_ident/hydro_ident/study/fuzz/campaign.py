@@ -127,7 +127,7 @@ def campaign(
     dict
         Tallies per target, runs, seconds, peak memory.
     """
-    _limit_memory()
+    limit_memory()
     tallies = {target.name: Tally() for target in TARGETS}
     own = {target.name: seeds(target, corpus) for target in TARGETS}
     began_s, run = time.monotonic(), first_run
@@ -181,7 +181,7 @@ def _keep(folder: Path | None, target: Target, run: int, data: bytes) -> None:
         (place / f"run{run}{target.suffix}").write_bytes(data)
 
 
-def _limit_memory() -> None:
+def limit_memory() -> None:
     """An end to what the process may map: what is there now and `LIMIT_BYTES`."""
     with open("/proc/self/statm", encoding="ascii") as stream:
         mapped = int(stream.read().split()[0]) * resource.getpagesize()
