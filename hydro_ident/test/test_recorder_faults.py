@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -19,7 +18,13 @@ import pytest
 
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
-from hydro_ident.study.kills import PERIOD_NS, PROMISE_S, Publisher, kill_recorders
+from hydro_ident.study.kills import (
+    PERIOD_NS,
+    PROMISE_S,
+    Publisher,
+    kill_recorders,
+    publishing,
+)
 
 DOMAIN = 10 + (os.getpid() + 73) % 90
 PATIENCE_S = 120.0
@@ -46,19 +51,8 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def publisher(domain: None) -> Iterator[Publisher]:
     """Four topics, a cycle every 2 ms."""
-    import rclpy
-    from rclpy.node import Node
-
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    publishing = Publisher(Node("recorder_faults", context=context))
-    thread = threading.Thread(target=publishing.run, daemon=True)
-    thread.start()
-    yield publishing
-    publishing.stop = True
-    thread.join()
-    publishing.node.destroy_node()
-    rclpy.shutdown(context=context)
+    with publishing() as publisher:
+        yield publisher
 
 
 @pytest.fixture

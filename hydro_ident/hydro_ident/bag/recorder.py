@@ -195,7 +195,8 @@ class Recorder:
             if self._wait.wait(_WAKE_S):
                 self._drain()
                 time.sleep(_GATHER_S)
-            self._writer.flush_older_than(time.time_ns())
+            else:
+                self._writer.flush_older_than(time.time_ns())
             self._say_slow()
         self._drain(RECORDER_DEPTH, time.time_ns())
 
@@ -220,6 +221,8 @@ class Recorder:
                     log_ns = self._keep(source, taken[0], taken[1])
                     if until_ns is not None and log_ns > until_ns:
                         break
+            # A turn may be long, as when a topic is met first: the chunk does not wait for all.
+            self._writer.flush_older_than(time.time_ns())
 
     def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> int:
         """Write a message; when it was received, ns."""

@@ -15,7 +15,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,12 +25,13 @@ import numpy as np
 
 from hydro_ident.bag.metadata import write_atomically
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.errors import IdentError
+from hydro_ident.bag.series import Series
+from hydro_ident.errors import BagError, IdentError
 from hydro_model.command import run_command
 
 TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
 #: What may be lost, and how long to wait for what must come.
-PROMISE_S, PATIENCE_S = 0.3, 120.0
+PROMISE_S, PATIENCE_S = 0.3, 300.0
 PERIOD_NS = 2_000_000
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
 
@@ -102,6 +104,18 @@ def kill_recorders(count: int, seed: int) -> list[Kill]:
     -------
     list of Kill
     """
+    rng = random.Random(seed)
+    kills = []
+    for _ in range(count):
+        # Anew for each: a publisher waits for readers that died until their lease is over.
+        with publishing() as publisher:
+            kills.append(_killed(publisher, rng.uniform(0.0, 2.0)))
+    return kills
+
+
+@contextmanager
+def publishing() -> Iterator[Publisher]:
+    """Publish a cycle every 2 ms in the background."""
     import rclpy
     from rclpy.node import Node
 
@@ -110,9 +124,8 @@ def kill_recorders(count: int, seed: int) -> list[Kill]:
     publisher = Publisher(Node("kills", context=context))
     thread = threading.Thread(target=publisher.run, daemon=True)
     thread.start()
-    rng = random.Random(seed)
     try:
-        return [_killed(publisher, rng.uniform(0.0, 2.0)) for _ in range(count)]
+        yield publisher
     finally:
         publisher.stop = True
         thread.join()
@@ -130,7 +143,7 @@ def _killed(publisher: Publisher, after_s: float) -> Kill:
                 stderr=subprocess.STDOUT,
             )
         try:
-            _wait_until_received(place / "said.txt")
+            received = _wait_until_received(place / "said.txt")
             time.sleep(after_s)
             killed_ns = time.monotonic_ns()
             os.kill(process.pid, signal.SIGKILL)
@@ -138,24 +151,36 @@ def _killed(publisher: Publisher, after_s: float) -> Kill:
             process.kill()
             process.wait()
         (bag,) = place.glob("*_killed")
-        return _judged(bag, publisher.times, killed_ns, after_s)
+        return _judged(bag, publisher.times, received, killed_ns, after_s)
 
 
-def _wait_until_received(said: Path) -> None:
+def _wait_until_received(said: Path) -> dict[str, int]:
+    """When the recorder said of each topic that it comes, monotonic ns."""
     deadline_s = time.monotonic() + PATIENCE_S
-    while not all(f"receiving {topic}\n" in said.read_text() for topic in TOPICS):
+    received: dict[str, int] = {}
+    while len(received) < len(TOPICS):
+        text = said.read_text(encoding="utf-8")
+        for topic in TOPICS:
+            if f"receiving {topic}\n" in text:
+                received.setdefault(topic, time.monotonic_ns())
         if time.monotonic() > deadline_s:
             raise IdentError(f"the recorder received nothing in {PATIENCE_S:g} s")
         time.sleep(0.01)
+    return received
 
 
-def _judged(bag: Path, times: Sequence[int], killed_ns: int, after_s: float) -> Kill:
-    series = read_bag(bag, TOPICS).series
+def _judged(
+    bag: Path, times: Sequence[int], received: Mapping[str, int], killed_ns: int, after_s: float
+) -> Kill:
+    try:
+        series: Mapping[str, Series] = read_bag(bag, TOPICS).series
+    except BagError:
+        series = {}  # killed before the first chunk
     lost_s, missing = 0.0, 0
     for topic in TOPICS:
         cycles = series[topic].stamp_ns // PERIOD_NS if topic in series else np.zeros(0, int)
         if not len(cycles):  # killed before the first chunk of this topic
-            lost_s = max(lost_s, after_s)
+            lost_s = max(lost_s, (killed_ns - received[topic]) * 1e-9)
             continue
         missing += int(np.ptp(cycles)) + 1 - len(cycles)
         began_ns = times[min(int(cycles.max()) + 1, len(times) - 1)]
