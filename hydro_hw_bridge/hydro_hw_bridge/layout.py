@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,18 @@ class Layout:
 
 
 MAX_BUS_LOAD = 0.5
+#: Bytes of a frame, bits of a signal and start bits beyond this are nobody's: CAN FD has 64 bytes.
+MAX_BITS = 4096
+_GAP = r"(?:\s|//[^\n]*\n)*"
+#: Words are matched whole and once (`(?=(x))\1`): no text makes the search go back over them.
+_SIZES = {
+    "the size of a frame": re.compile(
+        rf"BO_{_GAP}(?=(?P<id>[\w.+-]+))(?P=id){_GAP}(?:(?=(?P<name>\w+))(?P=name){_GAP})?:{_GAP}"
+        r"(?P<size>\d+)"
+    ),
+    "a start bit": re.compile(rf":{_GAP}(?P<size>\d+){_GAP}\|"),
+    "the length of a signal": re.compile(rf"\|{_GAP}(?P<size>\d+){_GAP}@"),
+}
 
 
 def load_layout(dbc: Path, mapping: BusMapping, robot: Robot) -> Layout:
@@ -177,9 +190,25 @@ def _read(dbc: Path) -> Any:
     if dbc.stat().st_size > MAX_DBC_BYTES:
         raise BridgeError(f"{dbc}: larger than {MAX_DBC_BYTES} bytes, no DBC")
     try:
-        return cantools.database.load_file(dbc, database_format="dbc")
-    except (cantools.Error, OSError, ValueError, KeyError) as error:
-        raise BridgeError(f"{dbc}: not a valid DBC: {' '.join(str(error).split())}") from error
+        text = dbc.read_text(encoding="cp1252", errors="replace")
+        _check_sizes(dbc, text)
+        return cantools.database.load_string(text, database_format="dbc")
+    except BridgeError:
+        raise
+    except Exception as error:  # the parser raises IndexError, TypeError, ArithmeticError ...
+        line = " ".join(str(error).split()) or type(error).__name__
+        raise BridgeError(f"{dbc}: not a valid DBC: {line[:400]}") from error
+
+
+def _check_sizes(dbc: Path, text: str) -> None:
+    """Refuse frames and signals for whose bits the parser would make lists without end."""
+    for what, pattern in _SIZES.items():
+        for found in pattern.finditer(text):
+            digits = found["size"].lstrip("0")
+            if len(digits) > 6 or int(digits or 0) > MAX_BITS:
+                raise BridgeError(
+                    f"{dbc}: expected at most {MAX_BITS} as {what}, found {digits[:20]}"
+                )
 
 
 def _by_role(mapping: BusMapping) -> dict[str, list[str]]:

@@ -27,6 +27,8 @@ STATUS_NAMES = (
     "amplifier_watchdog",
 )
 PERMISSIVES = STATUS_NAMES[:3]
+#: Scales and offsets beyond this are no unit's.
+LARGEST = 1e12
 #: Pressures that a lab may not measure.
 OPTIONAL_PRESSURES = ("supply", "tank")
 
@@ -167,9 +169,9 @@ def _mapping(top: Fields, path: Path, robot: Robot) -> BusMapping:
     strokes = [c.name for c in robot.cylinders if c.stroke_sensor]
     temperature = top.optional_fields("oil_temperature")
     return BusMapping(
-        name=top.text("name"),
+        name=top.name("name"),
         source=path,
-        dbc=path.parent / top.text("dbc"),
+        dbc=top.file_below("dbc", path.parent),
         bitrate=int(top.positive("bitrate")),
         frames=_frames(top.fields("frames")),
         counter=sync.text("counter"),
@@ -265,10 +267,16 @@ def _linear(fields: Fields, *, absolute: bool) -> Channel:
     sign = fields.number("sign", 1.0)
     if sign not in (1.0, -1.0):
         raise BridgeError(f"{fields.where}: 'sign' should be 1 or -1, found {sign:g}")
+    scale, offset = fields.positive("scale", 1.0), fields.number("offset", 0.0)
+    if not 1.0 / LARGEST <= scale <= LARGEST or abs(offset) > LARGEST:
+        raise BridgeError(
+            f"{fields.where}: expected a scale from {1.0 / LARGEST:g} to {LARGEST:g} and no larger"
+            f" offset, found {scale:g} and {offset:g}"
+        )
     return Channel(
         signal=fields.text("signal"),
-        scale=fields.positive("scale", 1.0),
-        offset=fields.number("offset", 0.0),
+        scale=scale,
+        offset=offset,
         sign=int(sign),
         absolute=absolute,
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.mapping import LARGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +97,12 @@ def raw_signal(message: Any, signal: Any) -> RawSignal:
         raise BridgeError(
             f"{where}: expected a plain integer, found a multiplexed or float signal"
         )
+    scale, offset = float(signal.scale), float(signal.offset)
+    if not 1.0 / LARGEST <= abs(scale) <= LARGEST or not abs(offset) <= LARGEST:
+        raise BridgeError(
+            f"{where}: expected a factor from {1.0 / LARGEST:g} to {LARGEST:g} and no larger"
+            f" offset, found {scale:g} and {offset:g}"
+        )
     little = signal.byte_order == "little_endian"
     if little:
         shift = signal.start
@@ -111,6 +118,6 @@ def raw_signal(message: Any, signal: Any) -> RawSignal:
         length=signal.length,
         little_endian=little,
         signed=signal.is_signed,
-        scale=float(signal.scale),
-        offset=float(signal.offset),
+        scale=scale,
+        offset=offset,
     )

@@ -17,7 +17,7 @@ from hydro_ident.errors import BagError
 from hydro_ident.health import Finding, find_irregularities, pressure_columns
 from hydro_model.errors import RobotError
 from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot
+from hydro_model.robot_files import load_robot, shipped_robots
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,8 @@ class Inspection:
     size_bytes : int
     files : int
     compression : list of str
-    checksummed : bool
+    checksummed, checksum_failed : bool
+        The data are under checksums; one of them does not hold.
     cycles : int
     rate_hz : float or None
         Of the cycles.
@@ -109,6 +110,7 @@ class Inspection:
     files: int
     compression: list[str]
     checksummed: bool
+    checksum_failed: bool
     cycles: int
     rate_hz: float | None
     topics: list[TopicSummary]
@@ -140,7 +142,8 @@ def robot_of(bag: Bag, robot: str | None) -> Robot | None:
     if robot is not None:
         return load_robot(robot)
     named = bag.metadata.get("robot")
-    if named is None:
+    # Never a path: what a bag says opens no other file.
+    if named not in shipped_robots():
         return None
     try:
         return load_robot(named)
@@ -187,6 +190,7 @@ def inspect_bag(bag: Bag, robot: Robot | None, *, strict: bool = False) -> Inspe
         files=len(bag.files),
         compression=sorted({c for f in bag.files for c in f.compression}),
         checksummed=bag.checksummed,
+        checksum_failed=bag.checksum_failed,
         cycles=0 if recording is None else len(recording),
         rate_hz=None if recording is None else 1.0 / recording.period_s,
         topics=[_summary(bag, topic) for topic in bag.topics],

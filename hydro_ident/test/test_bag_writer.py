@@ -20,9 +20,9 @@ from hydro_ident.bag.definitions import (
     definition_of_class,
     message_class_of,
 )
-from hydro_ident.bag.metadata import OfferedQos
+from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.bag.writer import BagWriter, bag_directory
+from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
 from hydro_msgs_docs.topics import MESSAGE_TYPES
 

@@ -18,7 +18,8 @@ import pytest
 
 from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.reader import read_bag
-from hydro_ident.bag.recorder import main, wanted_topics
+from hydro_ident.bag.recorder import main
+from hydro_ident.bag.recorder_topics import wanted_topics
 from hydro_ident.errors import BagError
 from hydro_model.robot_files import load_robot
 

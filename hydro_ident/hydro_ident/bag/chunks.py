@@ -10,7 +10,17 @@ _FIXED = struct.Struct("<QQQII")  # start, end, uncompressed size, crc, length o
 
 
 class ChunkError(Exception):
-    """A chunk that cannot be used, with why."""
+    """A chunk that cannot be used, with why.
+
+    Attributes
+    ----------
+    checksum : bool
+        Because its checksum does not hold.
+    """
+
+    def __init__(self, text: str, *, checksum: bool = False) -> None:
+        super().__init__(text)
+        self.checksum = checksum
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +71,7 @@ def decompress_chunk(body: bytes, limit_bytes: int, *, truncated: bool = False) 
         raise ChunkError("its head is not complete")
     name = body[_FIXED.size : _FIXED.size + name_length].decode("ascii", "replace")
     if size > limit_bytes:
-        raise ChunkError(f"it declares {size} bytes, more than {limit_bytes}")
+        raise ChunkError(f"it declares {size} bytes, more than {limit_bytes} for this file")
     (length,) = struct.unpack_from("<Q", body, start - 8)
     if not truncated and length > len(body) - start:
         raise ChunkError(f"it declares {length} compressed bytes and holds {len(body) - start}")
@@ -71,7 +81,7 @@ def decompress_chunk(body: bytes, limit_bytes: int, *, truncated: bool = False) 
     if len(data) != size:
         raise ChunkError(f"it declares {size} bytes and holds {len(data)}")
     if crc and zlib.crc32(data) != crc:
-        raise ChunkError("its checksum does not match: bytes changed")
+        raise ChunkError("its checksum does not match: bytes changed", checksum=True)
     return Chunk(data, name or "none", bool(crc))
 
 

@@ -12,6 +12,8 @@ from hydro_ident.bag.mcap_types import MessageBlock
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 LEVELS = ("ok", "warn", "error", "stale")
 _MOST_ENTRIES = 10_000
+#: A day of ten nodes, once a second; and the size of one message.
+_MOST_STATUSES, _MOST_BYTES = 1_000_000, 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +79,9 @@ def add_statuses(block: MessageBlock, statuses: list[Status]) -> int:
     """Decode a block onto a list; returns how many messages could not be decoded."""
     malformed = 0
     for offset, length in zip(block.offset, block.length, strict=True):
+        if len(statuses) > _MOST_STATUSES or length > _MOST_BYTES:
+            malformed += 1
+            continue
         try:
             statuses += statuses_of(block.data[int(offset) : int(offset + length)])
         except CdrError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.log_file import SHOWN
 from hydro_ident.errors import BagError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
@@ -36,9 +38,9 @@ def check_names(names: Sequence[str], path: Path) -> None:
     BagError
         They are numbers, or one appears more than once.
     """
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise BagError(f"{path}: column '{twice[0]}' appears more than once")
+        raise BagError(f"{path}: column '{twice[0][:SHOWN]}' appears more than once")
     if all(is_number(name, ".") for name in names):
         raise BagError(f"{path}: expected a first line of names, found numbers")
 
@@ -79,7 +81,7 @@ def columns_of(
         cells = [row[i] for _, row in rows]
         dated = _seconds(cells)
         if dated is None:
-            columns[name] = numbers(cells, at, f"{path}, column '{name}'", decimal)
+            columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
         else:
             columns[name], moment = dated
             start = start or moment
@@ -140,7 +142,8 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
         if not is_number(cell, decimal):
             hint = "; is the decimal sign a comma?" if _COMMA_NUMBER.fullmatch(cell) else ""
             raise BagError(
-                f"{where}, line {lines[k]}: expected a number, found '{cell.strip()}'{hint}"
+                f"{where}, line {lines[k]}: expected a number,"
+                f" found '{cell.strip()[:SHOWN]}'{hint}"
             )
         result[k] = float(given[k])
     return result

@@ -21,6 +21,8 @@ from hydro_ident.errors import BagError
 _SAME = 0.05
 #: Share of a slower clock's instants that have to lie on the finest clock's for a quiet report.
 _SHARED = 0.5
+#: Stamps are int32 seconds since 1970.
+_END_S = 2.0**31
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,8 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
     Raises
     ------
     BagError
-        Fewer than two samples, or a time that is missing, does not increase or is negative.
+        Fewer than two samples, or a time that is missing, does not increase, or lies before 1970
+        or after 2038.
     """
     signals = [s for section in mapping.sections.values() for s in section.values() if s.signal]
     if not signals:
@@ -92,11 +95,7 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
     if cut:
         remarks.append(f"{cut} samples outside from_s to to_s left out")
     cycles, rows, joined = _cycles({n: t[inside[n]] for n, t in times.items()}, mapping.within_s)
-    stamps = mapping.start_ns + np.round(cycles * 1e9).astype(np.int64)
-    if len(stamps) < 2:
-        raise BagError(f"{log.path}: expected at least 2 samples, found {len(stamps)}")
-    if stamps[0] < 0:
-        raise BagError(f"{log.path}: time {cycles[0]:g} s lies before 1970: give a later 'start'")
+    stamps = _stamps_ns(log, cycles, mapping.start_ns)
     all_rows = {}
     for name, kept in inside.items():
         all_rows[name] = np.full(len(kept), -1, dtype=np.int64)
@@ -135,6 +134,28 @@ def _checked(log: Log, seconds: FloatArray, *, padded: bool) -> FloatArray:
             + (hint if seconds[k] == seconds[k + 1] else "")
         )
     return seconds
+
+
+def _stamps_ns(log: Log, cycles: FloatArray, start_ns: int) -> IntArray:
+    if len(cycles) < 2:
+        raise BagError(f"{log.path}: expected at least 2 samples, found {len(cycles)}")
+    _check_span(log, start_ns * 1e-9 + cycles)
+    stamps = np.asarray(start_ns + np.round(cycles * 1e9).astype(np.int64))
+    same = np.flatnonzero(np.diff(stamps) <= 0)
+    if len(same):
+        raise BagError(
+            f"{log.path}: expected times at least 1 ns apart, found two at {cycles[same[0]]:.9g} s"
+        )
+    return stamps
+
+
+def _check_span(log: Log, seconds: FloatArray) -> None:
+    if seconds.min() < 0.0:
+        raise BagError(f"{log.path}: {-seconds.min():g} s before 1970: give a later 'start'")
+    if seconds.max() >= _END_S:
+        raise BagError(
+            f"{log.path}: expected times before 2038, found {seconds.max():g} s of 1970"
+        )
 
 
 def _beginning(log: Log, name: str, seconds: FloatArray, times: Mapping[str, FloatArray]) -> str:

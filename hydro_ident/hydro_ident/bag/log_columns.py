@@ -97,6 +97,8 @@ class Columns:
         rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]
         columns = [self._recorded(name, where, len(rows)) for name in signal.names]
         recorded = columns[0] - columns[1] if signal.minus else columns[0]
+        if not np.isfinite(recorded).any():
+            raise BagError(f"{self.log.path}: '{' - '.join(signal.names)}' holds no number")
         self._say_wraps(recorded, signal, where)
         values = signal.values(recorded)
         if signal.wrap and joint:
@@ -114,8 +116,6 @@ class Columns:
                 f"{self.log.path}: expected {count} samples of '{name}' as of its time, found"
                 f" {len(column)}: name its own with 'time: SIGNAL'"
             )
-        if not np.isfinite(column).any():
-            raise BagError(f"{self.log.path}: '{name}' holds no number")
         return column
 
     def _say_wraps(self, recorded: FloatArray, signal: LogSignal, where: str) -> None:
@@ -135,7 +135,10 @@ class Columns:
         limits = next(j for j in self.mapping.robot.joints if j.name == joint)
         if not (math.isfinite(limits.lower) and math.isfinite(limits.upper)):
             return values
-        away = 0.5 * (limits.lower + limits.upper) - float(np.nanmedian(values))
+        known = values[np.isfinite(values)]
+        away = 0.5 * (limits.lower + limits.upper) - float(np.median(known)) if len(known) else 0.0
+        if not (turn > 0.0 and math.isfinite(away / turn)):
+            return values
         whole = round(away / turn)
         if whole:
             self.remarks.append(f"{where}: {whole:+d} turns, into the joint's range")

@@ -134,10 +134,12 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
     """
     if Path(out).exists():
         raise BagError(f"{out}: exists already, nothing overwritten")
-    timeline = timeline_of(log, mapping)
-    columns = Columns(log, mapping, timeline)
-    topics = topics_of(columns)
-    temperature = columns.of(mapping.oil_temperature, "oil_temperature")
+    # Numbers beyond a float's range become infinite: judged where they are used, not warned of.
+    with np.errstate(all="ignore"):
+        timeline = timeline_of(log, mapping)
+        columns = Columns(log, mapping, timeline)
+        topics = topics_of(columns)
+        temperature = columns.of(mapping.oil_temperature, "oil_temperature")
     stamps, topics, temperature, remark = _kept(mapping, timeline.stamps_ns, topics, temperature)
     kept = {"mapping": mapping.source.read_text(encoding="utf-8"), **metadata}
     if mapping.robot is not None:

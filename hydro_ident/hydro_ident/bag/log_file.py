@@ -15,6 +15,10 @@ from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.errors import BagError
 
 _MAX_NAMES = 12
+#: Characters of a name or a cell in a message.
+SHOWN = 60
+#: What a packed log may unfold to: so much, and so many times its size.
+_FREE_BYTES, LARGEST_RATIO = 1 << 26, 100
 _TEXT = (".csv", ".txt", ".tsv", ".lvm", ".asc")
 
 
@@ -85,7 +89,18 @@ class Log:
     def _names(self) -> str:
         names = list(self.columns)
         rest = len(names) - _MAX_NAMES
-        return ", ".join(names[:_MAX_NAMES]) + (f" and {rest} more" if rest > 0 else "")
+        shown = [name[:SHOWN] for name in names[:_MAX_NAMES]]
+        return ", ".join(shown) + (f" and {rest} more" if rest > 0 else "")
+
+
+def most_unfolded(path: Path) -> int:
+    """What a packed log may unfold to, bytes.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    return _FREE_BYTES + LARGEST_RATIO * path.stat().st_size
 
 
 def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:

@@ -26,7 +26,7 @@ from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_model.robot import Robot
-from hydro_model.robot_files import load_robot, read_yaml
+from hydro_model.robot_files import is_file, load_robot, read_yaml
 
 SCHEMA = "hydro_ident/log_map/1"
 ATMOSPHERE_PA = 101325.0
@@ -159,7 +159,7 @@ def _map_from(top: Fields, path: Path) -> LogMap:
 def _robot_path(name: str, path: Path) -> str:
     """A robot file beside the mapping, or else as `load_robot` takes it."""
     beside = path.parent / name
-    return str(beside) if beside.is_file() else name
+    return str(beside) if is_file(beside) else name
 
 
 def _entries(top: Fields, key: str) -> list[tuple[str, Fields]]:
@@ -214,8 +214,8 @@ def _layout(fields: Fields) -> CsvLayout:
     no_other_keys(fields, {"delimiter", "comment", "decimal"})
     layout = CsvLayout()
     delimiter = str(fields.text("delimiter", ",")) if "delimiter" in fields else ""
-    if len(delimiter) > 1:
-        raise BagError(f"{fields.where}: 'delimiter' should be one character, found '{delimiter}'")
+    if len(delimiter) > 1 or delimiter in tuple('\n\r"'):
+        raise BagError(f"{fields.where}: 'delimiter' should be one character, found {delimiter!r}")
     decimal = fields.text("decimal") if "decimal" in fields else ""
     if decimal not in ("", ".", ","):
         raise BagError(f"{fields.where}: 'decimal' should be '.' or ',', found '{decimal}'")

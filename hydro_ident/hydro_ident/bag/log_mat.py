@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
+import struct
+import zlib
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
-from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_file import Log, most_unfolded
 from hydro_ident.errors import BagError
+
+_HEADER_BYTES, _COMPRESSED = 128, 15
 
 
 def read_mat_log(path: Path) -> Log:
@@ -28,20 +33,55 @@ def read_mat_log(path: Path) -> Log:
     Raises
     ------
     BagError
-        No MAT file, or one of version 7.3.
+        No MAT file, one of version 7.3, or one that unfolds to more than a log would.
     """
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
     try:
-        content = loadmat(path, squeeze_me=True, struct_as_record=True)
+        return _log_of(path, _content(path))
     except NotImplementedError as error:
         raise BagError(
             f"{path}: MAT files of version 7.3 are HDF5: save it with '-v7' in MATLAB first"
         ) from error
-    except (MatReadError, ValueError, TypeError, OSError, EOFError) as error:
-        line = " ".join(str(error).split())
-        raise BagError(f"{path}: not a readable MAT file: {line}") from error
+    except Exception as error:  # scipy raises what its parts raise: IndexError, MemoryError ...
+        line = " ".join(str(error).split()) or type(error).__name__
+        raise BagError(f"{path}: not a readable MAT file: {line[:400]}") from error
+
+
+def _content(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat, whosmat
+
+    allowed = most_unfolded(path)
+    _check_packed(path, allowed)
+    if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > allowed:
+        raise ValueError(f"variables of more than {allowed} numbers")
+    return dict(loadmat(path, squeeze_me=True, struct_as_record=True))
+
+
+def _check_packed(path: Path, allowed: int) -> None:
+    """Unfold the packed elements of a MAT file (versions 6 and 7) to nowhere and add them up."""
+    with open(path, "rb") as stream:
+        head = stream.read(_HEADER_BYTES)
+        order = {b"IM": "<", b"MI": ">"}.get(head[126:128])
+        while order and len(tag := stream.read(8)) == 8:
+            kind, count = struct.unpack(f"{order}II", tag)
+            if kind == _COMPRESSED:
+                allowed -= _unfolded(stream, count, allowed)
+            else:
+                stream.seek(count, 1)
+
+
+def _unfolded(stream: IO[bytes], count: int, allowed: int) -> int:
+    unpacker, total = zlib.decompressobj(), 0
+    while count > 0 and (piece := stream.read(min(count, 1 << 16))):
+        count -= len(piece)
+        while piece:
+            total += len(unpacker.decompress(piece, 1 << 20))
+            if total > allowed:
+                raise ValueError(f"it unfolds to more than {allowed} bytes")
+            piece = unpacker.unconsumed_tail
+    return total
+
+
+def _log_of(path: Path, content: dict[str, Any]) -> Log:
     columns: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
@@ -71,15 +111,15 @@ def _add_variable(columns: dict[str, FloatArray], name: str, value: Any) -> None
 
 
 def _add_axes_and_signals(
-    columns: dict[str, FloatArray], units: dict[str, str], clocks: dict[str, str], struct: Any
+    columns: dict[str, FloatArray], units: dict[str, str], clocks: dict[str, str], value: Any
 ) -> None:
     """`X(i).Data` are time axes, `Y(k).Data` signals with `Name`, `Unit` and `XIndex`."""
-    axes = np.atleast_1d(struct["X"].item())
+    axes = np.atleast_1d(value["X"].item())
     times = [f"time[{i + 1}]" if len(axes) > 1 else "time" for i in range(len(axes))]
     for time, axis in zip(times, axes, strict=True):
         columns[time] = np.atleast_1d(axis["Data"]).astype(np.float64)
         _add_unit(units, time, axis)
-    for signal in np.atleast_1d(struct["Y"].item()):
+    for signal in np.atleast_1d(value["Y"].item()):
         name = str(signal["Name"])
         if name in columns and "Path" in (signal.dtype.names or ()):
             name = f"{signal['Path']}/{name}"
@@ -89,7 +129,7 @@ def _add_axes_and_signals(
         clocks[name] = times[min(max(index, 1), len(times)) - 1]
 
 
-def _add_unit(units: dict[str, str], name: str, struct: Any) -> None:
-    unit = str(struct["Unit"]).strip() if "Unit" in (struct.dtype.names or ()) else ""
+def _add_unit(units: dict[str, str], name: str, value: Any) -> None:
+    unit = str(value["Unit"]).strip() if "Unit" in (value.dtype.names or ()) else ""
     if unit and unit != "[]":
         units[name] = unit

@@ -55,5 +55,5 @@ def read_parquet_log(path: Path) -> Log:
         }
     except (ArrowException, OSError, ValueError) as error:
         line = " ".join(str(error).split())
-        raise BagError(f"{path}: not a readable Parquet file: {line}") from error
+        raise BagError(f"{path}: not a readable Parquet file: {line[:400]}") from error
     return Log(path, columns, units=units, start=start)

@@ -13,12 +13,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_moment, is_number
-from hydro_ident.bag.log_file import CsvLayout, Log
+from hydro_ident.bag.log_file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.bag.log_units import spelt, unit_in
 from hydro_ident.errors import BagError
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
 _SAMPLED = 200
+#: Longest line; and bytes for each cell of what a packed log may unfold to.
+_MOST_CHARACTERS = 1 << 22
+_BYTES_PER_CELL = 32
 
 
 def read_text_log(path: Path, layout: CsvLayout) -> Log:
@@ -36,11 +39,26 @@ def read_text_log(path: Path, layout: CsvLayout) -> Log:
     Raises
     ------
     BagError
-        Not text, no line of names, lines of different lengths, or a cell that is no number.
+        Not text, no line of names, lines of different lengths, a cell that is no number, or a
+        packed file that unfolds to more than a log would.
     """
+    try:
+        return _read_layout(path, layout)
+    except (csv.Error, TypeError, ValueError, LookupError) as error:
+        line = " ".join(str(error).split())
+        raise BagError(f"{path}: cannot be read as CSV: {line[:400]}") from error
+
+
+def _read_layout(path: Path, layout: CsvLayout) -> Log:
     from hydro_ident.bag.log_layouts import is_control_desk, read_control_desk, read_labview
 
     lines = list(enumerate(_text(path).splitlines(), 1))
+    for number, line in lines:
+        if len(line) > _MOST_CHARACTERS:
+            raise BagError(
+                f"{path}, line {number}: expected lines of at most {_MOST_CHARACTERS} characters,"
+                f" found {len(line)}"
+            )
     first = next((line for _, line in lines if line.strip()), "")
     if first.startswith("LabVIEW Measurement"):
         return read_labview(path, lines)
@@ -53,7 +71,7 @@ def read_text_log(path: Path, layout: CsvLayout) -> Log:
 
 def _text(path: Path) -> str:
     try:
-        raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        raw = _unpacked(path) if path.suffix.lower() == ".gz" else path.read_bytes()
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return raw.decode("utf-16")
         try:
@@ -63,6 +81,22 @@ def _text(path: Path) -> str:
             return raw.decode("cp1252")
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise BagError(f"{path}: cannot be read as text: {error}") from error
+
+
+def _unpacked(path: Path) -> bytes:
+    """Packed text, read until it is more than a log would unfold to."""
+    most, cells = most_unfolded(path), 0
+    raw = bytearray()
+    with gzip.open(path) as stream:
+        while piece := stream.read(1 << 20):
+            raw += piece
+            cells += sum(piece.count(mark) for mark in (b"\n", b"\r", b",", b";", b"\t"))
+            if len(raw) > most or cells * _BYTES_PER_CELL > most:
+                raise BagError(
+                    f"{path}: expected a packed log of at most {LARGEST_RATIO} times its size and"
+                    f" of one cell for each {_BYTES_PER_CELL} bytes of that: found more"
+                )
+    return bytes(raw)
 
 
 def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout) -> Log:
@@ -127,8 +161,9 @@ def split(lines: Sequence[tuple[int, str]], delimiter: str) -> list[Row]:
     -------
     list of (int, list of str)
     """
-    rows = csv.reader((line for _, line in lines), delimiter=delimiter)
-    return [(number, row) for (number, _), row in zip(lines, rows, strict=False)]
+    # With its end of line, a quote that is left open makes no number of two lines.
+    rows = csv.reader((f"{line}\n" for _, line in lines), delimiter=delimiter)
+    return [(lines[rows.line_num - 1][0], row) for row in rows]
 
 
 def _is_data(row: Sequence[str], decimal: str) -> bool:
@@ -143,7 +178,7 @@ def _header(path: Path, rows: Sequence[Row], data: Row) -> tuple[list[str], dict
     head = [row for _, row in rows]
     with_units = _known_units(head[-1]) if len(head) > 1 else 0
     named = len(head) - (2 if with_units else 1)
-    names = [name.strip() for name in head[named]]
+    names = [name.replace("\n", " ").strip() for name in head[named]]
     while names and not names[-1]:
         names.pop()
     check_names(names, path)

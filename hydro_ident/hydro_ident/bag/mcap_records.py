@@ -18,17 +18,27 @@ from typing import IO
 import numpy as np
 
 from hydro_ident.bag.chunks import ChunkError, decompress_chunk
+from hydro_ident.bag.mcap_summary import summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
 from hydro_ident.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
 #: No honest writer makes larger records or chunks; a corrupt length is caught here.
 MAX_RECORD_BYTES = 1 << 29
+#: What chunks may unfold to: so much, and so many times the bytes read. A machine at rest, zeros
+#: without noise, is packed to a fiftieth at best.
+_FREE_BYTES, _LARGEST_RATIO = 1 << 27, 100
+#: Text of schemas, channels and metadata that is kept of one file.
+_DESCRIBED_BYTES = 1 << 26
+#: Messages handed on at a time.
+_BLOCK_ROWS = 1 << 16
 #: Messages outside chunks are handed on in blocks of about this size.
 _BLOCK_BYTES = 1 << 20
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 METADATA, DATA_END = 0x0C, 0x0F
+#: What a chunk may hold.
+_IN_CHUNKS = frozenset({SCHEMA, CHANNEL, MESSAGE})
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
@@ -60,6 +70,8 @@ class McapFile:
         self.metadata: dict[str, dict[str, str]] = {}
         self._schemas: dict[int, tuple[str, str, str]] = {}
         self._data_crc = 0
+        self._unfolded = self._described = 0
+        self._summary_read = False
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in file order within each channel, block by block.
@@ -100,7 +112,7 @@ class McapFile:
             opcode, length = _HEAD.unpack(head)
             left = health.size_bytes - health.read_bytes - _HEAD.size
             if length > MAX_RECORD_BYTES and length <= left:
-                health.losses.append(
+                health.lose(
                     f"record of {length} bytes at byte {health.read_bytes}: more than"
                     f" {MAX_RECORD_BYTES}, everything behind it left out"
                 )
@@ -132,23 +144,28 @@ class McapFile:
         health = self.health
         rest = health.size_bytes - health.read_bytes
         tail = f", the last {rest} bytes are no complete record" if rest else ""
-        health.losses.append(f"cut off {where} at byte {health.read_bytes}{tail}")
+        health.lose(f"cut off {where} at byte {health.read_bytes}{tail}")
 
     def _data_end(self, body: bytes, stream: IO[bytes]) -> None:
         health = self.health
         crc = int.from_bytes(body[:4], "little")
         health.data_checksum = crc == self._data_crc
         if crc and not health.data_checksum:
-            health.losses.append("checksum of the data section does not match: bytes changed")
+            health.checksum_failed = True
+            health.lose("checksum of the data section does not match: bytes changed")
         health.read_bytes = stream.tell()
         stream.seek(-len(MAGIC), os.SEEK_END)
         health.complete = stream.read() == MAGIC
         if not health.complete:
-            health.losses.append("cut off behind the data: all messages are there")
+            health.lose("cut off behind the data: all messages are there")
         health.read_bytes = health.size_bytes
 
     def _note(self, opcode: int, body: bytes) -> None:
         """Take in a record that is neither message nor chunk; unknown ones are skipped."""
+        self._described += len(body) if opcode in (SCHEMA, CHANNEL, METADATA) else 0
+        if self._described > _DESCRIBED_BYTES:
+            self.health.lose(f"descriptions of more than {_DESCRIBED_BYTES} bytes: left out")
+            return
         try:
             if opcode == HEADER:
                 self.health.profile, at = _string(body, 0)
@@ -165,7 +182,7 @@ class McapFile:
                 name, at = _string(body, 0)
                 self.metadata.setdefault(name, {}).update(_mapping(body, at))
         except (struct.error, UnicodeDecodeError, ValueError) as error:
-            self.health.losses.append(
+            self.health.lose(
                 f"record of kind {opcode} at byte {self.health.read_bytes} is malformed ({error})"
             )
 
@@ -181,11 +198,15 @@ class McapFile:
 
     def _chunk(self, body: bytes, *, truncated: bool) -> Iterator[MessageBlock]:
         health = self.health
+        allowed = _FREE_BYTES + _LARGEST_RATIO * (health.read_bytes + len(body)) - self._unfolded
+        limit = max(0, min(MAX_RECORD_BYTES, allowed))
         try:
-            chunk = decompress_chunk(body, MAX_RECORD_BYTES, truncated=truncated)
+            chunk = decompress_chunk(body, limit, truncated=truncated)
         except ChunkError as error:
-            health.losses.append(f"chunk at byte {health.read_bytes} left out: {error}")
+            health.checksum_failed |= error.checksum
+            health.lose(f"chunk at byte {health.read_bytes} left out: {error}")
             return
+        self._unfolded += len(chunk.data)
         health.chunks += 1
         health.checked_chunks += chunk.checked
         health.compression.add(chunk.compression)
@@ -194,32 +215,53 @@ class McapFile:
     def _messages(self, data: bytes, *, truncated: bool = False) -> Iterator[MessageBlock]:
         """Sort the messages of a buffer by channel."""
         found: dict[int, list[tuple[int, int, int, int]]] = {}
-        at, end = 0, len(data)
+        at, end, rows = 0, len(data), 0
         head, message = _HEAD.unpack_from, _MESSAGE.unpack_from
         while at + 9 <= end:
             opcode, length = head(data, at)
             at += 9
-            if length > end - at:
+            if length > end - at or opcode not in _IN_CHUNKS:
                 break
-            if opcode == MESSAGE and length >= 22:
+            if opcode != MESSAGE:
+                self._note(opcode, data[at : at + length])
+            elif length < _MESSAGE.size:
+                break
+            else:
                 channel, _, log_ns, publish_ns = message(data, at)
                 row = (at + 22, length - 22, log_ns, publish_ns)
                 try:
                     found[channel].append(row)
                 except KeyError:
                     found[channel] = [row]
-            else:
-                self._note(opcode, data[at : at + length])
+                rows += 1
+                if rows == _BLOCK_ROWS:
+                    yield from self._described_rows(data, found)
+                    found, rows = {}, 0
             at += length
         if at != end and not truncated:
-            self.health.losses.append("a chunk ends inside a record: the rest of it left out")
+            self.health.lose("a chunk ends inside a record: the rest of it left out")
+        yield from self._described_rows(data, found)
+
+    def _described_rows(
+        self, data: bytes, found: dict[int, list[tuple[int, int, int, int]]]
+    ) -> Iterator[MessageBlock]:
         for channel, rows in found.items():
             if channel not in self.channels:
-                self.health.losses.append(
+                self._note_summary()
+            if channel not in self.channels:
+                self.health.lose(
                     f"{len(rows)} messages of channel {channel}, which no record describes"
                 )
                 continue
             yield _block(self.channels[channel], data, rows)
+
+    def _note_summary(self) -> None:
+        """Channels from the end of the file, once: those of a chunk that was lost."""
+        if not self._summary_read:
+            self._summary_read = True
+            for opcode, body in summary_records(self.path):
+                if opcode in (SCHEMA, CHANNEL):
+                    self._note(opcode, body)
 
 
 def _block(channel: Channel, data: bytes, rows: list[tuple[int, int, int, int]]) -> MessageBlock:

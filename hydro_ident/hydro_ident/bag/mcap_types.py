@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 IntArray = NDArray[np.int64]
+_MOST_LOSSES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +75,10 @@ class FileHealth:
         The file ends as the format asks; False for a file cut off.
     data_checksum : bool
         The data section carried a checksum, and it held.
+    checksum_failed : bool
+        A checksum was there and did not hold.
     losses : list of str
-        Each loss in words.
+        Each loss in words, the first hundred of them and how many more there are.
     """
 
     path: Path
@@ -88,4 +91,14 @@ class FileHealth:
     compression: set[str] = field(default_factory=set)
     complete: bool = False
     data_checksum: bool = False
+    checksum_failed: bool = False
     losses: list[str] = field(default_factory=list)
+    _more: int = 0
+
+    def lose(self, text: str) -> None:
+        """Say a loss; a file made of nothing else does not fill the memory with them."""
+        if len(self.losses) < _MOST_LOSSES:
+            self.losses.append(text)
+            return
+        self._more += 1
+        self.losses[_MOST_LOSSES:] = [f"and {self._more} more losses"]

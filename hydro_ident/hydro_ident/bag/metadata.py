@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +12,10 @@ from typing import Any
 
 import yaml
 
+from hydro_ident.errors import BagError
+
 VERSION = 9
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _ENDLESS = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -94,6 +99,32 @@ class FileRecord:
         }
 
 
+def bag_directory(out: str | Path, name: str, now: time.struct_time | None = None) -> Path:
+    """The directory of a new bag, `OUT/YYYYMMDD-HHMMSS_NAME`.
+
+    Parameters
+    ----------
+    out : str or Path
+    name : str
+        Letters, digits, dot, dash, underscore.
+    now : time.struct_time, optional
+        Local time by default.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    BagError
+        A name that would not make a directory's name.
+    """
+    if not _NAME.fullmatch(name):
+        raise BagError(f"expected a bag name of letters, digits, '.', '-' and '_', found '{name}'")
+    stamp = time.strftime("%Y%m%d-%H%M%S", now or time.localtime())
+    return Path(out) / f"{stamp}_{name}"
+
+
 def qos_text(qos: Sequence[OfferedQos]) -> str:
     """Offered QoS profiles as the YAML text of a channel's metadata."""
     return _dump([profile.mapping() for profile in qos])
@@ -162,8 +193,12 @@ def _dump(data: object) -> str:
 def write_atomically(path: Path, text: str) -> None:
     """Write a text file so that it is there whole or not at all."""
     partial = path.with_name(path.name + ".part")
-    with open(partial, "w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    os.replace(partial, path)
+    try:
+        with open(partial, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise

@@ -11,17 +11,17 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.playback import bag_channels, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
 from hydro_model.command import run_command
+from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 _LEAST_SLEEP_S = 0.0005
+_MOST_QOS_CHARACTERS = 100_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -192,8 +192,8 @@ def _profile(channel: Channel) -> Any:
 
 def _first_offer(channel: Channel) -> dict[str, Any]:
     try:
-        offers = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
-    except yaml.YAMLError:
+        offers = parse(channel.metadata.get("offered_qos_profiles", "")[:_MOST_QOS_CHARACTERS])
+    except UnusableYamlError:
         return {}
     first = offers[0] if isinstance(offers, list) and offers else None
     return first if isinstance(first, dict) else {}

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hydro_ident.bag.cdr import FIELDS
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY, Status, add_statuses
@@ -20,11 +19,13 @@ from hydro_ident.bag.mcap_records import McapFile
 from hydro_ident.bag.mcap_types import FileHealth, MessageBlock
 from hydro_ident.bag.series import Series, SeriesBuilder
 from hydro_ident.errors import BagError
+from hydro_model.safe_yaml import parse
 
 METADATA_FILE = "metadata.yaml"
 #: Name of the metadata record (and custom_data of metadata.yaml) of the project's own bags.
 PROJECT_METADATA = "hydro"
 _MAX_METADATA_BYTES = 16_000_000
+_MOST_NOTES = 1000
 
 
 @dataclass(slots=True)
@@ -89,6 +90,11 @@ class Bag:
         return all(
             f.data_checksum or (f.chunks > 0 and f.checked_chunks == f.chunks) for f in self.files
         )
+
+    @property
+    def checksum_failed(self) -> bool:
+        """Some checksum did not hold: bytes changed since they were written."""
+        return any(f.checksum_failed for f in self.files)
 
 
 def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
@@ -170,24 +176,31 @@ def decode_block(
     channel = block.channel
     if channel.message_type == DIAGNOSTIC_ARRAY:
         if statuses is not None and (malformed := add_statuses(block, statuses)):
-            notes.append(f"{channel.topic}: {malformed} messages could not be decoded")
+            _say(notes, f"{channel.topic}: {malformed} messages could not be decoded")
         return
     if channel.message_type not in FIELDS:
         return
     if channel.encoding != "cdr":
-        notes.append(f"{channel.topic}: expected encoding cdr, found '{channel.encoding}'")
+        _say(notes, f"{channel.topic}: expected encoding cdr, found '{channel.encoding}'")
         return
     builder = builders.get(channel.topic)
     if builder is None:
         builder = SeriesBuilder(channel.topic, channel.message_type)
         builders[channel.topic] = builder
     if builder.message_type != channel.message_type:
-        notes.append(
+        _say(
+            notes,
             f"{channel.topic}: messages of {channel.message_type} beside"
-            f" {builder.message_type}, left out"
+            f" {builder.message_type}, left out",
         )
         return
     builder.add(block)
+
+
+def _say(notes: list[str], text: str) -> None:
+    """Note something once; what says a thousand different things is not listened to further."""
+    if len(notes) < _MOST_NOTES and text not in notes:
+        notes.append(text)
 
 
 def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
@@ -260,11 +273,11 @@ def _information(file: Path, notes: list[str]) -> dict[str, Any] | None:
     try:
         if file.stat().st_size > _MAX_METADATA_BYTES:
             raise ValueError(f"larger than {_MAX_METADATA_BYTES} bytes")
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
+        data = parse(file.read_text(encoding="utf-8"))
         information = data["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
             raise TypeError("rosbag2_bagfile_information is no mapping")
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError, RecursionError) as error:
+    except (OSError, ValueError, TypeError, KeyError) as error:
         why = " ".join(str(error).split())
         notes.append(f"{METADATA_FILE} is not usable ({why}): every .mcap file taken")
         return None

@@ -9,22 +9,22 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, message_class_of
-from hydro_ident.bag.metadata import OfferedQos
+from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.provenance import project_metadata
+from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
-from hydro_ident.bag.writer import BagWriter, bag_directory
-from hydro_ident.errors import BagError, IdentError
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
-from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
-    MESSAGE_TYPES,
     RECORDER_DEPTH,
     latched,
     reliable,
@@ -32,7 +32,12 @@ from hydro_msgs_docs.topics import (
 
 #: After a wake-up messages are left to gather this long: fewer wake-ups, the same log times.
 _GATHER_S = 0.004
-FLUID_PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
+#: Messages of one topic that are written before the next topic has its turn.
+_TURN = 200
+#: Wake-ups where nothing comes: a chunk is closed by so much later than it should.
+_WAKE_S = 0.05
+#: A disk that takes longer for a chunk falls behind.
+SLOW_S = 0.2
 
 
 class RecordError(IdentError):
@@ -85,61 +90,11 @@ def _run(arguments: Sequence[str]) -> int:
     topics = wanted_topics(options.topics, robot)
     metadata = project_metadata(robot, options.note, options.attach)
     for topic, message_type in topics.items():
-        _check_topic(topic, message_type)
+        check_topic(topic, message_type)
     writer = BagWriter(
         bag_directory(options.out, options.name), metadata, compression=options.compression
     )
     return _record(writer, topics, arguments)
-
-
-def wanted_topics(asked: Sequence[str] | None, robot: Robot) -> dict[str, str]:
-    """Topics to record and their types.
-
-    Parameters
-    ----------
-    asked : sequence of str, or None
-        `TOPIC` of the contract or `TOPIC:TYPE`; None for everything of the contract.
-    robot : Robot
-        Its cylinders name the `/pressure` topics.
-
-    Returns
-    -------
-    dict of str to str
-
-    Raises
-    ------
-    BagError
-        A topic whose type is neither known nor given.
-    """
-    pressures = {
-        f"/pressure/{c.name}/{s}": FLUID_PRESSURE_TYPE for c in robot.cylinders for s in "ab"
-    }
-    known = {**MESSAGE_TYPES, **pressures}
-    if asked is None:
-        return known
-    topics = {}
-    for entry in asked:
-        name, _, kind = entry.partition(":")
-        topic = name if name.startswith("/") else f"/{name}"
-        if not kind and topic not in known:
-            raise BagError(
-                f"unknown topic {topic}: expected one of {', '.join(known)}, or TOPIC:TYPE"
-            )
-        topics[topic] = kind or known[topic]
-    return topics
-
-
-def _check_topic(topic: str, message_type: str) -> None:
-    from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.validate_full_topic_name import validate_full_topic_name
-
-    try:
-        validate_full_topic_name(topic)
-        message_class_of(message_type)
-    except InvalidTopicNameException as error:
-        raise BagError(f"'{topic}' is no topic name: {' '.join(str(error).split())}") from error
-    except LookupError as error:
-        raise BagError(str(error)) from error
 
 
 def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[str]) -> int:
@@ -151,22 +106,26 @@ def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[st
         started = time.monotonic()
         try:
             recorder = Recorder(writer, topics)
-            print(f"recording {len(topics)} topics to {writer.directory}", flush=True)
+            _tell(f"recording {len(topics)} topics to {writer.directory}")
             recorder.spin(stop)
+            writer.close()
         except OSError as error:
-            raise RecordError(f"{writer.directory}: recording ended: {error.strerror}") from error
+            writer.abandon()
+            raise RecordError(
+                f"{writer.directory}: recording ended after {time.monotonic() - started:.1f} s:"
+                f" {error.strerror}; what was written before is readable"
+            ) from error
         finally:
-            _close(writer)
+            writer.close()
             rclpy.try_shutdown()
-    print(summary(writer, recorder.lost, time.monotonic() - started), flush=True)
+    _tell(summary(writer, recorder.lost, time.monotonic() - started))
     return 0
 
 
-def _close(writer: BagWriter) -> None:
-    try:
-        writer.close()
-    except OSError as error:
-        print(f"recorder: {writer.directory}: not closed: {error.strerror}", file=sys.stderr)
+def _tell(text: str) -> None:
+    """Print; nobody who listens, or a full disk under the log, is no reason not to record."""
+    with suppress(OSError):
+        print(text, flush=True)
 
 
 def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
@@ -176,6 +135,8 @@ def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
     for topic, count in counts.items():
         gone = f"  {lost[topic]} LOST before the recorder" if lost.get(topic) else ""
         lines.append(f"  {count:9d}  {topic}{gone}")
+    if writer.slowest_s > SLOW_S:
+        lines.append(f"  the disk took up to {writer.slowest_s:.1f} s for a chunk")
     return "\n".join(lines)
 
 
@@ -213,6 +174,7 @@ class Recorder:
 
         self._writer = writer
         self.lost: dict[str, int] = {}
+        self._said_slow = False
         self._node = Node("recorder")
         self._sources = []
         for topic, message_type in topics.items():
@@ -230,21 +192,40 @@ class Recorder:
         stop : sequence
         """
         while not stop:
-            if self._wait.wait(0.1):
+            if self._wait.wait(_WAKE_S):
                 self._drain()
                 time.sleep(_GATHER_S)
-            self._writer.flush_older_than(time.time_ns())
-        self._drain()
+            else:
+                self._writer.flush_older_than(time.time_ns())
+            self._say_slow()
+        self._drain(RECORDER_DEPTH, time.time_ns())
 
-    def _drain(self) -> None:
+    def _say_slow(self) -> None:
+        if self._writer.slowest_s > SLOW_S and not self._said_slow:
+            self._said_slow = True
+            slowest_s = self._writer.slowest_s
+            text = f"recorder: slow disk, {slowest_s:.1f} s for a chunk of 0.2 s"
+            with suppress(OSError):
+                print(text, file=sys.stderr, flush=True)
+
+    def _drain(self, most: int = _TURN, until_ns: int | None = None) -> None:
+        """Write what waits; on a slow disk more comes meanwhile, so there is an end to a turn."""
         for source in self._sources:
             subscription = source.hot.subscription
             handle = subscription.handle
             with handle:
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    self._keep(source, taken[0], taken[1])
+                for _ in range(most):
+                    taken = handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    log_ns = self._keep(source, taken[0], taken[1])
+                    if until_ns is not None and log_ns > until_ns:
+                        break
+            # A turn may be long, as when a topic is met first: the chunk does not wait for all.
+            self._writer.flush_older_than(time.time_ns())
 
-    def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> None:
+    def _keep(self, source: _Source, data: bytes, info: Mapping[str, Any]) -> int:
+        """Write a message; when it was received, ns."""
         if not source.announced:
             self._announce(source)
         sequence = info.get("publication_sequence_number") or 0
@@ -255,11 +236,12 @@ class Recorder:
         source.sequence = sequence
         log_ns = info.get("received_timestamp") or time.time_ns()
         self._writer.write(source.topic, data, log_ns, info.get("source_timestamp") or log_ns)
+        return int(log_ns)
 
     def _announce(self, source: _Source) -> None:
         source.announced = True
         # Discovery is complete for this topic only now: scripts and operators wait for it.
-        print(f"receiving {source.topic}", flush=True)
+        _tell(f"receiving {source.topic}")
         endpoints = self._node.get_publishers_info_by_topic(source.topic)
         qos = [_offered(e.qos_profile) for e in endpoints]
         known = source.message_type in TYPE_HASHES

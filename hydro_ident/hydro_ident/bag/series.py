@@ -19,9 +19,14 @@ from hydro_ident.bag.cdr import (
     layout_of,
 )
 from hydro_ident.bag.mcap_types import MessageBlock
+from hydro_ident.errors import BagError
 
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
 _KEPT_LAYOUTS = 16
+#: Beyond these no machine's topic goes.
+_MOST_NAMES, _MOST_LAYOUTS = 1024, 4096
+#: Every name has a column: so many numbers in all, and so many times those that are there.
+_FREE_CELLS, _MOST_EMPTY = 1 << 22, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +95,8 @@ class SeriesBuilder:
     _count: int = 0
     _malformed: int = 0
     _why: str = ""
+    _names: frozenset[str] = frozenset()
+    _kinds: int = 0
     #: Oldest and newest stamp so far, ns; -1 before the first message.
     stamp_span_ns: tuple[int, int] = (-1, -1)
 
@@ -104,7 +111,7 @@ class SeriesBuilder:
             begin = int(block.offset[first])
             message = block.data[begin : begin + int(block.length[first])]
             try:
-                layout = layout_of(message, self.message_type)
+                layout = self._new_layout(message)
             except CdrError as error:
                 self._malformed += 1
                 self._why = self._why or str(error)
@@ -112,9 +119,23 @@ class SeriesBuilder:
                 continue
             if len(self._layouts) < _KEPT_LAYOUTS:
                 self._layouts.append(layout)
-            left = self._take(layout, buffer, block, left)
+                left = self._take(layout, buffer, block, left)
+            else:
+                self._take(layout, buffer, block, left[:1])
+                left = left[1:]
         self._log_ns.append(block.log_ns)
         self._count += len(block.offset)
+
+    def _new_layout(self, message: bytes) -> Layout:
+        layout = layout_of(message, self.message_type)
+        self._kinds += 1
+        names = self._names.union(layout.names)
+        if len(names) > _MOST_NAMES or self._kinds > _MOST_LAYOUTS:
+            raise CdrError(
+                f"expected at most {_MOST_NAMES} names and {_MOST_LAYOUTS} layouts on a topic"
+            )
+        self._names = names
+        return layout
 
     def _take(
         self, layout: Layout, buffer: ByteArray, block: MessageBlock, left: IntArray
@@ -141,6 +162,14 @@ class SeriesBuilder:
             self.stamp_span_ns = (first, max(last, newest))
         return left if not len(taken) else np.setdiff1d(left, taken, assume_unique=True)
 
+    def _check_cells(self, cells: int) -> None:
+        filled = sum(values.size for piece in self._pieces for values in piece.fields.values())
+        if cells > max(_FREE_CELLS, _MOST_EMPTY * filled):
+            raise BagError(
+                f"{self.topic}: expected messages of the same names, found {len(self._names)}"
+                f" names in {self._count} messages that carry {filled} numbers"
+            )
+
     def finish(self) -> Series:
         """The columns of everything added."""
         names = tuple(dict.fromkeys(n for piece in self._pieces for n in piece.names))
@@ -148,6 +177,7 @@ class SeriesBuilder:
         if self.message_type == JOINT_STATE:
             filled = {name for piece in self._pieces for name in piece.fields}
             widths = {name: len(names) for name in widths if name in filled}
+        self._check_cells(self._count * sum(int(k) for k in widths.values()))
         stamp_ns = np.zeros(self._count, dtype=np.int64)
         read = np.zeros(self._count, dtype=np.bool_)
         fields = {n: np.full((self._count, int(k)), np.nan) for n, k in widths.items()}

@@ -7,9 +7,9 @@ A process that dies loses the chunk it was filling, no more.
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -38,33 +38,6 @@ _COMPRESSION = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-
-
-def bag_directory(out: str | Path, name: str, now: time.struct_time | None = None) -> Path:
-    """The directory of a new bag, `OUT/YYYYMMDD-HHMMSS_NAME`.
-
-    Parameters
-    ----------
-    out : str or Path
-    name : str
-        Letters, digits, dot, dash, underscore.
-    now : time.struct_time, optional
-        Local time by default.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    BagError
-        A name that would not make a directory's name.
-    """
-    if not _NAME.fullmatch(name):
-        raise BagError(f"expected a bag name of letters, digits, '.', '-' and '_', found '{name}'")
-    stamp = time.strftime("%Y%m%d-%H%M%S", now or time.localtime())
-    return Path(out) / f"{stamp}_{name}"
 
 
 class BagWriter:
@@ -106,6 +79,8 @@ class BagWriter:
         self._schemas: dict[str, int] = {}
         self._chunk_ns: int | None = None
         self._closed = False
+        #: Longest that the disk took for a chunk, s.
+        self.slowest_s = 0.0
         try:
             self.directory.mkdir(parents=True, exist_ok=False)
             self._open_file()
@@ -236,11 +211,13 @@ class BagWriter:
     def flush(self) -> None:
         """Close the chunk that is being filled and hand it to the operating system."""
         self._chunk_ns = None
+        began_s = time.monotonic()
         self._writer.flush()
+        self.slowest_s = max(self.slowest_s, time.monotonic() - began_s)
 
     def flush_older_than(self, log_ns: int) -> None:
-        """Close the chunk if it was begun 0.2 s before `log_ns` or earlier."""
-        if self._chunk_ns is not None and log_ns - self._chunk_ns >= CHUNK_NS:
+        """Close the chunk unless it was begun within the 0.2 s before `log_ns`."""
+        if self._chunk_ns is not None and not 0 <= log_ns - self._chunk_ns < CHUNK_NS:
             self.flush()
 
     def close(self) -> None:
@@ -250,6 +227,12 @@ class BagWriter:
         self._closed = True
         self._finish_file()
         write_atomically(self.directory / METADATA_FILE, self._metadata_text())
+
+    def abandon(self) -> None:
+        """Leave the bag as it is on the disk, where writing failed; then `close` does nothing."""
+        self._closed = True
+        with suppress(OSError):
+            self._stream.close()
 
     def _metadata_text(self) -> str:
         return metadata_text(self._files, list(self._topics.values()), self._metadata)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_ident.commands.output import add_json, report
-from hydro_model.command import run_command
+from hydro_model.command import printable, run_command
 from hydro_model.terminal import coloured
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ def _run(arguments: Sequence[str]) -> int:
 def text_of(inspection: Inspection) -> str:
     """An inspection as lines for a person, what matters first.
 
+    Names and notes come from the bag: nothing in them commands the terminal.
+
     Parameters
     ----------
     inspection : Inspection
@@ -69,43 +71,50 @@ def _verdict(i: Inspection) -> list[str]:
         said = coloured(f"{count} to look at", "yellow")
     else:
         said = coloured("healthy", "green")
-    return [f"{i.bag}: {said}"]
+    return [f"{printable(i.bag)}: {said}"]
 
 
 def _head(i: Inspection) -> list[str]:
     sums = "checksums hold" if i.checksummed else "not checksummed"
-    packing = ", ".join(i.compression) or "no chunks"
+    sums = "a checksum FAILS" if i.checksum_failed else sums
+    packing = printable(", ".join(i.compression)) or "no chunks"
     plural = "" if i.files == 1 else "s"
     lines = []
     if i.rate_hz is not None:
-        lines.append(f"  robot {i.robot}: {i.cycles} cycles at {i.rate_hz:.2f} Hz")
+        lines.append(f"  robot {printable(str(i.robot))}: {i.cycles} cycles at {i.rate_hz:.2f} Hz")
     lines.append(
         f"  {i.duration_s:.3f} s, {i.messages} messages, {i.size_bytes / 1e6:.1f} MB"
         f" in {i.files} file{plural} ({packing}; {sums})"
     )
     note = i.metadata.get("note", "")
-    return lines + ([f"  note: {note}"] if note else [])
+    return lines + ([f"  note: {printable(note)}"] if note else [])
 
 
 def _troubles(i: Inspection) -> list[str]:
-    lines = [f"  {coloured('DAMAGE', 'red')}  {text}" for text in i.damage]
+    lines = [f"  {coloured('DAMAGE', 'red')}  {printable(text)}" for text in i.damage]
     check = coloured("CHECK", "yellow")
-    lines += [f"  {check}   {finding.signal}: {finding.text}" for finding in i.findings]
-    lines += [f"  {coloured('SAID', 'yellow')}    {text}" for text in i.diagnostics]
     lines += [
-        f"  {coloured('LOST', 'yellow')}    {loss['channel']}: {loss['reason']}"
-        for loss in i.losses
+        f"  {check}   {printable(f'{finding.signal}: {finding.text}')}" for finding in i.findings
+    ]
+    lines += [f"  {coloured('SAID', 'yellow')}    {printable(text)}" for text in i.diagnostics]
+    lines += [
+        f"  {coloured('LOST', 'yellow')}    {printable(said)}"
+        for said in (f"{loss['channel']}: {loss['reason']}" for loss in i.losses)
     ]
     nothing = [] if i.channels else ["  nothing irregular"]
     return ["", "health", *(lines or nothing)]
 
 
 def _channels(i: Inspection) -> list[str]:
-    return [f"  channels: {', '.join(i.channels)}"] if i.channels else []
+    return [f"  channels: {printable(', '.join(i.channels))}"] if i.channels else []
 
 
 def _origin(i: Inspection) -> list[str]:
-    lines = [f"  {key}: {value}" for key, value in i.metadata.items() if value and key != "note"]
+    lines = [
+        f"  {printable(f'{key}: {value}')}"
+        for key, value in i.metadata.items()
+        if value and key != "note"
+    ]
     return ["", "from", *lines] if lines else []
 
 
@@ -114,8 +123,8 @@ def _topics(i: Inspection) -> list[str]:
     for t in i.topics:
         rate = "-" if t.rate_hz is None else f"{t.rate_hz:.2f}"
         lines.append(
-            f"{t.topic:32s} {t.count:9d} {rate:>8s} {t.missing:8d} {t.duplicates:6d}"
-            f"  {t.message_type}"
+            f"{printable(t.topic):32s} {t.count:9d} {rate:>8s} {t.missing:8d} {t.duplicates:6d}"
+            f"  {printable(t.message_type)}"
         )
     return lines
 
@@ -125,6 +134,8 @@ def _ranges(i: Inspection) -> list[str]:
         return []
     lines = ["", f"{'signal':32s} {'low':>13s} {'high':>13s} {'mean':>13s}  unit"]
     lines += [
-        f"{r.signal:32s} {r.low:13.6g} {r.high:13.6g} {r.mean:13.6g}  {r.unit}" for r in i.ranges
+        f"{printable(r.signal):32s} {r.low:13.6g} {r.high:13.6g} {r.mean:13.6g}"
+        f"  {printable(r.unit)}"
+        for r in i.ranges
     ]
     return lines

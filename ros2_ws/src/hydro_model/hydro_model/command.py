@@ -17,6 +17,21 @@ from hydro_model.terminal import coloured
 Main = Callable[[Sequence[str]], int]
 
 
+def printable(text: str) -> str:
+    """A text in one line, with whatever commands a terminal or cannot be printed escaped.
+
+    Examples
+    --------
+    >>> printable("a\\x1b[2J")
+    'a\\\\x1b[2J'
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
+    )
+
+
 def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -> int:
     """Run a command's body and turn what it raises into a line on stderr and an exit code.
 
@@ -39,7 +54,8 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
     try:
         return main(list(sys.argv[1:] if arguments is None else arguments))
     except HydroError as error:
-        print(f"{coloured(name, 'red', sys.stderr)}: {error}", file=sys.stderr)
+        said = printable(str(error))
+        print(f"{coloured(name, 'red', sys.stderr)}: {said}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return 130

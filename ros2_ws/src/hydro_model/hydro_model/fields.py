@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,24 @@ class Fields:
             raise self._wrong(key, "a text", value)
         return value
 
+    def name(self, key: str) -> str:
+        """A text that may become part of a file's name: one line, no `/`, no leading dot."""
+        value = self.text(key)
+        leads_away = value[0] == "." or "/" in value or "\\" in value
+        if leads_away or not value.isprintable() or len(value) > 200:
+            raise self._wrong(key, "a name without '/', '\\' and a dot in front", value)
+        return value
+
+    def file_below(self, key: str, folder: Path) -> Path:
+        """A file in or below a folder, named relative to it: nothing leads out of it."""
+        value = self.text(key)
+        named = PurePath(value)
+        too_long = any(len(part.encode()) > 255 for part in named.parts)
+        leads_away = named.is_absolute() or ".." in named.parts
+        if leads_away or too_long or not value.isprintable():
+            raise self._wrong(key, f"a file in or below {folder}, named relative to it", value)
+        return folder / named
+
     def flag(self, key: str, default: bool = _REQUIRED) -> bool:
         """true or false."""
         value = self._get(key, default, "true or false")
@@ -84,9 +103,13 @@ class Fields:
                 raise self._wrong(key, "a number", value) from None
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._wrong(key, "a number", value)
-        if not math.isfinite(value):
+        try:
+            number = float(value)
+        except OverflowError:  # an integer beyond what a float holds
+            number = math.inf
+        if not math.isfinite(number):
             raise self._wrong(key, "a finite number", value)
-        return float(value)
+        return number
 
     def positive(self, key: str, default: float = _REQUIRED) -> float:
         """A finite number above zero."""

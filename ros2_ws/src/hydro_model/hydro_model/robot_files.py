@@ -6,13 +6,13 @@ identification found. Either names its URDF relative to itself.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
@@ -29,22 +29,11 @@ from hydro_model.robot import (
     Sensors,
     Valve,
 )
+from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_model.urdf import Chain, read_chain
 
 MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
-_MAX_KEYS = 10_000
-
-
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, with an end to what merge keys (`<<`) may multiply."""
-
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        super().flatten_mapping(node)
-        if len(node.value) > _MAX_KEYS:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"a mapping of more than {_MAX_KEYS} keys", node.start_mark
-            )
 
 
 def shipped_robots() -> dict[str, Path]:
@@ -76,7 +65,7 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     """
     shipped = shipped_robots()
     path = shipped.get(str(robot), Path(robot))
-    if not path.is_file():
+    if not is_file(path):
         names = ", ".join(shipped)
         raise RobotError(
             f"no robot file '{robot}': expected a *.hydraulics.yaml, a model.yaml"
@@ -88,17 +77,24 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     return found
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_yaml(path: Path) -> Fields:
     """The mapping at the top of a YAML file, loaded safely; raises RobotError otherwise."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RobotError(f"{path}: larger than {MAX_FILE_BYTES} bytes, no robot description")
-        data = yaml.load(path.read_text(encoding="utf-8"), _Loader)  # a safe loader
+        data = parse(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise RobotError(f"{path}: cannot be read: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line = " ".join(str(error).split())
-        raise RobotError(f"{path}: not valid YAML: {line}") from error
+    except UnusableYamlError as error:
+        raise RobotError(f"{path}: not valid YAML: {error}") from error
     if not isinstance(data, dict):
         raise RobotError(f"{path}: expected a mapping of keys, found {type(data).__name__}")
     return Fields(data, str(path))
@@ -109,14 +105,14 @@ def _robot_from(top: Fields, path: Path) -> Robot:
     if schema != MODEL_SCHEMA:
         raise RobotError(f"{path}: expected schema {MODEL_SCHEMA}, found '{schema}'")
     tip = top.text("tip_link")
-    urdf = path.parent / top.text("urdf")
+    urdf = top.file_below("urdf", path.parent)
     chain = read_chain(urdf, tip)
     fluid, supply = top.fields("fluid", {}), top.fields("supply", {})
     bulk = fluid.positive("bulk_modulus_pa", 1.0e9)
     base = tuple(_base_parameter(f) for f in top.items("base_parameters"))
     names = [f"{j.child_link}.{p}" for j in chain.joints for p in STANDARD_PARAMETERS]
     robot = Robot(
-        name=top.text("robot"),
+        name=top.name("robot"),
         joints=_joints(top, chain, path),
         link_inertia=chain.link_inertia,
         tip_link=tip,
@@ -311,7 +307,7 @@ def _check_known(who: str, what: str, name: str, known: tuple[str, ...], path: P
 
 
 def _check_once(what: str, names: list[str], path: Path) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
         raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 

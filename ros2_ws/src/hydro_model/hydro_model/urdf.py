@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+from collections import Counter
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +19,9 @@ from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint
 
 _MOVING = ("revolute", "continuous", "prismatic")
 MAX_URDF_BYTES = 16_000_000
+_MAX_DEPTH = 32
+#: Links fixed to one another, one behind the other.
+_MAX_FIXED = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +115,7 @@ def _parse(path: Path) -> Any:
         raise RobotError(f"no URDF at {path}")
     if path.stat().st_size > MAX_URDF_BYTES:
         raise RobotError(f"{path}: larger than {MAX_URDF_BYTES} bytes, no URDF")
+    _check_xml(path)
     # The parser prints what it does not know (materials, plugins) to stderr: not our user's news.
     with redirect_stderr(io.StringIO()):
         try:
@@ -123,6 +129,32 @@ def _parse(path: Path) -> Any:
     return model
 
 
+def _check_xml(path: Path) -> None:
+    """Refuse what no URDF has and what could grow or nest without end, before it is parsed."""
+    depth = 0
+
+    def refuse(*_: object) -> None:
+        raise RobotError(f"{path}: not a valid URDF: expected no document type or entities")
+
+    def begin(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _MAX_DEPTH:
+            raise RobotError(f"{path}: not a valid URDF: elements nested deeper than {_MAX_DEPTH}")
+
+    def end(_: object) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler = begin, end
+    try:
+        parser.Parse(path.read_bytes(), True)
+    except (expat.ExpatError, ValueError, LookupError, OSError) as error:
+        raise RobotError(f"{path}: not a valid URDF: {error}") from error
+
+
 def _check_names(model: Any, path: Path) -> None:
     """Refuse what the parser would resolve by taking the last one."""
     groups = {
@@ -131,7 +163,7 @@ def _check_names(model: Any, path: Path) -> None:
         "child link": [joint.child for joint in model.joints],
     }
     for what, names in groups.items():
-        twice = sorted({str(name) for name in names if names.count(name) > 1})
+        twice = sorted(str(name) for name, count in Counter(names).items() if count > 1)
         if twice:
             raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 
@@ -146,6 +178,8 @@ def _check_numbers(model: Any, path: Path) -> None:
     for link in model.links:
         if (body := link.inertial) is None:
             continue
+        if body.inertia is None:
+            raise RobotError(f"{path}: link '{link.name}' has a mass without <inertia>")
         numbers = [*_pose(body.origin), body.mass, body.inertia.to_matrix()]
         _check_finite(f"link '{link.name}'", numbers, path)
         if body.mass < 0.0:
@@ -217,9 +251,16 @@ def _joint(xml: Any, rotation: FloatArray, translation: FloatArray, path: Path) 
 
 
 def _lumped(
-    model: Any, link: str, rotation: FloatArray, translation: FloatArray, way: list[Any]
+    model: Any,
+    link: str,
+    rotation: FloatArray,
+    translation: FloatArray,
+    way: list[Any],
+    fixed: int = 0,
 ) -> FloatArray:
     """Parameters of a link and of what is fixed to it beside the chain, in the joint frame."""
+    if fixed > _MAX_FIXED:
+        raise RobotError(f"link '{link}': expected at most {_MAX_FIXED} fixed joints in a row")
     total = _own(model.link_map[link], rotation, translation)
     on_way = {joint.name for joint in way}
     for name, child in model.child_map.get(link, []):
@@ -227,7 +268,7 @@ def _lumped(
         if name in on_way or joint.type != "fixed":
             continue
         r, t = _origin(joint.origin)
-        total += _lumped(model, child, rotation @ r, translation + rotation @ t, way)
+        total += _lumped(model, child, rotation @ r, translation + rotation @ t, way, fixed + 1)
     return total
 
 

@@ -1,0 +1,222 @@
+"""The recorder as a process: killed, on full, read-only and slow disks, with nobody listening."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.study.kills import (
+    PERIOD_NS,
+    PROMISE_S,
+    Publisher,
+    kill_recorders,
+    publishing,
+)
+
+DOMAIN = 10 + (os.getpid() + 73) % 90
+PATIENCE_S = 120.0
+TOPIC = "/joint_states"
+RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
+#: The same with a file that takes 0.25 s for whatever it is given.
+SLOW = """
+import io, time
+from hydro_ident.bag import writer
+class Slow(io.FileIO):
+    def write(self, data):
+        time.sleep(0.25)
+        return super().write(data)
+writer.open = lambda path, mode: io.BufferedWriter(Slow(path, "x"))
+"""
+
+
+@pytest.fixture(autouse=True)
+def domain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+
+
+@pytest.fixture
+def publisher(domain: None) -> Iterator[Publisher]:
+    """Four topics, a cycle every 2 ms."""
+    with publishing() as publisher:
+        yield publisher
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts a recorder; what it says goes to said.txt, errors to errors.txt."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(command: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+        with (
+            open(tmp_path / "said.txt", "w") as said,
+            open(tmp_path / "errors.txt", "w") as errors,
+        ):
+            process = subprocess.Popen(
+                command, **{"stdout": said, "stderr": errors, "text": True, **options}
+            )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def _command(out: Path, *more: str, code: str = RECORDER) -> list[str]:
+    return [sys.executable, "-c", code, "--out", str(out), "--name", "t", *more]
+
+
+def _wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def _errors(folder: Path) -> list[str]:
+    return (folder / "errors.txt").read_text().splitlines()
+
+
+def _unbroken(path: Path) -> np.ndarray:
+    """The cycles of a bag, of which none is missing between the first and the last."""
+    cycles = read_bag(path).series[TOPIC].stamp_ns // PERIOD_NS
+    np.testing.assert_array_equal(np.diff(cycles), 1)
+    return cycles
+
+
+def _private_mount(folder: Path, options: str, command: Sequence[str]) -> list[str]:
+    """A command that sees a small disk of its own in `folder`, copied out at its end."""
+    words = " ".join(f"'{word}'" for word in command)
+    script = f"mount -t tmpfs -o {options} none '{folder}' || exit 77; {words}; code=$?;"
+    return ["unshare", "-rm", "sh", "-c", f"{script} cp -r '{folder}' '{folder}.kept'; exit $code"]
+
+
+def _skip_without_mounts(tmp_path: Path) -> None:
+    if shutil.which("unshare") is None:
+        pytest.skip("no unshare on this system")
+    (tmp_path / "probe").mkdir()
+    done = subprocess.run(
+        _private_mount(tmp_path / "probe", "size=64k", ["true"]), capture_output=True, check=False
+    )
+    if done.returncode:
+        pytest.skip("this system lets nobody mount a disk in a namespace of one's own")
+
+
+@pytest.mark.ros
+def test_killed_at_random_moments_it_loses_at_most_three_tenths_of_a_second() -> None:
+    for kill in kill_recorders(4, seed=os.getpid()):
+        # A machine that keeps the publisher waiting keeps the recorder waiting, too.
+        assert kill.lost_s <= PROMISE_S + 3.0 * kill.late_s, kill
+        assert kill.missing == 0, kill
+
+
+@pytest.mark.ros
+def test_a_file_that_may_not_grow_ends_in_one_line_and_a_readable_bag(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+    process = record(_command(tmp_path, "--compression", "none"), preexec_fn=limited)
+    assert process.wait(timeout=PATIENCE_S) == 1
+    (line,) = _errors(tmp_path)
+    assert line.startswith("recorder: ")
+    assert "File too large; what was written before is readable" in line
+    (path,) = tmp_path.glob("*_t")
+    assert len(_unbroken(path)) > 100
+    assert any("cut off" in loss for loss in read_bag(path).losses)
+
+
+@pytest.mark.ros
+def test_a_full_disk_ends_in_one_line_and_a_readable_bag(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    _skip_without_mounts(tmp_path)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = _command(disk, "--compression", "none")
+    process = record(_private_mount(disk, "size=400k", command))
+    assert process.wait(timeout=PATIENCE_S) == 1
+    (line,) = _errors(tmp_path)
+    assert "No space left on device; what was written before is readable" in line
+    (path,) = (tmp_path / "disk.kept").glob("*_t")
+    assert len(_unbroken(path)) > 100
+    assert not list(path.glob("*.part"))
+
+
+def test_a_read_only_disk_is_refused_in_one_line(tmp_path: Path) -> None:
+    _skip_without_mounts(tmp_path)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    done = subprocess.run(
+        _private_mount(disk, "ro,size=64k", _command(disk)),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "cannot be written: Read-only file system" in line
+
+
+@pytest.mark.ros
+def test_a_slow_disk_is_said_and_loses_nothing_that_the_queues_hold(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    process = record(_command(tmp_path, "--topics", TOPIC, code=SLOW + RECORDER))
+    _wait_for(lambda: "slow disk" in (tmp_path / "errors.txt").read_text())
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0
+    (line,) = _errors(tmp_path)
+    assert "s for a chunk of 0.2 s" in line
+    said = (tmp_path / "said.txt").read_text()
+    assert "the disk took up to" in said
+    assert "LOST" not in said
+    (path,) = tmp_path.glob("*_t")
+    assert len(_unbroken(path)) > 100
+    assert read_bag(path).losses == ()
+
+
+@pytest.mark.ros
+def test_it_goes_on_when_nobody_reads_what_it_says(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    process = record(_command(tmp_path, "--topics", TOPIC), stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.close()
+    (path,) = tmp_path.glob("*_t")
+    file = path / f"{path.name}_0.mcap"
+    _wait_for(lambda: file.stat().st_size > 20_000)
+    process.send_signal(signal.SIGINT)
+    process.wait(timeout=PATIENCE_S)
+    assert read_bag(path).losses == ()
+    assert len(_unbroken(path)) > 100
+
+
+def test_chunks_of_a_clock_that_went_back_are_not_kept_waiting(tmp_path: Path) -> None:
+    """Without a further message, too: the chunk is on the disk at the next look at the clock."""
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(TOPIC, "sensor_msgs/msg/JointState")
+    writer.write_stamped(TOPIC, 10**18, {"position": [1.0]}, names=["lift"])
+    writer.flush_older_than(10**18 - 3_600_000_000_000)
+    assert len(read_bag(tmp_path / "bag").series[TOPIC]) == 1
+    writer.abandon()
+    writer.close()
+    assert any("cut off" in loss for loss in read_bag(tmp_path / "bag").losses)
