@@ -169,7 +169,7 @@ def check_script(words: list[str]) -> None:
     if script.name == "env.sh":
         return
     if script.name == "test.sh":
-        assert options(words[1:]) <= {"-m", "--help"}  # pytest's own
+        assert options(words[1:]) <= {"-m", "-n", "-s", "-x", "--help"}  # pytest's own
         return
     told = script_help(script)
     for option in options(words[1:]):
