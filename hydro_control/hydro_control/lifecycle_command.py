@@ -11,6 +11,8 @@ from typing import Any
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
 
+#: Time without an answer after which a node is asked again.
+_AGAIN_S = 5.0
 NAME = "lifecycle"
 _TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "shutdown")
 
@@ -19,6 +21,10 @@ class TransitionError(ControlError):
     """The node did not answer, or did not make the transition."""
 
     exit_code = 1
+
+
+class _NoAnswerError(TransitionError):
+    """A request is under way, or its answer was lost."""
 
 
 def main() -> int:
@@ -81,50 +87,92 @@ def _seconds(text: str) -> float:
 
 
 def _call(
-    rclpy: Any, node: Any, kind: Any, service: str, request: Any, timeout_s: float, what: str
+    rclpy: Any,
+    node: Any,
+    kind: Any,
+    service: str,
+    request: Any,
+    timeout_s: float,
+    what: str,
+    *,
+    again: bool = False,
 ) -> Any:
-    """One service call; TransitionError where nobody answers in time."""
+    """One service call; TransitionError where nobody answers in time.
+
+    What changes nothing may be asked `again`: an answer is lost where a server has not found the
+    client's end of it yet.
+    """
     end = time.monotonic() + timeout_s
     client = node.create_client(kind, service)
     if not client.wait_for_service(timeout_sec=timeout_s):
         raise TransitionError(f"no node answers at {service} within {timeout_s:g} s: is it up?")
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future, timeout_sec=max(0.1, end - time.monotonic()))
-    if not future.done():
-        raise TransitionError(f"{what}: no answer from {service} within {timeout_s:g} s")
-    return future.result()
+    while True:
+        left = max(0.1, end - time.monotonic())
+        future = client.call_async(request)
+        patience = min(left, _AGAIN_S)
+        rclpy.spin_until_future_complete(node, future, timeout_sec=patience)
+        if future.done():
+            return future.result()
+        if not again or patience >= left:
+            raise _NoAnswerError(f"{what}: no answer from {service} within {timeout_s:g} s")
 
 
 def _state(rclpy: Any, node: Any, target: str, timeout_s: float) -> str:
     from lifecycle_msgs.srv import GetState
 
     service = f"{target}/get_state"
-    answer = _call(rclpy, node, GetState, service, GetState.Request(), timeout_s, "get")
+    answer = _call(
+        rclpy, node, GetState, service, GetState.Request(), timeout_s, "get", again=True
+    )
     return str(answer.current_state.label)
 
 
 def _change(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> None:
     from lifecycle_msgs.srv import ChangeState
 
-    request = ChangeState.Request()
+    end, request = time.monotonic() + timeout_s, ChangeState.Request()
     # Shutdown has one number per state it starts from; a node also takes its label.
     request.transition.id = _number(rclpy, node, target, transition, timeout_s)
     request.transition.label = transition
     service = f"{target}/change_state"
-    answer = _call(rclpy, node, ChangeState, service, request, timeout_s, transition)
+    while True:
+        left = max(end - time.monotonic(), 0.1)
+        try:
+            answer = _call(rclpy, node, ChangeState, service, request, left, transition)
+            break
+        except _NoAnswerError:
+            # Lost on the way back: the node's state says what became of the request.
+            if transition not in _open(rclpy, node, target, transition, left):
+                return
+            if left <= _AGAIN_S:
+                raise
     if not answer.success:
         state = _state(rclpy, node, target, timeout_s)
         raise TransitionError(f"{target[1:]} did not {transition}: it is {state}; see its log")
 
 
-def _number(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> int:
-    """Number of a transition that is open from the node's present state."""
+def _open(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> dict[str, int]:
+    """Numbers of the transitions that are open from the node's present state."""
     from lifecycle_msgs.srv import GetAvailableTransitions
 
     service = f"{target}/get_available_transitions"
     request = GetAvailableTransitions.Request()
-    answer = _call(rclpy, node, GetAvailableTransitions, service, request, timeout_s, transition)
-    open_now = {t.transition.label: int(t.transition.id) for t in answer.available_transitions}
+    answer = _call(
+        rclpy,
+        node,
+        GetAvailableTransitions,
+        service,
+        request,
+        timeout_s,
+        transition,
+        again=True,
+    )
+    return {t.transition.label: int(t.transition.id) for t in answer.available_transitions}
+
+
+def _number(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> int:
+    """Number of a transition that is open from the node's present state."""
+    open_now = _open(rclpy, node, target, transition, timeout_s)
     if transition not in open_now:
         state = _state(rclpy, node, target, timeout_s)
         names = ", ".join(sorted(open_now)) or "nothing"
