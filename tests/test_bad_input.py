@@ -13,12 +13,13 @@ from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = shipped_robots()["xs031"].parent
+DOMAIN = 10 + (os.getpid() + 22) % 90
 BUS = "udp_multicast:239.74.163.2:43161"
 
 
 def run(package: str, executable: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     path = ROOT / "ros2_ws/install" / package / "lib" / package / executable
-    environment = {**os.environ, "ROS_DOMAIN_ID": "61"}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
     return subprocess.run(
         [str(path), *map(str, arguments)],
         capture_output=True,
@@ -176,7 +177,7 @@ def test_bringup_says_why_it_cannot(arguments: list[str], word: str, tmp_path: P
         check=False,
         timeout=240,
         cwd=tmp_path,
-        env={**os.environ, "ROS_DOMAIN_ID": "63"},
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
     )
     assert_refused(result, word)
 

@@ -16,7 +16,7 @@ from hydro_control.controller_node import ControllerNode  # noqa: E402
 from hydro_control.parameters import PARAMETERS  # noqa: E402
 
 pytestmark = pytest.mark.ros
-DOMAIN = 53
+DOMAIN = 10 + (os.getpid() + 60) % 90
 
 
 @pytest.fixture
