@@ -16,8 +16,8 @@ from hydro_ident.mismatch.candidates import trials, untestable
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.residuals import spread_parts
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.robot import EffectSpec, Robot

@@ -61,12 +61,14 @@ def reading_key(model: Model) -> tuple[object, ...]:
 
 
 def same_base(one: Model, other: Model) -> bool:
+    """Whether two models share robot, force parameters, delays and effects, objects and all."""
     if one.robot is not other.robot or one.theta is not other.theta:
         return False
     return one.delays_s == other.delays_s and identical(one, other)
 
 
 def identical(one: Model, other: Model) -> bool:
+    """Whether two models have the very same effects, in order."""
     if len(one.terms) != len(other.terms):
         return False
     return all(a is b for a, b in zip(one.terms, other.terms, strict=True))

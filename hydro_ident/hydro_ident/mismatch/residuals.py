@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.model import prior_of
+from hydro_ident.mismatch.parts import partly, spread_parts
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import (
     LONGEST_SCAN_S,
-    PART_S,
     DiagnosisSettings,
 )
 from hydro_ident.mismatch.telling import telling, within
@@ -153,12 +153,10 @@ def residuals(
     traces = spread_parts(whole, settings.longest_s)
     choices = choices_of(forces, signals, whole)
     notes = _notes(surveys, choices, cleaned)
-    notes += _partly("fitted", whole, traces)
+    notes += partly("fitted", whole, traces)
     material = _material(robot, forces, traces, choices, still)
     every = 0 if others else settings.hold_out_every
-    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys[: len(sources)]}
-    guarded = choices.filters.parallel_hz
-    split = HoldOut.of(durations, every, parallel_hz=guarded) if every else HoldOut(every=0)
+    split = _split(surveys[: len(sources)], every, choices)
     fit_rows, check_rows = material.masks(split)
     moving = telling(material, signals)
     predictor = Predictor(material)
@@ -174,23 +172,31 @@ def residuals(
     if parts is not whole:
         seen = _material(robot, forces, parts, choices, still)
         scan = Training.of(Predictor(seen), seen.masks(split)[0] & telling(seen, signals), prior)
-    bank = Bank(scan.predictor)
-    seen_rows = fit_rows & moving
-    if not others:
-        known = within(material, seen_rows, material)
+    check_traces = traces
+    if others:
+        recorded = whole_traces(others, cleaner, dict[str, int]())
+        check_traces = spread_parts(recorded, settings.longest_s)
+        notes += partly("verified on", recorded, check_traces)
+        there = _material(robot, forces, check_traces, choices, still)
+        if not there.size:
+            return None
+        known = within(material, training.mask, there)
+        check = Check(Predictor(there), known, telling(there, signals))
+    else:
+        known = within(material, training.mask, material)
         check = Check(predictor, check_rows & known, moving)
-        return Residuals(
-            robot, training, base, scan, check, traces, split, signals, notes, bank
-        )  # fmt: skip
-    recorded = whole_traces(others, cleaner, dict[str, int]())
-    there = spread_parts(recorded, settings.longest_s)
-    notes += _partly("verified on", recorded, there)
-    seen = _material(robot, forces, there, choices, still)
-    if not seen.size:
-        return None
-    check = Check(Predictor(seen), within(material, seen_rows, seen), telling(seen, signals))
-    every_row = HoldOut(every=0)
-    return Residuals(robot, training, base, scan, check, there, every_row, signals, notes, bank)
+    bank = Bank(scan.predictor)
+    return Residuals(
+        robot, training, base, scan, check, check_traces, split, signals, notes, bank
+    )  # fmt: skip
+
+
+def _split(surveys: Sequence[Survey], every: int, choices: Choices) -> HoldOut:
+    """Which blocks of the training recordings are kept to verify on; none where others are."""
+    if not every:
+        return HoldOut(every=0)
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
+    return HoldOut.of(durations, every, parallel_hz=choices.filters.parallel_hz)
 
 
 def _notes(
@@ -201,69 +207,6 @@ def _notes(
                 cleaned.items()]  # fmt: skip
     recorded = [note for survey in surveys for note in survey.recording.notes]
     return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
-
-
-def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:
-    """Evenly spread parts of long recordings; recordings of usual length as they are.
-
-    Parameters
-    ----------
-    traces : tuple of Trace
-    longest_s : float
-        Length of all parts together, each of `PART_S` or what a trace's share makes.
-
-    Returns
-    -------
-    tuple of Trace
-        The same object where nothing is left out.
-    """
-    total = _length_s(traces)
-    if total <= longest_s:
-        return traces
-    parts: list[Trace] = []
-    for trace in traces:
-        own_s = trace.samples * trace.step_s * longest_s / total
-        count = max(1, round(own_s / PART_S))
-        size = round(own_s / count / trace.step_s)
-        for k in range(count):
-            begin = max(round((k + 0.5) * trace.samples / count - 0.5 * size), 0)
-            parts.append(_part(trace, begin, min(begin + size, trace.samples), k))
-    return tuple(parts)
-
-
-def _length_s(traces: Sequence[Trace]) -> float:
-    return sum(t.samples * t.step_s for t in traces)
-
-
-def _partly(what: str, whole: tuple[Trace, ...], parts: tuple[Trace, ...]) -> tuple[str, ...]:
-    """How much of long recordings was looked at."""
-    if parts is whole:
-        return ()
-    return (
-        f"{what} {_length_s(parts):.0f} s of {_length_s(whole):.0f} s recorded, in {len(parts)}"
-        " evenly spread parts (--longest for more)",
-    )
-
-
-def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:
-    """Samples of a trace as a trace of its own, on the recording's time axis."""
-    at = slice(begin, end)
-    return replace(
-        trace,
-        label=f"{trace.label}.{number}",
-        time_s=trace.time_s[at],
-        q=trace.q[at],
-        stroke=trace.stroke[at],
-        p_a=trace.p_a[at],
-        p_b=trace.p_b[at],
-        supply=trace.supply[at],
-        tank=trace.tank[at],
-        valve_signal=trace.valve_signal[at],
-        joint_torque=trace.joint_torque[at],
-        cycle=trace.cycle + begin,
-        core=None,
-        q_ref=None,
-    )
 
 
 def _material(

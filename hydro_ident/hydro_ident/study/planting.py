@@ -143,6 +143,7 @@ def settled(one: Planted, run: Drive, plain: Machine) -> Planted:
 
 
 def operating_point(one: Planted, machine: Machine, scene: Scene, run: Drive) -> dict[str, float]:
+    """Numbers at which an effect's size is stated, by name; their units end the names."""
     cylinder = machine.robot.cylinders[one.index]
     joint = machine.robot.joint_index(cylinder.joint)
     axes = machine.truth.extras.axes
