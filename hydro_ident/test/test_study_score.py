@@ -366,7 +366,7 @@ def test_sizes_read_the_catalogue_parameters() -> None:
         assert size is not None, name
         assert np.isfinite(size), name
     assert set(READINGS) <= set(KNOWN)
-    assert found_size("counterbalance_valve", [], AT) is None
+    assert found_size("cavitation", [], AT) is None
     assert found_size("coulomb_friction", [], AT) == 0.0
     assert found_size("pin_friction", [], AT) is None
 

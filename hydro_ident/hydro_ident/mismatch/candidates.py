@@ -23,7 +23,7 @@ from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
 from hydro_model.robot import FloatArray
-from hydro_model.signals import PRESSURE_A, PRESSURE_B, TIP_HEIGHT
+from hydro_model.signals import PISTON_POSITION, PRESSURE_A, PRESSURE_B, TIP_HEIGHT, VALVE_SIGNAL
 
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
@@ -190,8 +190,11 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
     effect = one.effect
     linear = effect.linear
     shape = [i for i in range(len(effect.parameters)) if i not in linear]
-    grids = [_grid(predictor, model, one, effect.parameters[i]) for i in shape]
-    chosen = list(itertools.product(*grids))
+    if effect.name == "counterbalance_valve":
+        chosen = _pilots(predictor, model, one)
+    else:
+        grids = [_grid(predictor, model, one, effect.parameters[i]) for i in shape]
+        chosen = list(itertools.product(*grids))
     if len(chosen) > MOST_SHAPES:
         chosen = [chosen[k * len(chosen) // MOST_SHAPES] for k in range(MOST_SHAPES)]
     for values in chosen:
@@ -226,9 +229,13 @@ def _grid(
         return always + instants_of(material)
     if effect.name == "external_contact" and spec.name == "height":
         return _quantiles(predictor, model, one, (TIP_HEIGHT,))
-    if effect.name == "counterbalance_valve" and spec.name == "setting":
-        high = _quantiles(predictor, model, one, (PRESSURE_A, PRESSURE_B))
-        return [high[0], high[2], high[4], high[6], high[8], 2.0 * high[8]]
+    if effect.name == "end_cushion" and spec.name == "length":
+        # As far from the stops as the piston has been, too: real ones may be longer than usual.
+        at = _quantiles(predictor, model, one, (PISTON_POSITION,))
+        stroke_m = 0.0 if one.cylinder is None else model.robot.cylinders[one.cylinder].stroke_m
+        lengths = [f * spec.typical for f in FIRST_FACTORS]
+        lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]
+        return [x for x in lengths if spec.lower <= x <= 0.5 * stroke_m]
     if spec.typical == 0.0:
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):
@@ -246,6 +253,29 @@ def _grid(
     factors += _WIDE.get((effect.name, spec.name), ())
     values = [min(max(f * spec.typical, spec.lower), spec.upper) for f in factors]
     return list(dict.fromkeys(values))
+
+
+def _pilots(
+    predictor: Predictor, model: Model, one: ActiveEffect
+) -> list[tuple[float, float, float, float]]:
+    """Load-holding valves that open somewhere in the range that their pilot has gone through."""
+    restriction, _, _, ratio = one.effect.typical.tolist()
+    shapes = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
+    own, other = (PRESSURE_A, PRESSURE_B) if one.side == "a" else (PRESSURE_B, PRESSURE_A)
+    rows = np.concatenate(
+        [wet_rows(model.robot, s, one.cylinder) for s in predictor.signals.stretches(model)]
+    )
+    outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
+    for factor in FURTHER_FACTORS:
+        pilot = rows[outwards, own] + factor * ratio * rows[outwards, other]
+        pilot = pilot[np.isfinite(pilot)]
+        if not pilot.size:
+            continue
+        low, middle, high = np.quantile(pilot, (QUANTILES[0], 0.5, QUANTILES[-1])).tolist()
+        for begin, end in ((2.0 * low - middle, high), (low, middle), (middle, high)):
+            span = max(end - begin, one.effect.parameters[2].lower)
+            shapes.append((restriction, max(begin, 0.0), span, factor * ratio))
+    return shapes
 
 
 def _scanned(spec: ParameterSpec) -> tuple[float, ...]:

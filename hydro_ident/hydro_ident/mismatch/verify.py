@@ -2,7 +2,9 @@
 
 A finding stands where the model without it, refitted on the training rows, predicts these rows
 worse by more than sign flips of whole blocks explain, and where a placebo of equal freedom, the
-same contribution at other times, does not do as well.
+same contribution at other times, does not do as well. The finding itself is taken as it was found;
+base and other effects are refitted to these rows on either side, so that what other motions make
+of their small errors speaks neither for nor against it.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.agreement import Agreement, agreements
+from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import instants_of
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit, linearised
@@ -51,7 +55,7 @@ class Verification:
     ----------
     p_value : float
     before, after : dict of str to float
-        Rmse by channel without and with it, everything else the same.
+        Rmse by channel without and with it, all else refitted to these rows.
     placebo : float
         Improvement by the median placebo over the finding's own.
     stands : bool
@@ -102,21 +106,23 @@ def verify(
     rest = tuple(t for t in whole.model.terms if not same(t, mine))
     terms = [t for t in whole.model.terms if same(t, mine)]
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
-    used, material = check.mask & check.moving, training.predictor.material
+    material = training.predictor.material
     noise = noise_there(whole.bench.noise, material.channels, check.predictor.material.channels)
-    layout = layout_of(check.predictor).take(used)
+    rows = _Rows.of(check, without.model, noise)
     model, instants = _at_own_instant(training, check, whole.model, mine)
-    before, after = check.residual(without.model), check.residual(model)
-    gains = _gains(layout, noise, before[used], after[used])
+    plain, with_it = check.residual(without.model), check.residual(model)
+    before, after = rows.left(plain), rows.left(with_it)
+    gains = rows.gains(before, after)
     p = min(1.0, instants * chance(gains))
     real = float(gains.sum())
-    placebos = _placebos(training, without, check, whole.model, terms)
-    shares = [float(_gains(layout, noise, before[used], r[used]).sum()) for r in placebos]
+    placebos = [
+        rows.left(r) for r in _placebos(training, without, check, plain, whole.model, terms)
+    ]
+    shares = [float(rows.gains(before, r).sum()) for r in placebos]
     # What is the same at all times has no placebo.
     share = float(np.median(shares)) / real if placebos and real > 0.0 else float(real > 0.0)
-    against = [chance(_gains(layout, noise, r[used], after[used])) for r in placebos]
-    names = check.predictor.material.channels
-    sides = [{n: _rms(r[check.rows(k, n)]) for k, n in enumerate(names)} for r in (before, after)]
+    against = [chance(rows.gains(r, after)) for r in placebos]
+    sides = [rows.rmse(plain), rows.rmse(with_it)]
     agreement = agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
     reason = reason or _worse(sides, shown or _acting(check.predictor, model, terms))
@@ -204,17 +210,53 @@ def _acting(predictor: Predictor, model: Model, terms: Sequence[ActiveEffect]) -
     return names or list(material.channels)
 
 
-def _gains(layout: Layout, noise: Noise, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Improvement of the whitened squared errors by block of time."""
-    rows = noise.settled(layout)
-    white = [noise.whitened(layout, r)[rows] ** 2 for r in (before, after)]
-    lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
-    # So few blocks that no flip could be rare would reject whatever is put to them.
-    share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
-    block_s = min(BLOCK_S, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
-    block = layout.blocks(block_s)[rows]
-    sums = np.bincount(block, weights=white[0] - white[1])
-    return np.asarray(sums[sums != 0.0])
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Held-out rows behind a refit of all but the finding to them.
+
+    Attributes
+    ----------
+    check : Check
+    bench : Bench
+        Of the residual without the finding.
+    columns : (N, p) array
+        What a refit may move, on all rows.
+    used : (N,) bool array
+    """
+
+    check: Check
+    bench: Bench
+    columns: FloatArray
+    used: BoolArray
+
+    @staticmethod
+    def of(check: Check, model: Model, noise: Noise) -> _Rows:
+        used = check.mask & check.moving
+        residual, columns, _ = linearised(check.predictor, model)
+        layout = layout_of(check.predictor).take(used)
+        bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S)
+        return _Rows(check, bench, columns, used)
+
+    def left(self, residual: FloatArray) -> FloatArray:
+        """What a refit leaves of a residual (N,), whitened, (M,)."""
+        return self.bench.beyond(residual[self.used][:, None])[:, 0]
+
+    def gains(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Improvement of the whitened squared errors by block of time."""
+        layout, rows = self.bench.layout, self.bench.rows
+        lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
+        # So few blocks that no flip could be rare would reject whatever is put to them.
+        share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
+        block_s = min(BLOCK_S, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
+        block = layout.blocks(block_s)[rows]
+        sums = np.bincount(block, weights=before**2 - after**2)
+        return np.asarray(sums[sums != 0.0])
+
+    def rmse(self, residual: FloatArray) -> dict[str, float]:
+        """What a refit leaves of a residual (N,) by channel, in its unit."""
+        left = residual - self.columns @ self.bench.refit(residual[self.used])
+        names = self.check.predictor.material.channels
+        return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
 
 
 def _each(layout: Layout) -> IndexArray:
@@ -239,6 +281,7 @@ def _placebos(
     training: Training,
     without: Fitted,
     check: Check,
+    plain: FloatArray,
     model: Model,
     terms: Sequence[ActiveEffect],
 ) -> list[FloatArray]:
@@ -252,9 +295,6 @@ def _placebos(
     there = check.predictor.contribution(model, terms[0])
     mask = training.mask
     real = without.bench.beyond(own[mask][:, None])[:, 0]
-    before, others, names = linearised(check.predictor, without.model)
-    # A last linear step that the fit without the finding did not take is no merit of a placebo.
-    plain = dict(zip(without.names, without.bench.solve(), strict=True))
     result = []
     for shift in _SHIFTS:
         column = _rolled(training.predictor, own, shift)
@@ -262,14 +302,8 @@ def _placebos(
         sizes = float(np.linalg.norm(moved) * np.linalg.norm(real))
         if abs(float(moved @ real)) > _ALIKE * sizes:
             continue
-        columns = np.concatenate([without.columns, column[:, None]], axis=1)
-        bench = training.bench(without.bench.noise, without.residual, columns, without.offset)
-        *rest, step = bench.solve()
-        steps = dict(zip(without.names, rest, strict=True))
-        # Everything else is refitted around the placebo, as it is around the finding.
-        moves = [steps.get(name, 0.0) - plain.get(name, 0.0) for name in names]
-        around = others @ np.array(moves)
-        result.append(before - around - step * _rolled(check.predictor, there, shift))
+        step = float(moved @ without.bench.residual) / max(float(moved @ moved), 1e-300)
+        result.append(plain - step * _rolled(check.predictor, there, shift))
     return result
 
 

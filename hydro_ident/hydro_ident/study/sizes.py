@@ -105,6 +105,7 @@ READINGS: dict[str, Reading] = {
     "entrained_air": _air,
     "supply_droop": _plain("resistance", factor=FLOW_M3_S),
     "tank_back_pressure": _plain("resistance", factor=FLOW_M3_S**2),
+    "counterbalance_valve": _plain("restriction"),
     "end_cushion": _plain("strength"),
     "line_dynamics": _line,
     "pressure_delay": _plain("delay"),

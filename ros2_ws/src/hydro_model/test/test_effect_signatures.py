@@ -205,9 +205,8 @@ def test_compensated_speed_does_not_depend_on_the_load(make_slider) -> None:
 
 
 def test_counterbalance_valve_holds_a_load_until_it_is_piloted(make_slider) -> None:
-    hold = EffectSpec(
-        "counterbalance_valve", "ram/a", {"setting": 8e6, "range": 2e6, "pilot_ratio": 3.0}
-    )
+    opens = {"restriction": 0.5, "setting": 8e6, "range": 2e6, "pilot_ratio": 3.0}
+    hold = EffectSpec("counterbalance_valve", "ram/a", opens)
     robot = replace(make_slider(viscous_friction=FAST, gravity=9.81), effects=(hold,))
     robot = replace(robot, supply_pressure_pa=1.2e6)  # no pilot pressure to be had
     still = drive(robot, -3.0, 1.0, p0=[[2.5e6, 1e6]])

@@ -47,7 +47,7 @@ OFF: dict[str, dict[str, float]] = {
     "base_tilt": {"pitch": 0.0},
     "valve_underlap": {"width": 0.0},
     "pressure_compensation": {"share": 0.0, "margin": 7e5},
-    "counterbalance_valve": {"setting": 0.0, "range": 1e5, "pilot_ratio": 0.0},
+    "counterbalance_valve": {"restriction": 0.0, "setting": 0.0, "range": 1e5, "pilot_ratio": 0.0},
     "end_cushion": {"strength": 0.0, "length": 0.2},
     "cavitation": {"conductance": 0.0, "pressure": 1e5},
     "command_delay": {"delay": 0.0},

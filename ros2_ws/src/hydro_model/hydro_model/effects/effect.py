@@ -99,6 +99,8 @@ class Effect:
         Looks at the edges' flows or coefficients, in proportion to which it acts.
     needs_tip : bool
         Looks at the height of the tip, which a roll-out computes for such effects only.
+    sided : bool
+        Sits at a single chamber: its targets are chambers, tried one by one.
     limits : str
         What the form leaves out, for the report; empty where it is all there is to say.
     """
@@ -122,6 +124,7 @@ class Effect:
     shared: bool = False
     needs_valve: bool = False
     needs_tip: bool = False
+    sided: bool = False
     limits: str = ""
 
     @property

@@ -115,7 +115,7 @@ END_CUSHION = Effect(
     parameters=(
         ParameterSpec("strength", "1", "k, share of the port closed at the stop", 0.0, 1.0, 0.9,
                       linear=True),
-        ParameterSpec("length", "m", "L", 1e-3, 0.2, 0.02),
+        ParameterSpec("length", "m", "L", 1e-3, 1.0, 0.02),
     ),
     terms=(Term(Stage.FLOW_A, _cushion_a), Term(Stage.FLOW_B, _cushion_b)),
     channels=("flow_a", "flow_b"),

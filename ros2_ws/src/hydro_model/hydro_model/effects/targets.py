@@ -149,9 +149,17 @@ def _all(robot: Robot, effect: Effect) -> list[Place]:
         return [Place(name, None, j, j) for j, name in enumerate(robot.joint_names)]
     if effect.acts_on == "pressure":
         return _chambers(robot)
+    if effect.sided:
+        return [p for i in range(len(robot.cylinders)) for p in _sides(robot, i)]
     wet = [Place(c.name, i, None, i) for i, c in enumerate(robot.cylinders)]
     dry = () if effect.needs_cylinder else robot.dry_joints
     return wet + [Place(robot.joint_names[j], None, j, j) for j in dry]
+
+
+def _sides(robot: Robot, index: int) -> list[Place]:
+    """The two chambers of a cylinder, for laws that act on one of them alone."""
+    name = robot.cylinders[index].name
+    return [Place(f"{name}/{side}", index, None, index, side) for side in "ab"]
 
 
 def _chambers(robot: Robot) -> list[Place]:
@@ -173,10 +181,7 @@ def _known(robot: Robot, effect: Effect) -> dict[str, list[Place]]:
         aliases += [v.name for v in robot.valves if v.cylinder == cylinder.name]
         known |= {name: own for name in aliases if name not in known}
         if effect.acts_on == "cylinder" and _has_sides(effect):
-            name = cylinder.name
-            known |= {
-                f"{name}/{side}": [Place(f"{name}/{side}", i, None, i, side)] for side in "ab"
-            }
+            known |= {place.name: [place] for place in _sides(robot, i)}
     if effect.acts_on == "pressure":
         first = 2 * len(robot.cylinders)
         known |= {

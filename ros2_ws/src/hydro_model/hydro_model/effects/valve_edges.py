@@ -70,15 +70,21 @@ def _held_b(s: Row, p: Row) -> float:
 
 
 def _shut_a(s: Row, p: Row) -> float:
-    pilot = s[PRESSURE_A] + p[2] * s[PRESSURE_B] - p[0]
-    opened = min(max(pilot / p[1], 0.0), 1.0)
-    return (1.0 - opened) * max(-s[VALVE_FLOW_A], 0.0)
+    pilot = s[PRESSURE_A] + p[3] * s[PRESSURE_B] - p[1]
+    opened = min(max(pilot / p[2], 0.0), 1.0)
+    edge = p[0] * max(-s[VALVE_SIGNAL], 0.0)
+    if edge <= 0.0:
+        return 0.0
+    return (1.0 - opened / math.sqrt(opened * opened + edge * edge)) * max(-s[VALVE_FLOW_A], 0.0)
 
 
 def _shut_b(s: Row, p: Row) -> float:
-    pilot = s[PRESSURE_B] + p[2] * s[PRESSURE_A] - p[0]
-    opened = min(max(pilot / p[1], 0.0), 1.0)
-    return (1.0 - opened) * max(-s[VALVE_FLOW_B], 0.0)
+    pilot = s[PRESSURE_B] + p[3] * s[PRESSURE_A] - p[1]
+    opened = min(max(pilot / p[2], 0.0), 1.0)
+    edge = p[0] * max(s[VALVE_SIGNAL], 0.0)
+    if edge <= 0.0:
+        return 0.0
+    return (1.0 - opened / math.sqrt(opened * opened + edge * edge)) * max(-s[VALVE_FLOW_B], 0.0)
 
 
 UNDERLAP = Effect(
@@ -116,20 +122,24 @@ PRESSURE_COMPENSATION = Effect(
 COUNTERBALANCE_VALVE = Effect(
     name="counterbalance_valve",
     channel="flow",
-    equation="outflow y q,  y = clip((p + R p_o - ps) / dp, 0, 1), p_o: the other chamber",
-    source="pilot-opened load-holding valves; Zaehe, Counterbalance Stability (Sun Hydraulics)",
+    equation="outflow q y / sqrt(y^2 + (r u)^2),  y = clip((p + R p_o - ps) / dp, 0, 1),"
+    " u the edge's opening, p_o the other chamber's pressure",
+    source="pilot-opened load-holding valves, an orifice in series with the edge; Zaehe,"
+    " Counterbalance Stability (Sun Hydraulics)",
     parameters=(
+        ParameterSpec("restriction", "1", "r, edge over valve, both fully open", 0.0, 10.0, 0.5),
         ParameterSpec("setting", "Pa", "ps, where it begins to open", 0.0, 6e7, 2e7),
-        ParameterSpec("range", "Pa", "dp, from shut to open", 1e5, 2e7, 2e6),
+        ParameterSpec("range", "Pa", "dp, from shut to open", 1e5, 2e8, 2e6),
         ParameterSpec("pilot_ratio", "1", "R", 0.0, 20.0, 4.0),
     ),
+    sided=True,
     terms=(Term(Stage.FLOW_A, _shut_a), Term(Stage.FLOW_B, _shut_b)),
     channels=("flow_a", "flow_b"),
     needs_valve=True,
     looks_like=("edge coefficients c_at and c_bt", "asymmetric_friction"),
     separating_experiment="lower three different loads with the same commands",
-    limits="quasi-static, without the line between the valves; a chamber as target"
-    " (<cylinder>/a) holds that one alone",
+    limits="quasi-static, without the line between the valves; sits at a chamber"
+    " (<cylinder>/a), or with the cylinder as target at both",
 )
 
 EDGE_EFFECTS = (UNDERLAP, PRESSURE_COMPENSATION, COUNTERBALANCE_VALVE)
