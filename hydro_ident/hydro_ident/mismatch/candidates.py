@@ -255,15 +255,13 @@ def _grid(
     return list(dict.fromkeys(values))
 
 
-def _pilots(
-    predictor: Predictor, model: Model, one: ActiveEffect
-) -> list[tuple[float, float, float, float]]:
+def _pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
     """Load-holding valves that open somewhere in the range that their pilot has gone through."""
     restriction, _, _, ratio = one.effect.typical.tolist()
-    shapes = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
+    shapes: list[tuple[float, ...]] = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
     own, other = (PRESSURE_A, PRESSURE_B) if one.side == "a" else (PRESSURE_B, PRESSURE_A)
     rows = np.concatenate(
-        [wet_rows(model.robot, s, one.cylinder) for s in predictor.signals.stretches(model)]
+        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
     )
     outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
     for factor in FURTHER_FACTORS:
