@@ -16,13 +16,13 @@ import numpy as np
 
 from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.held_out import VERIFIED, WORSE, chance
 from hydro_ident.mismatch.named import at_a_bound
 from hydro_ident.mismatch.refined_robot import Refinable
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, RefineSettings
 from hydro_ident.mismatch.shooting import Solution, Unknowns, shoot
 from hydro_ident.mismatch.shots import Shots, sensor_noise, weights_of
-from hydro_ident.mismatch.verify import VERIFIED, WORSE, chance
 from hydro_model.robot import FloatArray, Robot
 
 #: Steps of a fit, and trials of a step that a budget counts with.

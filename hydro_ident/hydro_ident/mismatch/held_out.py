@@ -1,0 +1,168 @@
+"""What rows that took no part say of a finding: as they are predicted, and behind a refit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.fitting import linearised
+from hydro_ident.mismatch.modelled import Model
+from hydro_ident.mismatch.scoring import signs
+from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.training import layout_of
+from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
+from hydro_model.robot import FloatArray
+
+#: A finding that improves held-out rows by chance more often than this does not stand.
+VERIFIED = 0.1
+#: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
+WORSE = 1.05
+#: Blocks that a p-value needs, and the shortest that still are independent.
+_LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
+#: Parts of a recording's time that are looked at for rows.
+_PARTS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Held-out rows as they are, or behind a refit of all but the finding to them.
+
+    Attributes
+    ----------
+    check : Check
+    bench : Bench
+        Of the residual without the finding.
+    columns : (N, p) array
+        What a refit may move, on all rows; zeros for none.
+    used : (N,) bool array
+    """
+
+    check: Check
+    bench: Bench
+    columns: FloatArray
+    used: BoolArray
+
+    @staticmethod
+    def of(check: Check, model: Model, noise: Noise, refit: bool) -> HeldOut:
+        used = check.mask & check.moving
+        residual, columns, _ = linearised(check.predictor, model)
+        columns = columns if refit else np.zeros((residual.size, 1))
+        layout = layout_of(check.predictor).take(used)
+        bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S)
+        return HeldOut(check, bench, columns, used)
+
+    def left(self, residual: FloatArray) -> FloatArray:
+        """What a refit leaves of a residual (N,), whitened, (M,)."""
+        return self.bench.beyond(residual[self.used][:, None])[:, 0]
+
+    def gains(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        """Improvement of the whitened squared errors by block of time."""
+        layout, rows = self.bench.layout, self.bench.rows
+        lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
+        # So few blocks that no flip could be rare would reject whatever is put to them.
+        share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
+        block_s = min(BLOCK_S, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
+        block = layout.blocks(block_s)[rows]
+        sums = np.bincount(block, weights=before**2 - after**2)
+        return np.asarray(sums[sums != 0.0])
+
+    def rmse(self, residual: FloatArray) -> dict[str, float]:
+        """What a refit leaves of a residual (N,) by channel, in its unit."""
+        left = residual - self.columns @ self.bench.refit(residual[self.used])
+        names = self.check.predictor.material.channels
+        return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
+
+
+def _each(layout: Layout) -> IndexArray:
+    return np.unique(layout.recording)
+
+
+def _parts(layout: Layout) -> IndexArray:
+    """Which parts of the recordings' time hold rows."""
+    end = float(layout.time_s.max(initial=0.0)) or 1.0
+    return np.unique(np.minimum((layout.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
+
+
+def chance(gains: FloatArray) -> float:
+    """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
+    if not gains.size or gains.sum() <= 0.0:
+        return 1.0
+    drawn = signs(gains.size) @ gains
+    return float((1 + np.sum(drawn >= gains.sum())) / (1 + drawn.size))
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What held-out rows say, seen in one way.
+
+    Attributes
+    ----------
+    p_value : float
+    placebo : float
+        As `Verification`.
+    against : float
+        Chance that the finding beats a median placebo.
+    sides : (dict, dict) of str to float
+        Rmse by channel without and with it.
+    worse : str
+        What speaks against it in a channel.
+    """
+
+    p_value: float
+    placebo: float
+    against: float
+    sides: tuple[dict[str, float], dict[str, float]]
+    worse: str
+
+
+def looked(
+    rows: HeldOut,
+    plain: FloatArray,
+    with_it: FloatArray,
+    placebos: Sequence[FloatArray],
+    acting: Sequence[str],
+) -> Look:
+    before, after = rows.left(plain), rows.left(with_it)
+    others = [rows.left(residual) for residual in placebos]
+    gains = rows.gains(before, after)
+    real = float(gains.sum())
+    shares = [float(rows.gains(before, other).sum()) for other in others]
+    # What is the same at all times has no placebo.
+    share = float(np.median(shares)) / real if shares and real > 0.0 else float(real > 0.0)
+    against = [chance(rows.gains(other, after)) for other in others]
+    sides = rows.rmse(plain), rows.rmse(with_it)
+    median = float(np.median(against or [0.0]))
+    return Look(chance(gains), share, median, sides, _worse(sides, acting))
+
+
+def objection(one: Look, least: float) -> str:
+    """What speaks against a finding, seen in one way; empty where nothing does."""
+    if one.worse:
+        return one.worse
+    if one.p_value > least:
+        return f"held-out rows are not predicted better with it (p = {one.p_value:.2g})"
+    if one.against > VERIFIED:
+        return f"a placebo of equal freedom predicts held-out rows as well ({one.placebo:.0%})"
+    return ""
+
+
+def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:
+    """Whether a channel that a finding acts on is predicted worse with it."""
+    before, after = sides
+    known = [n for n in acting if n in before] or list(before)
+    worse = max(known, key=lambda n: after[n] / max(before[n], 1e-300))
+    if after[worse] <= WORSE * before[worse]:
+        return ""
+    return (
+        f"held-out rows of {worse} are predicted worse with it (RMSE {before[worse]:.3g} to"
+        f" {after[worse]:.3g})"
+    )
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
