@@ -19,7 +19,7 @@ BLOCK_S = 1.0
 #: In shorter recordings than so many blocks they are shorter, down to what is still far enough.
 LEAST_BLOCKS, SHORTEST_BLOCK_S = 40, 0.25
 #: Blocks of equal weight in which a finding shows at least: signs of fewer are never rare.
-LEAST_EFFECTIVE = 8.0
+LEAST_EFFECTIVE = 3.0
 #: Folds of the cross-validation, and the length of their blocks.
 FOLDS, FOLD_BLOCK_S = 5, 3.0
 #: Fewer motions of the joints than this are no sample: what is held out is of the same motions,
