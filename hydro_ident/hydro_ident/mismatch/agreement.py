@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.modelled import same
-from hydro_ident.mismatch.settings import FORM_TOLERANCE
-from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.settings import BLOCK_S, FORM_TOLERANCE
+from hydro_ident.mismatch.training import Training, layout_of
 from hydro_model.effects.targets import ActiveEffect
 
 #: Two sizes differ beyond so many deviations and this share of the larger one: what a refit of the
@@ -81,6 +82,32 @@ def agreements(
         if not (term.effect.start or term.effect.name == "temperature_drift")
         for one in _of_term(whole, there, term)
     )
+
+
+def alike(check: Check, there: Fitted, term: ActiveEffect) -> bool:
+    """Whether an effect does much the same to other rows as it does when fitted to them.
+
+    Stations of a curve, or a size and a slope, trade with each other; what they come to together
+    is what has to agree.
+
+    Parameters
+    ----------
+    check : Check
+    there : Fitted
+        As `fitted_there`.
+    term : ActiveEffect
+        As fitted to the training rows.
+    """
+    used, own = check.mask & check.moving, f"{term.target}.{term.effect.name}."
+    others = [k for k, name in enumerate(there.names) if not name.startswith(own)]
+    rest = there.columns[used][:, others]
+    layout = layout_of(check.predictor).take(used)
+    bench = Bench(layout, there.bench.noise, there.residual[used], rest, BLOCK_S)
+    fresh = next(t for t in there.model.terms if same(t, term))
+    both = [check.predictor.contribution(there.model, t)[used] for t in (term, fresh)]
+    left = bench.beyond(np.stack(both, axis=1))
+    sizes = np.linalg.norm(left, axis=0)
+    return bool(np.linalg.norm(left[:, 0] - left[:, 1]) <= SHARE * sizes.max())
 
 
 def _of_term(whole: Fitted, there: Fitted, term: ActiveEffect) -> Iterator[Agreement]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.mismatch.agreement import Agreement, agreements
+from hydro_ident.mismatch.agreement import Agreement, agreements, alike
 from hydro_ident.mismatch.candidates import instants_of
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -111,7 +111,9 @@ def verify(
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     agreement = agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
-    reason = reason or objection(best, least) or _apart(agreement)
+    reason = reason or objection(best, least)
+    if there is not None and not all(alike(check, there, term) for term in terms):
+        reason = reason or _apart(agreement)
     return Verification(best.p_value, *best.sides, best.placebo, not reason, reason, agreement)
 
 

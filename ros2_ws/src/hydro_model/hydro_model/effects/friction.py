@@ -8,12 +8,13 @@ from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
 from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B
 
-_VELOCITY_SCALE = ParameterSpec(
+#: Beyond its upper bound a rounded sign is viscous friction, not dry.
+VELOCITY_SCALE = ParameterSpec(
     "velocity_scale",
     "m/s",
     "velocity over which the sign function is rounded",
     1e-5,
-    0.1,
+    0.03,
     0.005,
     optional=True,
 )
@@ -55,7 +56,7 @@ COULOMB = Effect(
     source="Coulomb's law, rounded at reversal",
     parameters=(
         ParameterSpec("force", "N", "Fc", 0.0, 1e5, 3000.0, linear=True),
-        _VELOCITY_SCALE,
+        VELOCITY_SCALE,
     ),
     terms=(Term(Stage.FRICTION, _coulomb),),
     looks_like=("pin_friction", "pressure_dependent_friction", "stribeck_friction"),
@@ -71,7 +72,7 @@ STRIBECK = Effect(
     parameters=(
         ParameterSpec("force", "N", "Fs - Fc", 0.0, 1e5, 1000.0, linear=True),
         ParameterSpec("stribeck_velocity", "m/s", "vs", 1e-4, 0.2, 0.01),
-        _VELOCITY_SCALE,
+        VELOCITY_SCALE,
         ParameterSpec("exponent", "1", "d", 0.5, 2.0, 2.0, optional=True),
     ),
     terms=(Term(Stage.FRICTION, _stribeck),),
@@ -92,7 +93,7 @@ ASYMMETRIC = Effect(
         ParameterSpec(
             "viscous", "N s/m", "ba, half the difference", -1e5, 1e5, 0.0, True, optional=True
         ),
-        _VELOCITY_SCALE,
+        VELOCITY_SCALE,
     ),
     terms=(Term(Stage.FRICTION, _asymmetric),),
     looks_like=("pressure_sensor_bias", "constant_force_offset", "first moments"),
@@ -107,7 +108,7 @@ PRESSURE_DEPENDENT = Effect(
     source="seal friction grows with the pressure that presses the lip on",
     parameters=(
         ParameterSpec("coefficient", "N/Pa", "mu", 0.0, 0.01, 1.5e-4, linear=True),
-        _VELOCITY_SCALE,
+        VELOCITY_SCALE,
     ),
     terms=(Term(Stage.FRICTION, _pressure_dependent),),
     looks_like=("coulomb_friction", "pin_friction"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from hydro_model.effects.effect import Effect
+from hydro_model.effects.friction import VELOCITY_SCALE
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
 from hydro_model.signals import (
     JOINT_VELOCITY,
@@ -52,16 +53,6 @@ def _warming(s: Row, p: Row) -> float:
     return p[0] * (math.exp(-_LN2 * degrees / p[1]) - 1.0) * s[PISTON_VELOCITY]
 
 
-_VELOCITY_SCALE = ParameterSpec(
-    "velocity_scale",
-    "m/s",
-    "velocity over which the sign function is rounded",
-    1e-5,
-    0.1,
-    0.005,
-    optional=True,
-)
-
 PRESLIDING = Effect(
     name="presliding_friction",
     channel="force",
@@ -91,7 +82,7 @@ POSITION_DEPENDENT = Effect(
         ParameterSpec("middle", "N", "f at S / 2", 0.0, 1e5, 2000.0, linear=True),
         ParameterSpec("three_quarters", "N", "f at 3 S / 4", 0.0, 1e5, 3000.0, linear=True),
         ParameterSpec("extended", "N", "f at x = S", 0.0, 1e5, 4000.0, linear=True),
-        _VELOCITY_SCALE,
+        VELOCITY_SCALE,
     ),
     terms=(Term(Stage.FRICTION, _along_stroke),),
     looks_like=("coulomb_friction", "pin_friction"),
