@@ -1,4 +1,4 @@
-"""Compiled filter, forwards and backwards: the diagnosis asks for it tens of thousands of times."""
+"""Compiled filter, forwards and backwards: the diagnosis asks for it thousands of times."""
 
 from __future__ import annotations
 

@@ -23,7 +23,6 @@ from hydro_ident.mismatch.modelled import (
     identical,
     reading_key,
     same_base,
-    shapes,
 )
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
