@@ -156,7 +156,7 @@ def _look(laws: Any, memory: Any, signals: Array) -> float:
         if math.isnan(row[STATE_0 + i]):
             row[STATE_0 + i] = call_law(laws.initial[i], row, laws.parameters)
             memory.largest[i] = max(memory.largest[i], abs(row[STATE_0 + i]))
-    return call_law(laws.value[0], row, laws.parameters)
+    return float(call_law(laws.value[0], row, laws.parameters))
 
 
 @kernel
