@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import butter, freqz
+from scipy.signal import butter, freqz, sosfiltfilt
 
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.derivatives import (
@@ -87,3 +87,11 @@ def test_a_slow_recording_is_refused_with_the_rate_it_needs() -> None:
 
 def test_a_segment_shorter_than_its_edges_keeps_nothing() -> None:
     assert kept_samples(200, H, FilterSettings()).size == 0
+
+
+@pytest.mark.parametrize("shape", [(1,), (2, 3), (40, 2), (700,), (700, 2, 3)])
+def test_low_pass_is_scipys_filter_both_ways(shape: tuple[int, ...]) -> None:
+    data = np.random.default_rng(3).normal(size=shape).cumsum(axis=0) + 1e3
+    sections = butter(4, 10.0, fs=500.0, output="sos")
+    expected = sosfiltfilt(sections, data, axis=0, padlen=min(shape[0] - 1, 100))
+    np.testing.assert_allclose(low_pass(data, 0.002, 10.0, 4), expected, rtol=1e-12)

@@ -101,24 +101,35 @@ def low_pass(data: FloatArray, step_s: float, cutoff_hz: float, order: int) -> F
     IdentError
         The sampling rate is too low for the cut-off.
     """
-    from scipy.signal import sosfiltfilt
+    from hydro_ident.estimate.filter_kernels import filter_both_ways
 
     if cutoff_hz * step_s >= 0.45:
         raise IdentError(
             f"a {cutoff_hz:g} Hz low-pass filter needs more than {cutoff_hz / 0.45:.0f} samples"
             f" per second, found {1.0 / step_s:.0f}"
         )
-    sections = _butterworth(order, cutoff_hz, step_s)
-    padding = min(data.shape[0] - 1, math.ceil(2.0 / (cutoff_hz * step_s)))
-    return np.asarray(sosfiltfilt(sections, data, axis=0, padlen=padding))
+    count = data.shape[0]
+    if not data.size:
+        return np.array(data, dtype=float)
+    sections, rest = _butterworth(order, cutoff_hz, step_s)
+    padding = min(count - 1, math.ceil(2.0 / (cutoff_hz * step_s)))
+    # Odd about both ends, as `scipy.signal.sosfiltfilt` has it.
+    flat = np.asarray(data, dtype=float).reshape(count, -1)
+    padded = np.empty((count + 2 * padding, flat.shape[1]))
+    padded[padding : padding + count] = flat
+    padded[:padding] = 2.0 * flat[0] - flat[padding:0:-1]
+    padded[padding + count :] = 2.0 * flat[-1] - flat[-2 : -padding - 2 : -1]
+    filter_both_ways(sections, rest, padded, np.empty((3, flat.shape[1])))
+    return padded[padding : padding + count].reshape(data.shape)
 
 
 @functools.lru_cache(maxsize=64)
-def _butterworth(order: int, cutoff_hz: float, step_s: float) -> FloatArray:
-    """Second-order sections: the same few are asked for thousands of times."""
-    from scipy.signal import butter
+def _butterworth(order: int, cutoff_hz: float, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """Second-order sections and their state at rest: the same few are asked for again."""
+    from scipy.signal import butter, sosfilt_zi
 
-    return np.asarray(butter(order, cutoff_hz, fs=1.0 / step_s, output="sos"))
+    sections = np.ascontiguousarray(butter(order, cutoff_hz, fs=1.0 / step_s, output="sos"))
+    return sections, np.ascontiguousarray(sosfilt_zi(sections))
 
 
 def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:

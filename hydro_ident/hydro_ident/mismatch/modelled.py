@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
@@ -28,6 +28,10 @@ class Model:
         Effects at work, at their current parameters.
     ripples : tuple of float
         Of each cylinder's pressures, as `ripple`; Pa s. Empty: none.
+    shaping : bool
+        Whether an effect enters through the edges.
+    shape : tuple
+        What the rows of a balance depend on beside the delay.
     """
 
     robot: Robot
@@ -35,6 +39,13 @@ class Model:
     delays_s: tuple[float, ...]
     terms: tuple[ActiveEffect, ...] = ()
     ripples: tuple[float, ...] = ()
+    shaping: bool = field(init=False)
+    shape: tuple[object, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        # Asked for at every place of every contribution.
+        object.__setattr__(self, "shaping", any(shapes(term) for term in self.terms))
+        object.__setattr__(self, "shape", _shape_of(self))
 
     def with_term(self, term: ActiveEffect) -> Model:
         """The model with one more effect."""
@@ -54,7 +65,7 @@ def shapes(one: ActiveEffect) -> bool:
 def reading_key(model: Model) -> tuple[object, ...]:
     """What tells models apart whose sensors err differently."""
     return tuple(
-        (t.effect.name, t.target, tuple(t.parameters))
+        (t.effect.name, t.target, tuple(t.parameters.tolist()))
         for t in model.terms
         if t.effect.reading is not None
     )
@@ -74,14 +85,13 @@ def identical(one: Model, other: Model) -> bool:
     return all(a is b for a, b in zip(one.terms, other.terms, strict=True))
 
 
-def shape_key(model: Model) -> tuple[object, ...]:
-    """What the rows of a balance depend on beside the delay."""
+def _shape_of(model: Model) -> tuple[object, ...]:
     rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
     edges = [
         float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
     ]
     terms = [
-        (t.effect.name, t.target, tuple(t.parameters))
+        (t.effect.name, t.target, tuple(t.parameters.tolist()))
         for t in model.terms
         if shapes(t) or t.effect.reading is not None
     ]

@@ -10,7 +10,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass
 from hydro_ident.mismatch.contributions import compressed, contribution, measured
 from hydro_ident.mismatch.material import Material, Stretch
-from hydro_ident.mismatch.modelled import Model, reading_key, shape_key, shapes
+from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals
 from hydro_model.effects.targets import ActiveEffect
@@ -220,7 +220,7 @@ class Predictor:
         index = material.chamber_index(channel)
         chamber = material.chambers[index]
         delay_s = model.delays_s[chamber.index]
-        key = (delay_s, shape_key(model), channel, stretch.number)
+        key = (delay_s, model.shape, channel, stretch.number)
         if key in self._flows:
             return self._flows[key]
         trace = self.signals.shaped(model, stretch)

@@ -23,8 +23,6 @@ from hydro_ident.mismatch.modelled import (
     identical,
     reading_key,
     same_base,
-    shape_key,
-    shapes,
 )
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
@@ -151,7 +149,7 @@ class Signals:
         key = stretch.number, cylinder, shaped
         if key not in self._rows:
             rows = self._plain(model.robot, stretch, cylinder)
-            if shaped and any(shapes(term) for term in model.terms):
+            if shaped and model.shaping:
                 rows = rows.copy()
                 reshape(rows, model.robot, cylinder, self.shaped(model, stretch))
             self._rows[key] = rows
@@ -188,9 +186,9 @@ class Signals:
 
     def shaped(self, model: Model, stretch: Stretch) -> Trace:
         """The trace with valve signals and rails as the model's laws shape them."""
-        if not any(shapes(term) for term in model.terms):
+        if not model.shaping:
             return stretch.trace
-        key = (*shape_key(model), stretch.number)
+        key = (*model.shape, stretch.number)
         kept = self._shaped.get(key)
         if kept is None or kept[0] is not stretch.trace:
             if len(self._shaped) >= _KEPT_SHAPES * len(self.material.stretches):
@@ -221,7 +219,7 @@ class Signals:
         trace = stretch.trace
         if not laws:
             return np.asarray(trace.valve_signal[:, cylinder])
-        names = tuple((t.effect.name, tuple(t.parameters)) for t in laws)
+        names = tuple((t.effect.name, tuple(t.parameters.tolist())) for t in laws)
         key = stretch.number, cylinder, names
         kept = self._spools.pop(key, None)
         if kept is None or kept[0] is not trace:

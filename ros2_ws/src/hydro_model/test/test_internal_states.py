@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,3 +130,28 @@ def test_states_never_known_start_at_rest_after_the_gap() -> None:
     holed = effect.evaluate(rows, effect.typical, sample_time_s=STEP_S)
     assert np.all(np.isnan(holed[:10]))
     np.testing.assert_array_equal(holed[10:], late)
+
+
+EXACT = [e for e in DYNAMIC if all(s.linear or s.after for s in e.states)]
+
+
+@pytest.mark.parametrize("effect", EXACT, ids=lambda effect: effect.name)
+def test_what_is_followed_exactly_is_what_steps_come_to(effect) -> None:
+    states = tuple(replace(s, linear=False, after=None) for s in effect.states)
+    stepped, rows = replace(effect, states=states), recording(400)
+    rows[150:160, HELD_SIGNALS] = np.nan
+    for parameters in corners(effect):
+        ours = effect.evaluate(rows, parameters, sample_time_s=STEP_S)
+        theirs = stepped.evaluate(rows, parameters, sample_time_s=STEP_S)
+        size = np.nanmax(np.abs(theirs))
+        np.testing.assert_allclose(
+            ours, theirs, rtol=0.0, atol=3e-5 * size, err_msg=f"{parameters}"
+        )
+
+
+@pytest.mark.parametrize("effect", EXACT, ids=lambda effect: effect.name)
+def test_states_followed_exactly_look_at_held_signals_alone(effect) -> None:
+    known = {*HELD_SIGNALS, *range(sig.STATE_0, sig.STATE_0 + sig.MAX_STATES)}
+    for state in effect.states:
+        for law in (state.rate, state.after or state.rate):
+            assert signals_read(law) <= known

@@ -9,7 +9,7 @@ turns true signals into what the sensors show; it acts on no machine, only on wh
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -103,6 +103,8 @@ class Effect:
         Sits at a single chamber: its targets are chambers, tried one by one.
     limits : str
         What the form leaves out, for the report; empty where it is all there is to say.
+    stages : tuple of Stage
+        Those that its laws enter at.
     """
 
     name: str
@@ -126,6 +128,11 @@ class Effect:
     needs_tip: bool = False
     sided: bool = False
     limits: str = ""
+    stages: tuple[Stage, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        stages = tuple(dict.fromkeys(term.stage for term in self.terms))
+        object.__setattr__(self, "stages", stages)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -146,11 +153,6 @@ class Effect:
     def linear(self) -> tuple[int, ...]:
         """Indices of its linear parameters."""
         return tuple(i for i, parameter in enumerate(self.parameters) if parameter.linear)
-
-    @property
-    def stages(self) -> tuple[Stage, ...]:
-        """The stages that its laws enter at."""
-        return tuple(dict.fromkeys(term.stage for term in self.terms))
 
     def term(self, stage: Stage | None = None) -> Term:
         """Its term at a stage, or the first one; raises RobotError where there is none."""

@@ -4,6 +4,9 @@ Steps are as long as the error of the Runge-Kutta formula (`hydro_model.dormand_
 how fast the states are follows from the effect's parameters and the motion and differs by orders
 of magnitude, so no fixed step would do. Errors are measured against the largest value that a state
 had so far, which makes them free of units.
+
+Where the states of held signals have a closed form, or linear rates, they are followed exactly
+(`InternalState.after`, `InternalState.linear`), in one step per sample.
 """
 
 from __future__ import annotations
@@ -144,22 +147,58 @@ def _some_unknown(values: Array) -> bool:
 
 
 @kernel
+def _look(laws: Any, memory: Any, signals: Array) -> float:
+    """Take a sample's signals into the row, states at rest where none were; the law's value."""
+    row = memory.row
+    for c in laws.read:
+        row[c] = signals[c]
+    for i in range(memory.start.shape[0]):
+        if math.isnan(row[STATE_0 + i]):
+            row[STATE_0 + i] = call_law(laws.initial[i], row, laws.parameters)
+            memory.largest[i] = max(memory.largest[i], abs(row[STATE_0 + i]))
+    return float(call_law(laws.value[0], row, laws.parameters))
+
+
+@kernel
 def _follow(laws: Any, memory: Any, signals: Array, sample_time: float, out: Array) -> None:
     row = memory.row
     states = row[STATE_0 : STATE_0 + memory.start.shape[0]]
     length = 1.0
     for k in range(signals.shape[0]):
-        for c in laws.read:
-            row[c] = signals[k, c]
-        for i in range(states.shape[0]):
-            if math.isnan(states[i]):
-                states[i] = call_law(laws.initial[i], row, laws.parameters)
-                memory.largest[i] = max(memory.largest[i], abs(states[i]))
-        out[k] = call_law(laws.value[0], row, laws.parameters)
+        out[k] = _look(laws, memory, signals[k])
         if k + 1 < signals.shape[0]:
             length = _to_next(laws, memory, signals[k], signals[k + 1], sample_time, length)
             if _some_unknown(states):
                 copy(memory.start, states)
+
+
+@kernel
+def _follow_later(
+    laws: Any, memory: Any, signals: Array, after: Array, later: Array, out: Array
+) -> None:
+    """As `_follow`, by laws of what the states are a sample later."""
+    states = memory.row[STATE_0 : STATE_0 + memory.start.shape[0]]
+    for k in range(signals.shape[0]):
+        out[k] = _look(laws, memory, signals[k])
+        for i in range(states.shape[0]):
+            memory.start[i] = call_law(after[i], memory.row, later)
+        if not _some_unknown(memory.start):
+            copy(memory.start, states)
+
+
+@kernel
+def _follow_linear(laws: Any, memory: Any, signals: Array, response: Array, out: Array) -> None:
+    """As `_follow`, by what linear states make of their rates until the next sample."""
+    states, rates = memory.row[STATE_0 : STATE_0 + memory.start.shape[0]], memory.stages[0]
+    for k in range(signals.shape[0]):
+        out[k] = _look(laws, memory, signals[k])
+        _rates(laws, memory.row, rates)
+        for i in range(states.shape[0]):
+            memory.start[i] = states[i]
+            for j in range(states.shape[0]):
+                memory.start[i] += response[i, j] * rates[j]
+        if not _some_unknown(memory.start):
+            copy(memory.start, states)
 
 
 def follow_states(
@@ -187,7 +226,7 @@ def follow_states(
     -------
     (N,) array
     """
-    size = len(states)
+    size, step_s = len(states), float(sample_time_s)
     memory = _Memory(
         row=np.full(SIGNAL_COUNT, np.nan),
         start=np.empty(size),
@@ -195,8 +234,37 @@ def follow_states(
         stages=np.empty((STAGES, size)),
     )
     out = np.empty(len(signals))
-    _follow(_laws(states, law, parameters), memory, signals, float(sample_time_s), out)
+    laws = _laws(states, law, parameters)
+    if all(state.after for state in states):
+        after = np.array([law_address(state.after) for state in states if state.after])
+        later = np.append(parameters, step_s)
+        _follow_later(laws, memory, signals, after, later, out)
+    elif all(state.linear for state in states):
+        _follow_linear(laws, memory, signals, _response(laws, memory.row, step_s), out)
+    else:
+        _follow(laws, memory, signals, step_s, out)
     return out
+
+
+def _response(laws: _Laws, row: FloatArray, step_s: float) -> FloatArray:
+    """What linear states x with rates r(x) have become a step later, less x, per r(x); (k, k).
+
+    ``x(h) = x + (exp(A h) - 1) / A r(x)`` with the rates' slopes A in the states.
+    """
+    from scipy.linalg import expm
+
+    size = laws.rate.size
+    still = np.zeros_like(row)
+    whole = np.zeros((2 * size, 2 * size))
+    whole[:size, size:] = step_s * np.eye(size)
+    start, moved = np.empty(size), np.empty(size)
+    _rates(laws, still, start)
+    for i in range(size):
+        still[STATE_0 + i] = 1.0
+        _rates(laws, still, moved)
+        still[STATE_0 + i] = 0.0
+        whole[:size, i] = step_s * (moved - start)
+    return np.ascontiguousarray(expm(whole)[:size, size:])
 
 
 def _laws(states: Sequence[InternalState], law: Law, parameters: FloatArray) -> _Laws:

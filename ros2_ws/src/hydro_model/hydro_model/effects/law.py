@@ -103,11 +103,19 @@ class InternalState:
         Law of its value at rest, from the signals at the start.
     scale : float
         Typical size, for the integrator's error control.
+    linear : bool
+        Rates of all the effect's states are linear in them, with constant coefficients, and look
+        at nothing else that moves between samples: a recording is followed exactly.
+    after : callable or None
+        Law of its value some time later while signals are held, which has that time, in s, behind
+        the parameters: where it is known, a recording is followed by it.
     """
 
     rate: Law
     initial: Law
     scale: float
+    linear: bool = False
+    after: Law | None = None
 
 
 def nothing(s: Row, p: Row) -> float:

@@ -25,6 +25,17 @@ def _limited_rate(s: Row, p: Row) -> float:
     return p[0] * math.tanh((s[VALVE_SIGNAL] - s[STATE_0]) / (p[0] * p[1]))
 
 
+def _limited_after(s: Row, p: Row) -> float:
+    # sinh(gap / (r tau)) decays with tau; beyond 20 it is an exponential.
+    gap = (s[VALVE_SIGNAL] - s[STATE_0]) / (p[0] * p[1])
+    left = abs(gap) - p[2] / p[1]
+    if abs(gap) < 20.0:
+        left = math.asinh(math.sinh(abs(gap)) * math.exp(-p[2] / p[1]))
+    elif left < 20.0:
+        left = math.asinh(0.5 * math.exp(left))
+    return s[VALVE_SIGNAL] - math.copysign(left, gap) * p[0] * p[1]
+
+
 def _spool_velocity(s: Row, p: Row) -> float:
     return s[STATE_1]
 
@@ -53,6 +64,12 @@ def _play(s: Row, p: Row) -> float:
     return (gap - min(max(gap, -p[0]), p[0])) / p[1]
 
 
+def _play_after(s: Row, p: Row) -> float:
+    gap = s[VALVE_SIGNAL] - s[STATE_0]
+    beyond = gap - min(max(gap, -p[0]), p[0])
+    return s[STATE_0] - beyond * math.expm1(-p[2] / p[1])
+
+
 RATE_LIMIT = Effect(
     name="valve_rate_limit",
     channel="flow",
@@ -65,7 +82,7 @@ RATE_LIMIT = Effect(
         ),
     ),
     terms=(Term(Stage.SIGNAL, _spool),),
-    states=(InternalState(_limited_rate, _signal, 1.0),),
+    states=(InternalState(_limited_rate, _signal, 1.0, after=_limited_after),),
     channels=("flow_a", "flow_b"),
     looks_like=("valve_spool_lag", "command_delay"),
     separating_experiment="the same chirp at a small and at a large amplitude",
@@ -82,8 +99,8 @@ SPOOL_LAG = Effect(
     ),
     terms=(Term(Stage.SIGNAL, _spool),),
     states=(
-        InternalState(_spool_velocity, _signal, 1.0),
-        InternalState(_spool_acceleration, nothing, 100.0),
+        InternalState(_spool_velocity, _signal, 1.0, linear=True),
+        InternalState(_spool_acceleration, nothing, 100.0, linear=True),
     ),
     channels=("flow_a", "flow_b"),
     looks_like=("command_delay", "pressure_delay", "valve_rate_limit"),
@@ -103,7 +120,7 @@ HYSTERESIS = Effect(
         ),
     ),
     terms=(Term(Stage.SIGNAL, _spool),),
-    states=(InternalState(_play, _signal, 1.0),),
+    states=(InternalState(_play, _signal, 1.0, after=_play_after),),
     channels=("flow_a", "flow_b"),
     looks_like=("valve_spool_lag", "command_delay", "valve_deadband"),
     separating_experiment="slow triangles of the command at two amplitudes",
