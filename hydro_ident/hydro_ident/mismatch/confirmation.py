@@ -21,6 +21,8 @@ from hydro_ident.mismatch.verify import Verification, verify
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
+#: Share of what a name explains from which a confirmed remainder takes it away.
+_CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
 
@@ -102,12 +104,14 @@ def withdrawn(
     material, taken = work.training.predictor.material, list[Finding]()
     holds = Confirmer(work.training, work.check, whole).holds
     significant = unexplained(work.training, whole, left, holds)
-    # What other rows could not confirm takes no name away.
-    remains = {u.channel: u.dependence.gain for u in significant if u.confirmed}
+    # What other rows confirm takes a name away sooner than what they could not.
     for finding in findings:
         channel = finding.channels[0]
         total = _gains(work, whole, finding.named)[material.channels.index(channel)]
-        if remains.get(channel, 0.0) > (1.0 - NAMED_SHARE) / NAMED_SHARE * total:
+        own = [u for u in significant if u.channel == channel]
+        if any(
+            u.dependence.gain > total * (_CONFIRMED_SHARE if u.confirmed else 1.0) for u in own
+        ):
             taken.append(finding)
     if taken:
         whole = _without(work, whole, [f.named for f in taken])
