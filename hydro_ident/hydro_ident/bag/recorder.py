@@ -129,7 +129,10 @@ def _tell(text: str) -> None:
 
 
 def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
-    """What was recorded, a line per topic."""
+    """What was recorded, a line per topic.
+
+    `lost` is how many messages of each topic were lost, `seconds` how long it recorded.
+    """
     counts = {topic: count for topic, count in sorted(writer.counts.items()) if count}
     lines = [f"recorded {sum(counts.values())} messages in {seconds:.1f} s: {writer.directory}"]
     for topic, count in counts.items():

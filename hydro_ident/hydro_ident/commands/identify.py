@@ -171,7 +171,10 @@ _FILTER_OPTIONS = {
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
-    """The estimators' settings of a command line."""
+    """The estimators' settings of a command line.
+
+    `options` is what argparse made of it.
+    """
     from hydro_ident.errors import IdentError
     from hydro_ident.estimate.derivatives import FilterSettings
     from hydro_ident.identification import Settings
@@ -199,7 +202,10 @@ def _word(value: float | str) -> str:
 
 
 def found_statistics(found: Identification, origin: Provenance) -> Statistics:
-    """What later comparisons have to know of an identification."""
+    """What later comparisons have to know of an identification.
+
+    `origin` names the bags.
+    """
     from hydro_ident.model_statistics import statistics_of
 
     return statistics_of(

@@ -137,7 +137,10 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def bullets(lines: Sequence[str], style: str = "") -> str:
-    """A list, empty where there are no lines."""
+    """A list, empty where there are no lines.
+
+    `style` is a class of the style sheet.
+    """
     if not lines:
         return ""
     kind = f' class="{style}"' if style else ""
@@ -145,7 +148,10 @@ def bullets(lines: Sequence[str], style: str = "") -> str:
 
 
 def paragraph(text: str, style: str = "none") -> str:
-    """A paragraph of plain text."""
+    """A paragraph of plain text.
+
+    `style` is a class of the style sheet.
+    """
     return f'<p class="{style}">{_marked(text)}</p>'
 
 
@@ -155,7 +161,10 @@ def _marked(text: str) -> str:
 
 
 def folded(title: str, body: str) -> str:
-    """What is there for those who ask; empty where there is nothing."""
+    """What is there for those who ask; empty where there is nothing.
+
+    `body` is HTML.
+    """
     return f"<details><summary>{escape(title)}</summary>{body}</details>" if body else ""
 
 

@@ -74,7 +74,10 @@ def readable(parameter: Parameter) -> str:
 
 
 def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
-    """A row of an identified parameter."""
+    """A row of an identified parameter.
+
+    `p` is the parameter.
+    """
     why = p.reason
     if not why and not p.identifiable:
         why = "these recordings do not determine it: the given value stays in the model"
