@@ -39,9 +39,9 @@ def axis_title(name: str, unit: str) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit as people write it."""
-    for plain, written in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("deg C", "°C")):
+    for plain, written in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C")):
         unit = unit.replace(plain, written)
-    return "–" if unit in ("", "1") else unit
+    return "–" if unit in ("", "1", "-") else unit
 
 
 @dataclass(frozen=True, slots=True)
