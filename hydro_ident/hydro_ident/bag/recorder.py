@@ -54,18 +54,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="recorder",
-        description="Record topics into OUT/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
+        description="Record topics into DIR/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
     )
-    parser.add_argument("--out", type=Path, default=Path(), help="where the bag's directory goes")
-    parser.add_argument("--name", default="run", help="last part of the directory's name")
-    parser.add_argument("--robot", default="xs031", help="robot file or shipped robot")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="gets the bag (default: here)"
+    )
+    parser.add_argument("--name", default="run", help="last part of the bag's name (default run)")
+    parser.add_argument(
+        "--robot", default="xs031", help="robot file or shipped robot (default xs031)"
+    )
     parser.add_argument("--note", default="", help="the operator's note, kept in the bag")
     parser.add_argument(
         "--attach",
         action="append",
         default=[],
         metavar="KEY=FILE",
-        help="keep a text file in the bag's metadata, e.g. mapping=xs031.mapping.yaml",
+        help="keep a text file in the bag's metadata, as mapping=xs031.mapping.yaml",
     )
     parser.add_argument(
         "--topics",
