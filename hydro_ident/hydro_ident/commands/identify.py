@@ -17,6 +17,7 @@ from hydro_model.terminal import progress_bar
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification, Settings
     from hydro_ident.model_statistics import Statistics
+    from hydro_ident.parameters import Parameter
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -250,7 +251,6 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
 
 def summary_text(found: Identification) -> str:
     """The result as a table for the terminal."""
-    from hydro_ident.report.parameter_section import readable
     from hydro_ident.validation_results import comparison_lines, rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
@@ -259,13 +259,14 @@ def summary_text(found: Identification) -> str:
     lines += [f"problem: {text}" for text in found.problems]
     lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
     lines += [f"note: {text}" for text in found.notes]
-    width = max((len(readable(p)) for p in found.parameters), default=0)
-    for p in found.parameters:
+    names = [_short(p) for p in found.parameters]
+    width = max(map(len, names), default=0)
+    for name, p in zip(names, found.parameters, strict=True):
         given = "" if p.datasheet is None else f"  (given {p.datasheet:.5g})"
         rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
         mark = "" if p.identifiable else rest
         error = "" if p.held else f" +- {p.std:9.3g}"
-        lines.append(f"  {readable(p):{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
+        lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
     for channel in found.channels:
         s = channel.summary()
         lines.append(
@@ -275,6 +276,12 @@ def summary_text(found: Identification) -> str:
     lines += rollout_lines(found.free_run)
     lines += [] if found.comparison is None else comparison_lines(found.comparison)
     return "\n".join(lines)
+
+
+def _short(parameter: Parameter) -> str:
+    """A name that fits a line; the sum it stands for is in the report and in result.json."""
+    others = len(parameter.combination.keys() - {parameter.name})
+    return parameter.name + (f" + {others} more" if others else "")
 
 
 def main() -> int:
