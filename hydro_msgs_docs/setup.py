@@ -28,6 +28,7 @@ setup(
             if (files := list(HERE.glob(f"{folder}/*")))
         ),
     ],
+    extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Hydro maintainers",
     maintainer_email="hydro-maintainers@example.com",

@@ -228,7 +228,9 @@ def check(shown: Shown, words: list[str]) -> None:
 
 
 @pytest.mark.parametrize(("package", "name"), sorted(executables()))
-def test_every_executable_has_help_and_says_what_its_options_are(package: str, name: str) -> None:
+def test_every_executable_has_help_and_says_what_its_arguments_are(
+    package: str, name: str
+) -> None:
     parsers: list[argparse.ArgumentParser] = []
     made = argparse.ArgumentParser.__init__
 
@@ -241,5 +243,5 @@ def test_every_executable_has_help_and_says_what_its_options_are(package: str, n
         said = run_parser(entry(package, name), name, ["--help"])
     assert said.startswith("usage:")
     for parser in parsers:
-        silent = [a.dest for a in parser._actions if a.option_strings and not a.help]
+        silent = [a.dest for a in parser._actions if not a.help and not a.choices]
         assert not silent, f"{name}: no help for {', '.join(silent)}"

@@ -16,7 +16,10 @@ from hydro_model.urdf import standard_parameters
 
 
 def coulomb(xd: FloatArray, scale_m_s: float) -> FloatArray:
-    """Coulomb friction per newton of its size, by the catalogue's law."""
+    """Coulomb friction per newton of its size, by the catalogue's law.
+
+    `scale_m_s` is the velocity over which it turns round.
+    """
     signals = np.zeros((len(xd), SIGNAL_COUNT))
     signals[:, PISTON_VELOCITY] = xd
     return CATALOGUE["coulomb_friction"].evaluate(signals, np.array([1.0, scale_m_s]))
@@ -46,6 +49,8 @@ def force_priors(axes: tuple[Axis, ...], s: AdaptationSettings) -> tuple[Prior, 
     """Payload, Coulomb friction and change of viscous friction of every axis.
 
     Payload may change fast, friction slowly: that is what tells a load from a seal.
+
+    `s` are the settings.
     """
     n = len(axes)
     # Total viscous friction stays at or above 0.
@@ -58,7 +63,10 @@ def force_priors(axes: tuple[Axis, ...], s: AdaptationSettings) -> tuple[Prior, 
 
 
 def valve_priors(s: AdaptationSettings) -> tuple[Prior, ...]:
-    """Null bias, overlap, and gain error even and odd in the signal, of one valve."""
+    """Null bias, overlap, and gain error even and odd in the signal, of one valve.
+
+    `s` are the settings.
+    """
     return (
         Prior(-s.null_bias, s.null_bias, 0.0, 0.5 * s.null_bias, 2.0e-4),
         Prior(0.0, 0.1, 0.0, 0.01, 1.0e-4),

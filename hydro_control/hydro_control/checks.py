@@ -19,7 +19,10 @@ def not_finite(
     p_t: float,
     reference: Reference,
 ) -> str:
-    """What of a law's inputs (as of `ControlLaw.step`) is not finite; empty where all is."""
+    """What of a law's inputs (as of `ControlLaw.step`) is not finite; empty where all is.
+
+    `stamp_s` is the time of the sample, s.
+    """
     parts = {
         "joint position": q,
         "pressure of chamber A": p_a,

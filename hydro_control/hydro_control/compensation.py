@@ -163,6 +163,8 @@ class Compensation:
 
         A chamber of volume V and compliance 1/beta' is as soft as a column of
         ``V beta / (beta' A)`` of the cylinder's own oil: ``x + V0 / A1`` for a dead volume.
+
+        `plain` are the columns without effects.
         """
         a, b, leak = plain.a_m.copy(), plain.b_m.copy(), np.zeros_like(plain.a_m)
         for i, axis in enumerate(self._axes):

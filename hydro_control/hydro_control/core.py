@@ -96,6 +96,8 @@ class ControllerCore:
     Listed effects of instruments are taken off every sample before anything looks at it: the
     reference, and what is published of it, are in true positions.
 
+    `counts` and `message` are what the core says of itself: they start empty.
+
     Parameters
     ----------
     robot : Robot

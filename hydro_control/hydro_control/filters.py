@@ -36,12 +36,18 @@ def alpha_for(time_constant: float, dt_s: float) -> float:
 
 
 def average_lag_s(alpha: float, dt_s: float) -> float:
-    """By how much the average trails a steady ramp: ``dt (1 - a) / a``."""
+    """By how much the average trails a steady ramp: ``dt (1 - a) / a``.
+
+    `alpha` is the weight of the newest input.
+    """
     return dt_s * (1.0 - alpha) / alpha
 
 
 def difference_lag_s(alpha: float, dt_s: float) -> float:
-    """By how much `FilteredDifference` is late: half a sample more than its average."""
+    """By how much `FilteredDifference` is late: half a sample more than its average.
+
+    `alpha` is the weight of the newest input.
+    """
     return 0.5 * dt_s + average_lag_s(alpha, dt_s)
 
 

@@ -57,7 +57,10 @@ class ListedLaws:
         self._states: list[list[float]] = [[] for _ in self._effects]
 
     def advance(self, s: Signals, dt_s: float) -> None:
-        """Let the internal states follow one sample's signals."""
+        """Let the internal states follow one sample's signals.
+
+        `s` has a row of signals per cylinder.
+        """
         for index in self._dynamic:
             states, p = self._effects[index].states, self._parameters[index]
             z = self._states[index]
@@ -74,7 +77,10 @@ class ListedLaws:
                 z[k] += dt_s * rate / (1.0 - dt_s * min(slope, 0.0))
 
     def total(self, stage: Stage, s: Signals) -> float:
-        """Sum of the laws of a stage at one sample's signals."""
+        """Sum of the laws of a stage at one sample's signals.
+
+        `s` has a row of signals per cylinder.
+        """
         out = 0.0
         for index, law in self._terms[stage]:
             z = self._states[index]

@@ -50,7 +50,10 @@ class Output:
 
 
 def stopped(q: FloatArray, reference: Reference, valves: int, fault: str) -> Output:
-    """The answer to a fault: 0 V."""
+    """The answer to a fault: 0 V.
+
+    `valves` is their number.
+    """
     zero = np.zeros_like(np.asarray(q, dtype=float))
     joint = reference.space == "joint"
     return Output(

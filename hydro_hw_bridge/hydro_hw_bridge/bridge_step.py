@@ -63,7 +63,12 @@ NOTHING = Step()
 
 @dataclass(slots=True)
 class CommandCounters:
-    """Commands by what became of them; `not_driving` came while inactive or not ready."""
+    """Commands by what became of them; `not_driving` came while inactive or not ready.
+
+    As `Outcome` of the gate: `accepted` ones are driven; `repeated` said the same for a cycle
+    again; `outdated` came for an older one; `released` took the last command back, 0 V in its
+    place; `denied` tripped the gate, or came while it was tripped.
+    """
 
     accepted: int = 0
     repeated: int = 0

@@ -48,7 +48,12 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Status bits of a cycle; bits that the mapping leaves out are False."""
+    """Status bits of a cycle; bits that the mapping leaves out are False.
+
+    Besides the permissive inputs: `parked` (the device waits to be started), `lockstep` (it
+    waits for answers), `amplifier_enabled`, and `amplifier_watchdog` (the amplifiers went to 0
+    V by themselves).
+    """
 
     emergency_stop_ok: bool = False
     pump_on: bool = False

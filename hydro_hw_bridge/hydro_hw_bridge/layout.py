@@ -20,7 +20,10 @@ CLAIM_RATE_HZ = 10.0
 
 @dataclass(frozen=True, slots=True)
 class FrameLayout:
-    """One frame: its identifier, size, role and protection."""
+    """One frame: its identifier, size, role and protection.
+
+    `extended` identifiers have 29 bits, others 11.
+    """
 
     name: str
     identifier: int
@@ -68,7 +71,10 @@ class Binding:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The frames of the protocol and the signals in them."""
+    """The frames of the protocol and the signals in them.
+
+    `source` is the DBC file, `bitrate` the bus's in bit/s, `rate_hz` the rate of cycles.
+    """
 
     source: Path
     bitrate: int

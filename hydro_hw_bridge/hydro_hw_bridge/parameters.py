@@ -90,7 +90,12 @@ PARAMETERS = (
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The checked values of `PARAMETERS`, same names; `required_subscribers` by topic."""
+    """The checked values of `PARAMETERS`, same names; `required_subscribers` by topic.
+
+    `dbc`, `mapping`, `calibration`, `slew_limit_v_s`, `reenable_slew_v_s`, `max_age_ms`,
+    `min_supply_pa` and `slow_rate_hz` are as the texts of `PARAMETERS` say, which `can_bridge
+    --help` prints.
+    """
 
     robot: str
     can: str

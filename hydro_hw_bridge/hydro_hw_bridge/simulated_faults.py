@@ -73,7 +73,7 @@ class SimulatedFaultsBus(can.BusABC):
 
     @property
     def state(self) -> can.BusState:
-        """ERROR during the simulated bus-off."""
+        """ERROR during the simulated bus-off; it cannot be set."""
         return can.BusState.ERROR if self._off else can.BusState.ACTIVE
 
     @state.setter
@@ -81,7 +81,10 @@ class SimulatedFaultsBus(can.BusABC):
         raise NotImplementedError("the state is set by the file of simulated faults")
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame; `CanOperationError` during the simulated bus-off."""
+        """Send a frame; `CanOperationError` during the simulated bus-off.
+
+        `msg` and `timeout` (s) as for any python-can bus.
+        """
         self._look()
         if self._off:
             raise can.CanOperationError("simulated bus-off: nothing can be sent")

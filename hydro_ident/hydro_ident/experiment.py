@@ -227,7 +227,10 @@ def _designed(
 
 
 def path_text(content: dict[str, Any], comment: str = "") -> str:
-    """A path file as text."""
+    """A path file as text.
+
+    `content` is what the YAML file holds.
+    """
     head = f"# {comment}\n" if comment else ""
     return head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
 

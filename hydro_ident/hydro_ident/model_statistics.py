@@ -132,7 +132,10 @@ def read_statistics(file: Path) -> Statistics:
 
 
 def shared_bags(before: Statistics, now: Statistics) -> tuple[str, ...]:
-    """Names of the bags that both were identified from."""
+    """Names of the bags that both were identified from.
+
+    `before` and `now` are the two identifications.
+    """
     return tuple(name for digest, name in now.bags.items() if digest in before.bags)
 
 

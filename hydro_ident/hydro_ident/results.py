@@ -78,7 +78,10 @@ class Provenance:
 def provenance(
     command: str, robot: str, bags: Sequence[Path], validation: Sequence[Path]
 ) -> Provenance:
-    """Provenance of a run: hashes the bags."""
+    """Provenance of a run: hashes the bags.
+
+    `validation` are the bags that predictions were scored on.
+    """
     try:
         version = metadata.version("hydro_ident")
     except metadata.PackageNotFoundError:
@@ -192,7 +195,10 @@ def _finite(value: float) -> float | None:
 
 
 def result_json(found: Identification, origin: Provenance) -> str:
-    """result.json as text: the same input gives the same text."""
+    """result.json as text: the same input gives the same text.
+
+    `origin` says where the numbers come from.
+    """
     return json.dumps(result_dict(found, origin), indent=1, allow_nan=False) + "\n"
 
 

@@ -62,7 +62,10 @@ def welch_dof(parts: Sequence[tuple[float, float]]) -> float:
 
 
 def two_sided(z: float, dof: float) -> float:
-    """Chance of Student's t at least as far from 0 as z."""
+    """Chance of Student's t at least as far from 0 as z.
+
+    `z` is the statistic, `dof` its degrees of freedom.
+    """
     from scipy.special import stdtr
 
     if not math.isfinite(dof):
@@ -71,7 +74,10 @@ def two_sided(z: float, dof: float) -> float:
 
 
 def holm(chances: Sequence[float]) -> list[float]:
-    """P-values adjusted by Holm's step-down, in the order given."""
+    """P-values adjusted by Holm's step-down, in the order given.
+
+    `chances` are those of each test by itself.
+    """
     result, worst = [0.0] * len(chances), 0.0
     for rank, i in enumerate(sorted(range(len(chances)), key=lambda i: chances[i])):
         worst = max(worst, min(1.0, chances[i] * (len(chances) - rank)))

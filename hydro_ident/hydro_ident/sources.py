@@ -72,7 +72,10 @@ class MemorySource:
         return self.recording.path.name
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
-        """The recording as one piece."""
+        """The recording as one piece.
+
+        As one piece there is no overlap: `overlap_s` is not used.
+        """
         yield from at_own_rate([Piece.whole(self.recording)])
 
 
@@ -94,7 +97,10 @@ class KeptSource:
         return self.source.name
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
-        """The recording in as few pieces as it has clocks."""
+        """The recording in as few pieces as it has clocks.
+
+        `overlap_s` is how much neighbouring pieces share.
+        """
         if self._pieces is None:
             self._pieces = tuple(self.source.pieces(WHOLE_S, overlap_s))
         yield from self._pieces

@@ -143,8 +143,9 @@ def rollout_lines(run: FreeRun | None) -> list[str]:
         )
         for what, before, after in pairs:
             if before is not None or after is not None:
-                sizes = ["rejected" if v is None else f"{v:10.4g}" for v in (before, after)]
-                lines.append(
-                    f"  {joint.joint + ' ' + what:14} RMSE {sizes[0]} -> {sizes[1]} {joint.unit}"
-                )
+                sizes = [
+                    f"{'rejected':>10}" if v is None else f"{v:10.4g} {joint.unit}"
+                    for v in (before, after)
+                ]
+                lines.append(f"  {joint.joint + ' ' + what:14} RMSE {sizes[0]} -> {sizes[1]}")
     return lines

@@ -16,7 +16,10 @@ class Workers(Protocol):
     """Applies a function to recordings and returns the results in their order."""
 
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-        """Results in the order of the items."""
+        """Results in the order of the items.
+
+        `work` is the function.
+        """
         ...
 
 
@@ -24,7 +27,10 @@ class Here:
     """This process, one recording after the other."""
 
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-        """Results in the order of the items."""
+        """Results in the order of the items.
+
+        `work` is the function.
+        """
         return [work(item) for item in items]
 
 
@@ -62,7 +68,10 @@ class DaskWorkers:
             raise IdentError(f"no Dask scheduler at '{address}': {why}") from error
 
     def map(self, work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-        """Results in the order of the items; an error on a worker is raised here."""
+        """Results in the order of the items; an error on a worker is raised here.
+
+        `work` is the function.
+        """
         futures = self._client.map(work, items, pure=False)
         return list(self._client.gather(futures))
 

@@ -24,7 +24,7 @@ from hydro_ident.report.correlation import autocorrelation, cross_correlation
 from hydro_ident.report.figure import BINS, Figure, line, one_after_another, path, thinned
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.law_section import binned
-from hydro_ident.report.page import Row, number, table
+from hydro_ident.report.page import Row, number, paragraph, table, written
 from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import ParameterRow, parameter_table
 from hydro_model.kinematics import tip_position
@@ -72,7 +72,7 @@ class Reader(HTMLParser):
         if tag == "section":
             self.sections.append(given.get("id") or "")
         self._json = given.get("type") == "application/json"
-        if tag != "meta":
+        if tag not in ("meta", "wbr"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -383,3 +383,22 @@ def test_a_browser_opens_it_without_errors_at_every_width(
     assert looked == [(w, s) for w in (390, 820, 1400) for s in ("light", "dark")]
     papers = {v["scheme"]: v["paper"] for v in seen["views"] if "width" in v}
     assert papers["light"] != papers["dark"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [
+        ("4.9e+05 kg m^2", "4.9e5 kg m²"),
+        ("2e-07 m^3/(s sqrt(Pa))", "2e-7 m³/(s √Pa)"),
+        ("1e10, e+05 and x^25", "1e10, e+05 and x^25"),
+    ],
+)
+def test_texts_read_like_the_numbers_beside_them(typed: str, read: str) -> None:
+    assert written(typed) == read
+    assert f"<code>{typed}</code>: {read}" in paragraph(f"`{typed}`: {typed}")
+
+
+def test_a_long_name_may_break_at_its_joints_and_nowhere_else() -> None:
+    cells = table(("name", "value"), [("lift_cylinder.c_pa", "a.b"), ("1.5e-3", "x")])
+    assert "<td>lift_<wbr>cylinder.<wbr>c_<wbr>pa</td><td>a.b</td>" in cells
+    assert "<td>1.5e-3</td>" in cells

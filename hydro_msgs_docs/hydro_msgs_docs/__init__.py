@@ -1,1 +1,1 @@
-"""Topics, bus and bag contract."""
+"""Topics, bus and bag contract. Arguments are named as in `hydro_model`."""

@@ -50,7 +50,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Signals over time in one frame, all in one unit."""
+    """Signals over time in one frame, all in one unit.
+
+    `title` heads the frame.
+    """
 
     title: str
     signals: tuple[Signal, ...]

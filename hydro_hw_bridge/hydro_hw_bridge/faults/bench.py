@@ -117,6 +117,8 @@ class ValveInput:
 class Bench:
     """One machine with its bridge and controller.
 
+    `rows` collects what the valves got.
+
     Parameters
     ----------
     rig : RigCore

@@ -34,7 +34,10 @@ def record_of(valves: int) -> struct.Struct:
 
 
 class MeasuredRig(RigCore):
-    """A rig that writes down what stands at its valves, and when."""
+    """A rig that writes down what stands at its valves, and when.
+
+    `stream` is the file of records that it writes.
+    """
 
     def __init__(self, robot: Robot, truth: Truth, stream: BinaryIO) -> None:
         super().__init__(robot, truth)
@@ -42,7 +45,10 @@ class MeasuredRig(RigCore):
         self._record = record_of(len(robot.valves))
 
     def actuate(self, voltages: Sequence[float] | None, enable: bool = True) -> None:
-        """Advance one cycle; the time is that of the amplifiers' step, at its begin."""
+        """Advance one cycle; the time is that of the amplifiers' step, at its begin.
+
+        `enable` is the bridge's bit that lets the amplifiers drive.
+        """
         now_ns = time.monotonic_ns()
         super().actuate(voltages, enable)
         amplifier = self.amplifier

@@ -195,7 +195,10 @@ def balance_residuals(plant: Plant, signals: Signals) -> FloatArray:
 
 
 def late_commands(commands: FloatArray, delay_cycles: float) -> FloatArray:
-    """Commands (N, m) late by a time: what the spools are asked over each cycle, on average."""
+    """Commands (N, m) late by a time: what the spools are asked over each cycle, on average.
+
+    `delay_cycles` need not be whole.
+    """
     late = int(np.floor(delay_cycles))
     share = delay_cycles - late
     padded = np.vstack([np.zeros((late + 1, commands.shape[1])), commands])

@@ -11,6 +11,11 @@ positive into a chamber.
 All compiled code is in this one file, because the compiler's cache watches only the file that a
 function is in. Records carry the names; in numba they cost no reference counts, as tuples of
 arrays would.
+
+Arguments shared by the kernels: `links`, `frames`, `cyls` and `world` are records of the types
+above, filled by `hydro_hw_bridge.rig.plant`; `jac`, `matrix`, `bias` and `work` are working
+memory; `y` is the state as `Plant` lays it out, `memory` that of the plays; `pump` is False while
+it is off; a cycle of `cycle_s` has `steps` fixed steps.
 """
 
 from __future__ import annotations
@@ -359,6 +364,8 @@ def dead_zone(u, half_width, rounding):  # type: ignore[no-untyped-def]
     """Opening of a spool with overlap: 0 inside +-half_width, ``|u| - half_width`` outside.
 
     Smooth: the corners are hyperbolas of the given radius.
+
+    The radius is `rounding`, in the unit of `u`.
     """
     if half_width == 0.0:
         return u
@@ -369,7 +376,10 @@ def dead_zone(u, half_width, rounding):  # type: ignore[no-untyped-def]
 
 @_kernel
 def edge_flow(coefficient, opening, drop, transition):  # type: ignore[no-untyped-def]
-    """Flow over one edge, m^3/s: linear in the drop (Pa) below `transition`, its root above."""
+    """Flow over one edge, m^3/s: linear in the drop (Pa) below `transition`, its root above.
+
+    `coefficient` in m^3/(s sqrt(Pa)), `opening` from 0 to 1.
+    """
     if opening <= 0.0 or coefficient == 0.0:
         return 0.0
     scale = np.sqrt(np.sqrt(drop * drop + transition * transition))
@@ -806,6 +816,9 @@ def follow(  # type: ignore[no-untyped-def]
     (14,) the cycle from which the last link has another mass, centre of mass and inertia. The
     rest is filled in: states before each cycle, commands, what the spools were asked, positions
     as read.
+
+    `gains` are the servo's, `delay` is that of the commands in cycles, `rates_wanted` the
+    targets' velocities; `applied` and `seen` are the last two that are filled.
     """
     count, n, m = targets.shape[0], links.shape[0], cyls.shape[0]
     s, slow = 2 * n + 5 * m, np.zeros(m)
@@ -885,6 +898,8 @@ def balances(  # type: ignore[no-untyped-def]
     Signals are (N, n) and (N, m), supply and tank in `lines` (N, 2); `out` (N, 3 m) holds per
     cylinder the force (N, oil less load and viscous friction) and the flows into chambers A and
     B (m^3/s, valve less displacement and compression).
+
+    `rise_a` and `rise_b` are the chamber pressures' rates, Pa/s.
     """
     n, m, oil = links.shape[0], cyls.shape[0], world[0]
     for k in range(q.shape[0]):

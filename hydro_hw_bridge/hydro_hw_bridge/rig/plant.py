@@ -199,7 +199,10 @@ class Plant:
         _fill_link(self._links[-1], link)
 
     def rates(self, asked: FloatArray, *, pump: bool = True) -> FloatArray:
-        """Time derivative of the whole state, in its layout."""
+        """Time derivative of the whole state, in its layout.
+
+        `pump` is False while it is off.
+        """
         out = np.zeros_like(self.state)
         kernel.rates(self.state, asked, pump, *self.records, out)
         return out

@@ -10,7 +10,10 @@ from hydro_model.robot import FloatArray
 
 
 def true_pressures(plant: Plant, states: FloatArray) -> FloatArray:
-    """Gauge pressures in the order of `Robot.pressure_names`, (N, 2 m + 2)."""
+    """Gauge pressures in the order of `Robot.pressure_names`, (N, 2 m + 2).
+
+    `states` are rows of `Plant.state`.
+    """
     n, m = plant.robot.dof, len(plant.robot.cylinders)
     out = np.empty((len(states), 2 * m + 2))
     out[:, 0 : 2 * m : 2] = states[:, 2 * n : 2 * n + m]
@@ -37,7 +40,10 @@ def shown_pressures(plant: Plant, pressures: FloatArray, cycle_s: float) -> Floa
 
 
 def shown_rises(plant: Plant, rises: FloatArray, cycle_s: float) -> FloatArray:
-    """Time derivatives (N, 2 m + 2) of true pressures as the transducers would show them."""
+    """Time derivatives (N, 2 m + 2) of true pressures as the transducers would show them.
+
+    `rises` are those, in the order of `Robot.pressure_names`, Pa/s.
+    """
     extras = plant.truth.extras.sensors
     time = np.arange(len(rises)) * cycle_s
     shown = np.array(rises)

@@ -66,7 +66,8 @@ def _few(count: int) -> int:
 
 def _status(cursor: Cursor, stamp_ns: int) -> Status:
     level = cursor.message[cursor.skip(1)]
-    name, message, _hardware = cursor.text(), cursor.text(), cursor.text()
+    name, message = cursor.text(), cursor.text()
+    cursor.text()  # the hardware's identifier
     values = {}
     for _ in range(_few(cursor.count())):
         key = cursor.text()

@@ -40,12 +40,18 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="player", description="Play a bag (directory or .mcap file) back onto its topics."
     )
-    parser.add_argument("bag", type=Path)
-    parser.add_argument("--rate", type=_rate, default=1.0, help="times real time (default 1)")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")
+    parser.add_argument(
+        "--rate", type=_rate, default=1.0, metavar="X", help="times real time (default 1)"
+    )
     parser.add_argument("--loop", action="store_true", help="start again at the end")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="play these only")
     parser.add_argument(
-        "--delay", type=float, default=1.0, help="s until the first message (default 1)"
+        "--delay",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="until the first message (default 1)",
     )
     return parser
 

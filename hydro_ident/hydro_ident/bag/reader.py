@@ -172,7 +172,10 @@ def decode_block(
     block: MessageBlock,
     notes: list[str],
 ) -> None:
-    """Decode a block of messages into its topic's builder; diagnostics where they are wanted."""
+    """Decode a block of messages into its topic's builder; diagnostics where they are wanted.
+
+    What could not be decoded is added to `notes`.
+    """
     channel = block.channel
     if channel.message_type == DIAGNOSTIC_ARRAY:
         if statuses is not None and (malformed := add_statuses(block, statuses)):

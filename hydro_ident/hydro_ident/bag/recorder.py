@@ -54,18 +54,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="recorder",
-        description="Record topics into OUT/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
+        description="Record topics into DIR/YYYYMMDD-HHMMSS_NAME (rosbag2, MCAP) until Ctrl-C.",
     )
-    parser.add_argument("--out", type=Path, default=Path(), help="where the bag's directory goes")
-    parser.add_argument("--name", default="run", help="last part of the directory's name")
-    parser.add_argument("--robot", default="xs031", help="robot file or shipped robot")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="gets the bag (default: here)"
+    )
+    parser.add_argument("--name", default="run", help="last part of the bag's name (default run)")
+    parser.add_argument(
+        "--robot", default="xs031", help="robot file or shipped robot (default xs031)"
+    )
     parser.add_argument("--note", default="", help="the operator's note, kept in the bag")
     parser.add_argument(
         "--attach",
         action="append",
         default=[],
         metavar="KEY=FILE",
-        help="keep a text file in the bag's metadata, e.g. mapping=xs031.mapping.yaml",
+        help="keep a text file in the bag's metadata, as mapping=xs031.mapping.yaml",
     )
     parser.add_argument(
         "--topics",
@@ -129,7 +133,10 @@ def _tell(text: str) -> None:
 
 
 def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
-    """What was recorded, a line per topic."""
+    """What was recorded, a line per topic.
+
+    `lost` is how many messages of each topic were lost, `seconds` how long it recorded.
+    """
     counts = {topic: count for topic, count in sorted(writer.counts.items()) if count}
     lines = [f"recorded {sum(counts.values())} messages in {seconds:.1f} s: {writer.directory}"]
     for topic, count in counts.items():

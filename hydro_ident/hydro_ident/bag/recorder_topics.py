@@ -47,7 +47,10 @@ def wanted_topics(asked: Sequence[str] | None, robot: Robot) -> dict[str, str]:
 
 
 def check_topic(topic: str, message_type: str) -> None:
-    """Refuse with BagError what is no topic name, and a type that is not installed."""
+    """Refuse with BagError what is no topic name, and a type that is not installed.
+
+    `message_type` as in `sensor_msgs/msg/JointState`.
+    """
     from rclpy.exceptions import InvalidTopicNameException
     from rclpy.validate_full_topic_name import validate_full_topic_name
 

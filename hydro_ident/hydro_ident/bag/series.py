@@ -62,7 +62,10 @@ class Series:
         return len(self.stamp_ns)
 
     def column(self, name: str, field_name: str) -> FloatArray | None:
-        """Values of one entry, (N,), or None where no message carries it."""
+        """Values of one entry, (N,), or None where no message carries it.
+
+        `field_name` as in the message: position, effort.
+        """
         if name not in self.names or field_name not in self.fields:
             return None
         values: FloatArray = self.fields[field_name][:, self.names.index(name)]

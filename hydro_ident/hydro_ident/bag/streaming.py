@@ -233,7 +233,10 @@ def cut_recording(recording: Recording, part: slice) -> Recording:
 
 
 def map_columns(recording: Recording, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Recording:
-    """A recording with every array over its cycles changed alike."""
+    """A recording with every array over its cycles changed alike.
+
+    `change` takes such an array and returns another of as many columns.
+    """
     columns: dict[str, Any] = {name: getattr(recording, name) for name in COLUMNS}
     changed: dict[str, Any] = {
         name: None if v is None else change(v) for name, v in columns.items()

@@ -45,7 +45,10 @@ def chain(dof: int, seed: int = 0) -> Robot:
 
 
 def pinocchio_model(pin: Any, robot: Robot) -> Any:
-    """The same chain for pinocchio, given as the module."""
+    """The same chain for pinocchio, given as the module.
+
+    `pin` is the module.
+    """
     model, parent = pin.Model(), 0
     model.gravity.linear = np.array(robot.gravity_m_s2)
     for joint, theta in zip(robot.joints, robot.link_inertia, strict=True):

@@ -84,5 +84,9 @@ def run(job: Job, rounds: int) -> Row:
 
 
 def against_limit(name: str, limit: str, seconds: float, limit_s: float, goal: float = 1.0) -> Row:
-    """A row for work that has no peer but a time to keep."""
+    """A row for work that has no peer but a time to keep.
+
+    `limit` says in words what has to be kept, `limit_s` in seconds; `seconds` were measured,
+    `goal` is how many times faster is aimed at.
+    """
     return Row(name, limit, seconds, limit_s, limit_s / seconds, goal)

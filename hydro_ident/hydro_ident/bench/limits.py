@@ -22,7 +22,10 @@ _WARM_UP = 100
 
 
 def control_tick(seconds: float = 20.0) -> Row:
-    """99th percentile of a control law's answer to the samples of a recording."""
+    """99th percentile of a control law's answer to the samples of a recording.
+
+    `seconds` is how long the recording is.
+    """
     robot = load_robot("xs031")
     run = synthetic_recording(robot, seconds, seed=1)
     law, still, spent = ControlLaw(robot, Gains()), np.zeros(robot.dof), []
@@ -38,7 +41,10 @@ def control_tick(seconds: float = 20.0) -> Row:
 
 
 def command_starts(bag: Path, rounds: int) -> list[Row]:
-    """Starts of commands: help, and a look at a small bag."""
+    """Starts of commands: help, and a look at a small bag.
+
+    `rounds` is how often each is started: the best counts.
+    """
     starts = {
         "start of a command, diagnose --help": ["hydro_ident.commands.diagnose", "--help"],
         "start of a command, inspect --help": ["hydro_ident.commands.inspect", "--help"],

@@ -147,7 +147,10 @@ def _rails(robot: Robot) -> tuple[float, float]:
 
 
 def real_time_rows(rounds: int) -> list[Row]:
-    """How many times faster than real time roll-outs are."""
+    """How many times faster than real time roll-outs are.
+
+    `rounds` is how often each is run: the best counts.
+    """
     times, volts = _drive(SIMULATED_S)
     rows = []
     robots = (("base model", base_robot(), 200.0), ("every effect on", _every(), 50.0))

@@ -30,7 +30,9 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit 0 nothing wrong; 1 an error in the description; 2 bad usage or an unreadable"
         " file.",
     )
-    parser.add_argument("robot", help="*.hydraulics.yaml, model.yaml or a shipped robot")
+    parser.add_argument(
+        "robot", metavar="ROBOT", help="*.hydraulics.yaml, model.yaml or a shipped robot"
+    )
     parser.add_argument(
         "--out", type=Path, metavar="FILE.html", help="draw links, pins, strokes and lever arms"
     )

@@ -90,7 +90,10 @@ def is_void(row: Tracking) -> bool:
 
 
 def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str]:
-    """How many times larger each other run's true RMSE is."""
+    """How many times larger each other run's true RMSE is.
+
+    `against` is the run that the others are divided by.
+    """
     best = rows[against]["truth"].rmse_mm
     return [
         f"RMSE of {name} is {row['truth'].rmse_mm / best:.2f} times that of {against}"

@@ -17,6 +17,7 @@ from hydro_model.terminal import progress_bar
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification, Settings
     from hydro_ident.model_statistics import Statistics
+    from hydro_ident.parameters import Parameter
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -171,7 +172,10 @@ _FILTER_OPTIONS = {
 
 
 def settings_of(options: argparse.Namespace) -> Settings:
-    """The estimators' settings of a command line."""
+    """The estimators' settings of a command line.
+
+    `options` is what argparse made of it.
+    """
     from hydro_ident.errors import IdentError
     from hydro_ident.estimate.derivatives import FilterSettings
     from hydro_ident.identification import Settings
@@ -199,7 +203,10 @@ def _word(value: float | str) -> str:
 
 
 def found_statistics(found: Identification, origin: Provenance) -> Statistics:
-    """What later comparisons have to know of an identification."""
+    """What later comparisons have to know of an identification.
+
+    `origin` names the bags.
+    """
     from hydro_ident.model_statistics import statistics_of
 
     return statistics_of(
@@ -244,7 +251,6 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
 
 def summary_text(found: Identification) -> str:
     """The result as a table for the terminal."""
-    from hydro_ident.report.parameter_section import readable
     from hydro_ident.validation_results import comparison_lines, rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
@@ -253,13 +259,14 @@ def summary_text(found: Identification) -> str:
     lines += [f"problem: {text}" for text in found.problems]
     lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
     lines += [f"note: {text}" for text in found.notes]
-    width = max((len(readable(p)) for p in found.parameters), default=0)
-    for p in found.parameters:
+    names = [_short(p) for p in found.parameters]
+    width = max(map(len, names), default=0)
+    for name, p in zip(names, found.parameters, strict=True):
         given = "" if p.datasheet is None else f"  (given {p.datasheet:.5g})"
         rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
         mark = "" if p.identifiable else rest
         error = "" if p.held else f" +- {p.std:9.3g}"
-        lines.append(f"  {readable(p):{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
+        lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
     for channel in found.channels:
         s = channel.summary()
         lines.append(
@@ -269,6 +276,12 @@ def summary_text(found: Identification) -> str:
     lines += rollout_lines(found.free_run)
     lines += [] if found.comparison is None else comparison_lines(found.comparison)
     return "\n".join(lines)
+
+
+def _short(parameter: Parameter) -> str:
+    """A name that fits a line; the sum it stands for is in the report and in result.json."""
+    others = len(parameter.combination.keys() - {parameter.name})
+    return parameter.name + (f" + {others} more" if others else "")
 
 
 def main() -> int:

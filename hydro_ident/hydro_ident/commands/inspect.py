@@ -24,7 +24,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="inspect", description="Say what is in a bag: rates, gaps, ranges, health."
     )
-    parser.add_argument("bag", type=Path, help="rosbag2 directory or .mcap file")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")
     parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
     add_json(parser)
     return parser

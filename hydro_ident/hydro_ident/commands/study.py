@@ -30,13 +30,21 @@ def parser() -> argparse.ArgumentParser:
         " the truth is not, and score the diagnoses. A run that was stopped goes on where it was.",
     )
     p.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder of the study")
-    p.add_argument("--cases", type=_positive, default=750, metavar="N", help="(default: 750)")
+    p.add_argument(
+        "--cases", type=_positive, default=750, metavar="N", help="how many cranes (default: 750)"
+    )
     seed = p.add_mutually_exclusive_group()
-    seed.add_argument("--seed", type=int, default=0, help="(default: 0)")
+    seed.add_argument("--seed", type=int, default=0, metavar="S", help="of the cases (default: 0)")
     seed.add_argument(
         "--frozen", metavar="HASH", help="derive the seed from the commit that froze thresholds"
     )
-    p.add_argument("--jobs", type=_positive, default=2, metavar="N", help="(default: 2)")
+    p.add_argument(
+        "--jobs",
+        type=_positive,
+        default=2,
+        metavar="N",
+        help="processes side by side (default: 2)",
+    )
     p.add_argument(
         "--generate-only", action="store_true", help="write the cases, diagnose nothing"
     )

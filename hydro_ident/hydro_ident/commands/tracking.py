@@ -32,7 +32,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Tip RMSE, largest error, largest speed and rho = largest error / largest"
         " speed over the span in which the tip reference moves.",
     )
-    parser.add_argument("bag", type=Path, help="rosbag2 directory or .mcap file")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")
     parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
     parser.add_argument("--truth", type=Path, help="side file of the simulated rig (.npz)")
     add_json(parser)

@@ -184,6 +184,8 @@ def sandwich(bread: FloatArray, middle: FloatArray) -> FloatArray:
 
     A parameter without information gets a large but finite variance, so that an optimiser can
     climb out of it.
+
+    `bread` is H, the information, and `middle` M.
     """
     size = np.sqrt(np.maximum(np.einsum("...ii->...i", bread), 1e-30))
     scale = size[..., :, None] * size[..., None, :]

@@ -98,6 +98,8 @@ class Program:
 
         Where no straight way fits (the load may be too heavy halfway), by the middle of the
         joints' ranges.
+
+        `target` (n,) is the pose; `at_least_s` holds the motion back to that time.
         """
         if self._straight(target, at_least_s):
             return

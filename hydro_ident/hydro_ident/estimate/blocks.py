@@ -70,7 +70,10 @@ class Blocks:
         return self.own_x, self.own_y
 
     def held(self, free: NDArray[np.intp], shift: FloatArray) -> Blocks:
-        """The free columns alone, what values (p,) of the others give taken off y."""
+        """The free columns alone, what values (p,) of the others give taken off y.
+
+        `shift` (p,) are those values, 0 for free columns.
+        """
         z = None if self.z is None else self.z[..., free]
         x, y = self.x[..., free], self.y - self.x @ shift
         square = np.ix_(free, free)

@@ -96,7 +96,10 @@ def chambers_of(robot: Robot) -> tuple[Chamber, ...]:
 
 
 def column_names(chamber: Chamber, extra: Sequence[str] = ()) -> tuple[str, ...]:
-    """Columns of `chamber_rows`: inverse bulk modulus, two edges, then the listed effects'."""
+    """Columns of `chamber_rows`: inverse bulk modulus, two edges, then the listed effects'.
+
+    `extra` are the names of the latter.
+    """
     return (INVERSE_BULK, *chamber.edges, *extra)
 
 

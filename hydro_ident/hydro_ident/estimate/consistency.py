@@ -256,7 +256,10 @@ def _slopes(
 
 
 def null_space(a: FloatArray) -> FloatArray:
-    """Orthonormal basis, as columns, of what A (of full row rank) maps to zero."""
+    """Orthonormal basis, as columns, of what A (of full row rank) maps to zero.
+
+    `a` is the matrix.
+    """
     return np.asarray(np.linalg.svd(a)[2][a.shape[0] :].T)
 
 

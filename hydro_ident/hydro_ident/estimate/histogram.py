@@ -31,7 +31,10 @@ class Histogram:
     zeros: int = 0
 
     def add(self, sizes: FloatArray) -> None:
-        """Count values >= 0; what is not finite is left out."""
+        """Count values >= 0; what is not finite is left out.
+
+        `sizes` are the values.
+        """
         sizes = sizes[np.isfinite(sizes)]
         positive = sizes[sizes > 10.0**_LOWEST]
         self.zeros += int(sizes.size - positive.size)

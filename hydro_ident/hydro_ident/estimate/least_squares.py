@@ -175,7 +175,10 @@ def weights_of(
 
 
 def robust_settled(before: Solution, after: Solution, number: int) -> bool:
-    """Whether another robust pass would change nothing."""
+    """Whether another robust pass would change nothing.
+
+    `before` and `after` the pass of that number, from 1 on.
+    """
     if number <= HUBER_PASSES:
         return False
     std = np.sqrt(np.maximum(np.diag(after.covariance), 0.0))

@@ -60,7 +60,10 @@ def flow_noise(
     windows: WindowSettings,
     inverse_bulk: float,
 ) -> float:
-    """Noise floor of a balance in m^3/s: position and pressure noise at a window's ends."""
+    """Noise floor of a balance in m^3/s: position and pressure noise at a window's ends.
+
+    `seen` is a survey, or the traces to make one of; `inverse_bulk` in 1/Pa.
+    """
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
     cylinder, i = chamber.cylinder, chamber.index
     span = max(1, round(windows.length_s / survey.step_s)) * survey.step_s

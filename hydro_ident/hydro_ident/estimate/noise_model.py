@@ -27,7 +27,10 @@ def lag_products(unit: Blocks, theta: FloatArray) -> FloatArray:
 
 
 def spread_products(unit: Blocks, spread: FloatArray) -> FloatArray:
-    """Expected products of ``x (theta - truth)`` and its lags, (G, L, L)."""
+    """Expected products of ``x (theta - truth)`` and its lags, (G, L, L).
+
+    `spread` (p, p) is the covariance of the parameters.
+    """
     # Rows of x times a root of the covariance: trace(V x_i' x_j) without forming products of x.
     values, vectors = np.linalg.eigh(spread)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -39,7 +42,10 @@ def spread_products(unit: Blocks, spread: FloatArray) -> FloatArray:
 def noise_model(
     unit: Blocks, products: FloatArray, variance: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Autoregression of each channel over all recordings, and variance of each group."""
+    """Autoregression of each channel over all recordings, and variance of each group.
+
+    `products` (G, L, L) as of `lag_products`.
+    """
     lags = products.shape[1] - 1
     phi = np.zeros((unit.channels, lags))
     level = np.sum(unit.y[:, :, 0] ** 2, axis=1)
@@ -54,7 +60,10 @@ def noise_model(
 
 
 def group_variance(unit: Blocks, products: FloatArray, phi: FloatArray) -> FloatArray:
-    """Variance of the white noise behind each group, (G,)."""
+    """Variance of the white noise behind each group, (G,).
+
+    `products` (G, L, L) as of `lag_products`, `phi` (k, lags) the autoregressions.
+    """
     filters = np.concatenate([np.ones((unit.channels, 1)), -phi], axis=1)[unit.channel]
     power = np.einsum("gij,gi,gj->g", products, filters, filters)
     # A floor keeps exact data (algebraic tests, a constant channel) from an infinite weight.

@@ -84,5 +84,8 @@ class Weights:
 
 
 def robust_scale(sizes: Histogram) -> float:
-    """Standard deviation of normal noise with this median size."""
+    """Standard deviation of normal noise with this median size.
+
+    `sizes` counts the residuals' absolute values.
+    """
     return sizes.quantile(0.5) / _MEDIAN

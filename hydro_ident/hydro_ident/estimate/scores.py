@@ -119,7 +119,10 @@ class Tally:
         after: FloatArray,
         speed: FloatArray | None = None,
     ) -> None:
-        """Take in the next rows, those not measured left out."""
+        """Take in the next rows, those not measured left out.
+
+        `speed`, where it is known, is that of the motion at these rows.
+        """
         known = np.isfinite(measured)
         speed = np.full(measured.shape, np.nan) if speed is None else speed
         columns = np.stack([v[known] for v in (time_s, measured, before, after, speed)])
@@ -206,5 +209,8 @@ class ChannelScore:
 
 
 def fit_percent(errors: float, spread: float) -> float:
-    """``100 (1 - |y - yhat| / |y - mean y|)`` from sums of squares; 0 where y is constant."""
+    """``100 (1 - |y - yhat| / |y - mean y|)`` from sums of squares; 0 where y is constant.
+
+    `errors` is the sum for y - yhat, `spread` that for y - mean y.
+    """
     return 100.0 * (1.0 - math.sqrt(errors / spread)) if spread > 0.0 else 0.0

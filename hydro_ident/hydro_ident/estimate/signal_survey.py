@@ -97,6 +97,8 @@ class Sensor:
         """Standard deviation of the white noise; a sensor at rest still has its rounding.
 
         The 68th percentile keeps shocks out.
+
+        `resolution` is the step between values, in the sensor's unit.
         """
         spread = self.differences.quantile(_ONE_SIGMA) / _THIRD
         if self.lone:
@@ -263,6 +265,9 @@ class SignalSurvey:
         return float(self.arm[cylinder] / max(self.samples[cylinder], 1.0))
 
     def mean_volume(self, cylinder: int, side: str) -> float:
-        """Mean volume of a chamber."""
+        """Mean volume of a chamber.
+
+        `side` is a or b.
+        """
         total = self.volume[cylinder, 0 if side == "a" else 1]
         return float(total / max(self.samples[cylinder], 1.0))

@@ -29,7 +29,10 @@ _LOCATED = 12
 
 
 def result_json(found: Diagnosis, origin: Provenance) -> str:
-    """result.json as text: the same input gives the same text."""
+    """result.json as text: the same input gives the same text.
+
+    `origin` says where the numbers come from.
+    """
     return json.dumps(result_dict(found, origin), indent=1, allow_nan=False) + "\n"
 
 

@@ -53,7 +53,10 @@ class Rows:
         return np.asarray(found * self.factor[:, None])
 
     def curve(self, knots: FloatArray, period: float) -> FloatArray:
-        """Columns (n, m) of the free curve: straight pieces, or a wave."""
+        """Columns (n, m) of the free curve: straight pieces, or a wave.
+
+        `knots` (m,) are where pieces meet; `period` is that of a wave, 0 for pieces.
+        """
         found = waves(self.at / period) if period else hats(self.at, knots)
         return np.asarray(found * self.factor[:, None])
 
@@ -153,7 +156,11 @@ def _about(period: float, at: FloatArray) -> FloatArray:
 
 
 def needs_offset(plain: FittedForm | None, more: FittedForm | None) -> bool:
-    """Whether a constant beside a form is beyond chance and beyond what a form is good for."""
+    """Whether a constant beside a form is beyond chance and beyond what a form is good for.
+
+    `plain` is the form alone, `more` the form with a constant; None where it could not be
+    fitted.
+    """
     if plain is None or more is None:
         return plain is None
     last = more.theta.size - 1

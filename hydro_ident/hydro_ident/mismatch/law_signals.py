@@ -1,4 +1,7 @@
-"""What laws of the catalogue may look at, from a recording: the signals of a cylinder or joint."""
+"""What laws of the catalogue may look at, from a recording: the signals of a cylinder or joint.
+
+`s` are rows of signals (N, SIGNAL_COUNT) that are changed in place.
+"""
 
 from __future__ import annotations
 

@@ -73,7 +73,10 @@ class Lines:
         return tuple(dict.fromkeys(found))
 
     def p_value(self, number: int, rest: FloatArray) -> float:
-        """Chance of so strong a line at any of the wave numbers; as `chance`."""
+        """Chance of so strong a line at any of the wave numbers; as `chance`.
+
+        `rest` is what the line is looked for in.
+        """
         return min(1.0, self.numbers.size * self.chance(number, rest))
 
     def chance(self, number: int, rest: FloatArray) -> float:
@@ -108,7 +111,10 @@ class Lines:
 
 
 def wave_numbers(at: FloatArray) -> FloatArray:
-    """Periods per unit of a variable that its rows can tell apart."""
+    """Periods per unit of a variable that its rows can tell apart.
+
+    `at` (N,) are the variable's values.
+    """
     span = float(np.ptp(at)) if at.size > 1 else 0.0
     if span <= 0.0:
         return np.zeros(0)

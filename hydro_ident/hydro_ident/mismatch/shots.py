@@ -43,7 +43,10 @@ class Shots:
 
     @staticmethod
     def of(predictor: Predictor, split: HoldOut, window_s: float, most: int, held: bool) -> Shots:
-        """At most `most` held-out windows, or others, evenly spread over the recordings."""
+        """At most `most` held-out windows, or others, evenly spread over the recordings.
+
+        `split` says which rows are held out.
+        """
         material, found = predictor.material, list[tuple[int, Piece]]()
         for number, stretch in enumerate(material.stretches):
             for piece in usable_pieces(material.robot, stretch.trace, material.filters):
@@ -71,7 +74,10 @@ class Shots:
         return [self._missed(robot, stretches[s], begin, end) for s, begin, end in self.spans]
 
     def only(self, kept: Sequence[bool]) -> Shots:
-        """Some of the windows."""
+        """Some of the windows.
+
+        `kept` says of each window whether it stays.
+        """
         spans = tuple(span for span, keep in zip(self.spans, kept, strict=True) if keep)
         return replace(self, spans=spans)
 

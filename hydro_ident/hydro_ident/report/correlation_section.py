@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.correlation import Correlogram, autocorrelation, cross_correlation
 from hydro_ident.report.figure import Figure, band, line
-from hydro_ident.report.page import Row, Section, paragraph, table
+from hydro_ident.report.page import Row, Section, paragraph, percent, table
 from hydro_ident.report.palette import BEFORE, joint_colour
 
 _LEAD = (
@@ -43,7 +43,7 @@ def correlation_section(channels: Sequence[ChannelRows], joints: Sequence[str]) 
 
 
 def _share(found: Correlogram | None) -> str:
-    return "–" if found is None else f"{found.outside:.0%}"
+    return "–" if found is None else percent(found.outside)
 
 
 def _figure(title: str, x: str, found: Sequence[Correlogram | None], colour: str) -> str:

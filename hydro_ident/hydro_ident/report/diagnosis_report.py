@@ -14,7 +14,16 @@ from hydro_ident.report.figure import unit_text
 from hydro_ident.report.free_run_section import free_run_section
 from hydro_ident.report.law_section import law_section
 from hydro_ident.report.model_parameters import finding_rows, model_rows
-from hydro_ident.report.page import Section, bullets, folded, number, page, paragraph, table
+from hydro_ident.report.page import (
+    Section,
+    bullets,
+    folded,
+    number,
+    page,
+    paragraph,
+    percent,
+    table,
+)
 from hydro_ident.report.parameter_section import change_figure, owners, parameter_table
 from hydro_ident.report.prediction_section import prediction_section
 from hydro_ident.report.provenance_section import provenance_section
@@ -91,7 +100,7 @@ def _parameters(found: Diagnosis) -> Section:
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
-    names = " or ".join(f"{plain(name)} ({share:.0%})" for name, share in pairs)
+    names = " or ".join(f"{plain(name)} ({percent(share)})" for name, share in pairs)
     rows = [
         ("shows", unit_text(data["where"]["text"])),
         ("also in", ", ".join(data["also"]) or "–"),

@@ -18,8 +18,9 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import Verdict, number
+from hydro_ident.report.page import Verdict, number, percent
 from hydro_ident.report.verdict_words import (
+    NEAR_NOISE,
     error_line,
     free_run_line,
     health_line,
@@ -46,6 +47,8 @@ _HEADLINES = {
 }
 #: Probability below which a name alone is not enough.
 _SURE = 0.9
+#: Channels whose error is told.
+_WORST = 3
 #: Probability above which there is no saying how sure.
 _CERTAIN = 0.99
 
@@ -54,7 +57,7 @@ def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verd
     """What differs, what was left out, how sure, what to do next."""
     tone, headline = _HEADLINES[found.verdict]
     cards = (
-        ("What differs", limited(_differs(found))),
+        ("What differs", limited(_differs(found, held_out))),
         ("What was left out", limited(_left_out(found))),
         ("How sure", limited(_sure(found, held_out))),
         ("What to do next", limited(_next(found))),
@@ -62,17 +65,37 @@ def diagnosis_verdict(found: Diagnosis, held_out: Sequence[ChannelRows]) -> Verd
     return Verdict(tone, headline, found.verdict, cards)
 
 
-def _differs(found: Diagnosis) -> list[str]:
+def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
+    """By how much the model is off before anything is added to it, the worst channels first."""
+    if found.verdict == NOT_ENOUGH:
+        return ["Not known."]
+    sizes = {c.name: (c, c.value("rmse_before"), c.value("noise_floor")) for c in held_out}
+    off = {
+        name: before / noise
+        for name, (_, before, noise) in sizes.items()
+        if noise > 0.0 and before > NEAR_NOISE * noise
+    }
+    worst = sorted(off, key=lambda name: -off[name])
+    lines = [
+        f"{name}: before anything is added, off by {number(sizes[name][1], 3)}"
+        f" {unit_text(sizes[name][0].unit)}, {off[name]:.0f} times sensor noise alone."
+        for name in worst[:_WORST]
+    ]
+    if not lines:
+        return ["Nothing beyond what sensor noise leaves."]
+    if len(worst) > _WORST:
+        lines.append(f"{shortened(worst[_WORST:])}: off by less.")
+    return lines
+
+
+def _causes(found: Diagnosis) -> list[str]:
+    """What was found, with its size, by what it sits in."""
     by_target: dict[str, list[str]] = {}
     for one in found.findings:
         data = finding_dict(found, one)
         names = " or ".join(plain(name) for name in data["names"])
         by_target.setdefault(plain(data["target"]), []).append(f"{names}{_size(data)}")
-    if by_target:
-        return [f"{target}: {'; '.join(causes)}." for target, causes in by_target.items()]
-    if found.verdict == NOT_ENOUGH:
-        return ["Not known."]
-    return ["Nothing that can be named."]
+    return [f"{target}: {'; '.join(causes)}." for target, causes in by_target.items()]
 
 
 def _size(data: dict[str, Any]) -> str:
@@ -86,8 +109,9 @@ def _size(data: dict[str, Any]) -> str:
 
 
 def _left_out(found: Diagnosis) -> list[str]:
-    lines = [
-        f"{one.share:.0%} of what is left in {one.channel} follows the"
+    lines = _causes(found)
+    lines += [
+        f"{percent(one.share)} of what is left in {one.channel} follows the"
         f" {plain(one.dependence.variable)}; no effect of the catalogue stands for it."
         for one in found.unexplained
     ]
@@ -99,10 +123,6 @@ def _left_out(found: Diagnosis) -> list[str]:
     if found.rejected:
         names = [plain(f.named.names[0]) for f in found.rejected]
         lines.append(f"Tried and not confirmed on held-out rows: {shortened(names)}.")
-    if found.not_testable:
-        names = [plain(n.name) for n in found.not_testable]
-        lines.append(f"Could not have shown in these recordings: {shortened(names)}.")
-    lines += loss_line(found.losses)
     return lines or ["Nothing that these recordings could show."]
 
 
@@ -119,12 +139,18 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
         lines += error_line(held_out)
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
+    lines += loss_line(found.losses)
+    if found.not_testable:
+        names = [plain(n.name) for n in found.not_testable]
+        lines.append(f"Could not have shown in these recordings: {shortened(names)}.")
     return lines or ["Not at all."]
 
 
 def _odds(probability: float) -> str:
     return (
-        "(over 99 %)" if probability > _CERTAIN else f"(the least sure of them {probability:.0%})"
+        "(over 99 %)"
+        if probability > _CERTAIN
+        else f"(the least sure of them {percent(probability)})"
     )
 
 

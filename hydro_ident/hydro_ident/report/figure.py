@@ -1,4 +1,9 @@
-"""Figures as plotly takes them: plain data, thinned honestly, a title and a unit on every axis."""
+"""Figures as plotly takes them: plain data, thinned honestly, a title and a unit on every axis.
+
+Shared arguments: `xy` are both coordinates; `panel` is the number of the diagram, from the top;
+`dash` and `width` (px) are the line's; `legend` says whether it is listed there; `low` and `high`
+are the band's edges. `x` is broken where it jumps, `y` goes with it.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +39,9 @@ def axis_title(name: str, unit: str) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit as people write it."""
-    for plain, written in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("deg C", "°C")):
+    for plain, written in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C")):
         unit = unit.replace(plain, written)
-    return "–" if unit in ("", "1") else unit
+    return "–" if unit in ("", "1", "-") else unit
 
 
 @dataclass(frozen=True, slots=True)

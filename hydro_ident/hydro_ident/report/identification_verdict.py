@@ -9,7 +9,7 @@ from hydro_ident.model_error import left_out
 from hydro_ident.parameters import Parameter
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import Verdict, number
+from hydro_ident.report.page import Verdict, number, percent
 from hydro_ident.report.verdict_words import (
     error_line,
     free_run_line,
@@ -64,7 +64,7 @@ def _differs(known: Sequence[Parameter], found: Identification) -> list[str]:
         unit = unit_text(p.unit)
         lines.append(
             f"{plain(p.name)}: {number(p.value, 3)} instead of"
-            f" {number(p.datasheet, 3)} {unit} ({_change(p):+.0%})"
+            f" {number(p.datasheet, 3)} {unit} ({percent(_change(p), sign='+')})"
         )
     return lines
 
@@ -107,7 +107,7 @@ def _sure(
     if relative:
         text = (
             f"{len(known)} of {len(found.parameters)} parameters are determined, the middle one to"
-            f" ±{relative[len(relative) // 2]:.1%} (95 %)."
+            f" ±{percent(relative[len(relative) // 2], 1)} (95 %)."
         )
         if physics:
             text += " These intervals count noise alone: what was left out may bias them further."

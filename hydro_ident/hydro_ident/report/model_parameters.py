@@ -23,7 +23,7 @@ _UNKNOWN = "these recordings do not determine it: the given value stays"
 def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> list[ParameterRow]:
     """The parameters of one finding."""
     data = finding_dict(found, one)
-    joint = owner.get(data["target"], data["channel"].split("/")[0])
+    joint = owner.get(data["target"].split("/")[0], "")
     rows = []
     for p in data["parameters"]:
         std = p["std"]

@@ -137,7 +137,10 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def bullets(lines: Sequence[str], style: str = "") -> str:
-    """A list, empty where there are no lines."""
+    """A list, empty where there are no lines.
+
+    `style` is a class of the style sheet.
+    """
     if not lines:
         return ""
     kind = f' class="{style}"' if style else ""
@@ -145,17 +148,51 @@ def bullets(lines: Sequence[str], style: str = "") -> str:
 
 
 def paragraph(text: str, style: str = "none") -> str:
-    """A paragraph of plain text."""
+    """A paragraph of plain text.
+
+    `style` is a class of the style sheet.
+    """
     return f'<p class="{style}">{_marked(text)}</p>'
 
 
+def percent(share: float, digits: int = 0, sign: str = "") -> str:
+    """A share in per cent, with `digits` behind the point; `sign` "+" writes that, too."""
+    return f"{100.0 * share:{sign}.{digits}f} %"
+
+
+#: How the packages' own texts write units and exponents, and how a report does.
+_AS_TYPED = (
+    (re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)"), r"e\1"),
+    (re.compile(r"\^2\b"), "²"),
+    (re.compile(r"\^3\b"), "³"),
+    (re.compile(r"\bsqrt\(Pa\)"), "√Pa"),
+)
+
+
+def written(text: str) -> str:
+    """A text of the packages with units and exponents as the rest of the page has them."""
+    for typed, read in _AS_TYPED:
+        text = typed.sub(read, text)
+    return text
+
+
 def _marked(text: str) -> str:
-    """Plain text with what stands between backticks as code."""
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+    """Plain text with what stands between backticks as code, and as it is."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:
+        return escape(written(text))
+    kept = (
+        f"<code>{escape(part)}</code>" if k % 2 else escape(written(part))
+        for k, part in enumerate(parts)
+    )
+    return "".join(kept)
 
 
 def folded(title: str, body: str) -> str:
-    """What is there for those who ask; empty where there is nothing."""
+    """What is there for those who ask; empty where there is nothing.
+
+    `body` is HTML.
+    """
     return f"<details><summary>{escape(title)}</summary>{body}</details>" if body else ""
 
 
@@ -205,10 +242,14 @@ def table(
     return f'<div class="scroll"><table>{inner}</table></div>'
 
 
+#: Where a long name may go on in the next line of a narrow screen.
+_JOINT = re.compile(r"(?<=[a-z][._/])(?=[a-z])")
+
+
 def _row(row: Row, kinds: Sequence[str]) -> str:
     dot = f'<span class="dot" style="background:{row.dot}"></span>' if row.dot else ""
-    below = f"<small>{escape(row.below)}</small>" if row.below else ""
+    below = f"<small>{escape(written(row.below))}</small>" if row.below else ""
     cells = [f"{escape(cell)}" for cell in row.cells]
-    cells[0] = f"{dot}{cells[0]}{below}"
+    cells[0] = f"{dot}{_JOINT.sub('<wbr>', cells[0])}{below}"
     inner = "".join(f"<td{kind}>{cell}</td>" for kind, cell in zip(kinds, cells, strict=True))
     return f"<tr{' class=' + chr(34) + 'off' + chr(34) if row.off else ''}>{inner}</tr>"

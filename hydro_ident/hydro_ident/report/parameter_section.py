@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.parameters import Parameter
 from hydro_ident.report.figure import Figure, unit_text
-from hydro_ident.report.page import Row, folded, number, table
+from hydro_ident.report.page import Row, folded, number, percent, table
 from hydro_ident.report.palette import joint_colour
 from hydro_model.robot import Robot
 
@@ -74,7 +74,10 @@ def readable(parameter: Parameter) -> str:
 
 
 def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
-    """A row of an identified parameter."""
+    """A row of an identified parameter.
+
+    `p` is the parameter.
+    """
     why = p.reason
     if not why and not p.identifiable:
         why = "these recordings do not determine it: the given value stays in the model"
@@ -94,15 +97,15 @@ def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         if p.interval is not None:
             interval = " … ".join(number(bound, 5) for bound in p.interval)
         given = number(p.datasheet, 5)
-        change = "–" if p.off or p.change is None else _percent(100.0 * p.change)
+        change = "–" if p.off or p.change is None else _change(p.change)
         texts = (p.name, number(p.value, 5), interval, unit_text(p.unit), given, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
         cells.append(Row(texts, p.below, dot, p.off))
     return table(_HEAD, cells) if cells else ""
 
 
-def _percent(change: float) -> str:
-    return f"{change:+.0f} %" if abs(change) >= 100.0 else f"{change:+.1f} %"
+def _change(change: float) -> str:
+    return percent(change, 0 if abs(change) >= 1.0 else 1, "+")
 
 
 def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:

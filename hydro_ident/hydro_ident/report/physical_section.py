@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hydro_ident.consistent_robot import PhysicalResult, body_dict
+from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.physical import ConsistentBody
 from hydro_ident.estimate.summed_flow import SummedComparison
-from hydro_ident.report.page import bullets, table
+from hydro_ident.report.page import bullets, number, table
 
 
 def physical_part(result: PhysicalResult | None) -> str:
@@ -35,7 +36,7 @@ def physical_part(result: PhysicalResult | None) -> str:
         else "They belong to the closest base parameters that bodies can have, which are not"
         " used: the model keeps those identified."
     )
-    head = ("body", "mass in kg", "centre of mass in m", "inertia about it in kg m^2", "change")
+    head = ("body", "mass in kg", "centre of mass in m", "inertia about it in kg m²", "change")
     parts += [f"<p>{said}</p>", table(head, [_row(body) for body in found.bodies])]
     parts.append(
         "<p>Inertia: xx, yy, zz, xy, xz, yz. Change: log-determinant divergence from the given"
@@ -49,7 +50,7 @@ def _row(body: ConsistentBody) -> tuple[str, ...]:
     com, inertia = data.get("com_m"), data.get("inertia_com_kg_m2")
     if com is None or inertia is None:
         moments = ", ".join(f"{k} {v:.4g}" for k, v in body.parameters.items() if k != "mass")
-        return body.name, f"{data['mass_kg']:.5g}", "-", moments, f"{body.divergence:.3g}"
+        return body.name, f"{data['mass_kg']:.5g}", "–", moments, f"{body.divergence:.3g}"
     order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     return (
         body.name,
@@ -83,9 +84,10 @@ def summed_part(comparisons: Sequence[SummedComparison]) -> str:
         for name in c.summed.names:
             at = [p.names.index(name) if name in p.names else -1 for p in parts]
             pairs = list(zip(parts, at, strict=True))
-            values = [f"{p.theta[k]:.4g}" if k >= 0 else "-" for p, k in pairs]
-            factors = [f"{p.error_factor[k]:.3g}" if k >= 0 else "-" for p, k in pairs]
-            rows.append((f"{c.cylinder}.{name}", *values, *factors))
+            values = [number(p.theta[k]) if k >= 0 else "–" for p, k in pairs]
+            factors = [number(p.error_factor[k], 3) if k >= 0 else "–" for p, k in pairs]
+            unit = "1/Pa" if name == INVERSE_BULK else "m³/(s √Pa)"
+            rows.append((f"{c.cylinder}.{name} in {unit}", *values, *factors))
     return "\n".join(
         (
             "<p>Not used. Same windows and delay, ordinary least squares, without listed effects;"

@@ -7,7 +7,17 @@ from collections.abc import Sequence
 from hydro_ident.inspection import Range
 from hydro_ident.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.report.figure import Figure, axis_title, path, unit_text
-from hydro_ident.report.page import Row, Section, bullets, folded, number, paragraph, table
+from hydro_ident.report.page import (
+    Row,
+    Section,
+    bullets,
+    folded,
+    number,
+    paragraph,
+    percent,
+    table,
+    written,
+)
 from hydro_ident.report.palette import joint_colour
 from hydro_ident.report.verdict_words import plain
 from hydro_ident.verdict import BagLoss
@@ -108,18 +118,18 @@ def excitation_section(
     body += '<div class="pair">' + "".join(_covered(recordings, joints)) + "</div>"
     if not_testable:
         body += "<h3>What these recordings could not have shown</h3>"
-        named = [(plain(name), why) for name, why in not_testable]
+        named = [(plain(name), written(why)) for name, why in not_testable]
         body += table(("effect", "why"), named, text=(1,))
     return Section("excitation", title, lead, body)
 
 
 def _motion_cells(r: RecordingSummary, m: JointMotion) -> tuple[str, ...]:
     limits = m.upper - m.lower
-    travel = f"{(m.high - m.low) / limits:.0%}" if limits > 0.0 else "–"
-    speed = f"{m.speed / m.speed_limit:.0%}" if m.speed_limit > 0.0 else "–"
+    travel = percent((m.high - m.low) / limits) if limits > 0.0 else "–"
+    speed = percent(m.speed / m.speed_limit) if m.speed_limit > 0.0 else "–"
     return (
         m.joint, r.name, number(m.low, 3), number(m.high, 3), travel,
-        number(m.speed, 3), speed, f"{m.moving_share:.0%}", str(m.reversals),
+        number(m.speed, 3), speed, percent(m.moving_share), str(m.reversals),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from hydro_ident.free_run import FreeRun
 from hydro_ident.recording_summary import RecordingSummary
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import number
+from hydro_ident.report.page import number, percent
 from hydro_ident.verdict import BagLoss
 
 #: A residual within so many times the sensors' noise is as good as explained.
@@ -38,7 +38,7 @@ def error_line(channels: Sequence[ChannelRows]) -> list[str]:
         f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
         f" {unit_text(best.unit)} (sensor noise alone: {n})"
     )
-    return [line + (f"; least in {least.name}, to {share:.0%}." if len(known) > 1 else ".")]
+    return [line + (f"; least in {least.name}, to {percent(share)}." if len(known) > 1 else ".")]
 
 
 def noise_line(channels: Sequence[ChannelRows]) -> list[str]:

@@ -144,7 +144,10 @@ def study_machine(options: Options, machine: tuple[int, float]) -> dict[str, Any
 
 
 def driven(robot: Robot, truth: Truth, cases: dict[str, tuple[Robot, Gains]]) -> dict[str, Row]:
-    """Tracking figures of one machine along the path, by model and gains."""
+    """Tracking figures of one machine along the path, by model and gains.
+
+    `cases` are models with their gains, by name.
+    """
     return {
         name: asdict(track(robot, truth, model, gains, _TRACK_SEED))
         for name, (model, gains) in cases.items()

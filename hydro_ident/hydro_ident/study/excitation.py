@@ -49,7 +49,10 @@ _GRID, _ROUNDS, _NEAR = 41, 20_000, 0.004
 
 
 def repeated(robot: Robot, path_name: str, duration_s: float) -> Motions:
-    """A closed path driven over and over for a duration, at the sensors' rate."""
+    """A closed path driven over and over for a duration, at the sensors' rate.
+
+    `path_name` is that of a shipped path.
+    """
     path = load_path(path_name)
     step = 1.0 / robot.sensors.rate_hz
     lap = joint_motion(robot, path, np.arange(0.0, path.duration_s, step))

@@ -157,7 +157,10 @@ def sign(random: np.random.Generator) -> float:
 
 
 def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
-    """A number between two, as likely in every decade."""
+    """A number between two, as likely in every decade.
+
+    The two are `low` and `high`, both above 0.
+    """
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 

@@ -41,7 +41,10 @@ class Rate:
 
 
 def rate(flags: list[bool]) -> Rate:
-    """The share of true ones."""
+    """The share of true ones.
+
+    `flags` says of each case whether it counts.
+    """
     return Rate(sum(flags), len(flags))
 
 

@@ -64,7 +64,10 @@ class Kill:
 
 @dataclass(slots=True)
 class Publisher:
-    """Publishes a cycle every 2 ms from a thread and remembers when."""
+    """Publishes a cycle every 2 ms from a thread and remembers when.
+
+    `node` is the ROS node; `stop` ends the thread.
+    """
 
     node: Any
     #: When cycle k was published, monotonic ns.

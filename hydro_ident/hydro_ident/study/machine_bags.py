@@ -149,6 +149,8 @@ def model_of(name: str, robot: str, bags: tuple[Path, ...], folder: Path) -> Pat
 def command(log: Path, name: str, *arguments: str) -> None:
     """Run a command of the package in a process of its own.
 
+    `log` is the file that its output goes to.
+
     Raises
     ------
     IdentError

@@ -88,7 +88,10 @@ def residuals_of(folder: Path) -> Residuals | None:
 
 
 def held_out(work: Residuals, whole: Fitted) -> dict[str, float]:
-    """Error of a model on the check recording, by channel."""
+    """Error of a model on the check recording, by channel.
+
+    `whole` is the fitted model.
+    """
     left, channels = work.check.residual(whole.model), work.training.predictor.material.channels
     rows = {name: work.check.rows(k, name) for k, name in enumerate(channels)}
     return {n: float(np.sqrt(np.mean(left[r] ** 2))) for n, r in rows.items() if r.any()}

@@ -19,7 +19,10 @@ BASELINES = ("greedy_bic", "always_coulomb")
 
 
 def command_of(plan: Mapping[str, Any]) -> str:
-    """The command that makes a study again."""
+    """The command that makes a study again.
+
+    `plan` is what plan.json says.
+    """
     seed = f"--frozen {plan['frozen']}" if plan["frozen"] else f"--seed {plan['seed']}"
     return f"study --cases {plan['cases']} {seed}"
 

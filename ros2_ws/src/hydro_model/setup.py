@@ -16,6 +16,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
+    extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Hydro maintainers",
     maintainer_email="hydro-maintainers@example.com",

@@ -97,7 +97,10 @@ class RosEnd:
             self.diagnosis[status.name] = values | {"message": status.message}
 
     def begin_fault(self, kind: str, cycles: int, amount: float, valve: int) -> None:
-        """Let a fault of the publisher begin with the next sample but one."""
+        """Let a fault of the publisher begin with the next sample but one.
+
+        It lasts for so many `cycles`; `amount` is its size in its kind's unit.
+        """
         self.fault_at_ns = None
         self._fault = CommandFault(kind, self._count + 2, cycles, amount, valve)
         self._publisher = Publisher([self._fault], self._period_ns)
@@ -110,6 +113,8 @@ class RosEnd:
 
     def call(self, client: Any, request: Any, wait_s: float = CALL_S) -> Any:
         """Call a service.
+
+        `client` is that of the service, `request` its message.
 
         Raises
         ------

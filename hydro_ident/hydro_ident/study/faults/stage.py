@@ -49,6 +49,8 @@ class Stage:
     def start(self, name: str, *command: str, ready: str = "") -> None:
         """Start a process, and wait for a line of its output.
 
+        `ready` is in that line; empty: nothing is waited for.
+
         Raises
         ------
         IdentError
@@ -164,6 +166,8 @@ class Stage:
 
 def until(condition: Callable[[], object], wait_s: float, what: str) -> None:
     """Wait for something.
+
+    `condition` is asked until it holds.
 
     Raises
     ------

@@ -33,7 +33,10 @@ class WallOutcome:
 
 
 def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int) -> dict[str, Any]:
-    """Outcomes as they are published, beside the bare timer's lateness."""
+    """Outcomes as they are published, beside the bare timer's lateness.
+
+    `unasked` counts trips that nobody caused, `left_out` what could not be judged.
+    """
     kinds: dict[str, list[WallOutcome]] = {}
     for one in found:
         kinds.setdefault(one.kind, []).append(one)

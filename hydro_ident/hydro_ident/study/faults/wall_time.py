@@ -78,7 +78,10 @@ class WallRun:
                 raise IdentError("the controller refused a transition")
 
     def drive(self, *, publishing: bool = True) -> None:
-        """Until the valves are driven: trips that the busy computer makes are cleared."""
+        """Until the valves are driven: trips that the busy computer makes are cleared.
+
+        `publishing` says whether the commands come from here, or from the controller.
+        """
         self.ros.publishing = publishing
         end = time.monotonic() + DRIVING_S
         while not self.stage.driven():
@@ -95,7 +98,10 @@ class WallRun:
     def measured(
         self, kind: str, since_ns: int, limit_ms: float | None, *, latched: bool = True
     ) -> WallOutcome:
-        """What followed at the valves."""
+        """What followed at the valves.
+
+        `latched` says whether the fault has to leave the gate tripped.
+        """
         stop_ms, broken = None, ""
         if limit_ms is not None:
             deadline = time.monotonic() + 2.0

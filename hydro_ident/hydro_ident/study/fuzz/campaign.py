@@ -53,7 +53,10 @@ class Tally:
 
 @contextmanager
 def time_limit(seconds: float = LIMIT_S) -> Iterator[None]:
-    """Raise TooLongError once the process has used so much processor time."""
+    """Raise TooLongError once the process has used so much processor time.
+
+    `seconds` is how much it may use.
+    """
 
     def end(_number: int, _frame: FrameType | None) -> None:
         raise TooLongError(f"more than {seconds:g} s of processor time")
@@ -68,7 +71,10 @@ def time_limit(seconds: float = LIMIT_S) -> Iterator[None]:
 
 
 def prepare(target: Target, work: Path, corpus: Path) -> Path:
-    """The file that a target is to read, in a folder with what surrounds it; not yet written."""
+    """The file that a target is to read, in a folder with what surrounds it; not yet written.
+
+    `corpus` is the folder of files to start from.
+    """
     folder = work / target.name
     folder.mkdir(parents=True, exist_ok=True)
     if target.name == "bag_metadata":

@@ -72,7 +72,10 @@ class Judge:
 
 
 def judged(copy: str, root: str, tests: list[str], modules: list[str], out: str) -> None:
-    """Run tests on a copy of the package, in a fork, and write the report."""
+    """Run tests on a copy of the package, in a fork, and write the report.
+
+    `root` is the folder of the sources.
+    """
     signal.alarm(_PATIENCE_S)
     os.chdir(root)
     sys.path.insert(0, copy)

@@ -114,7 +114,10 @@ def _problem(root: Path, one: Sabotage) -> str:
 
 @contextmanager
 def copied(root: Path, one: Sabotage | None = None) -> Iterator[Path]:
-    """A copy of the package in a folder of its own, with or without a sabotage."""
+    """A copy of the package in a folder of its own, with or without a sabotage.
+
+    `root` is the folder of the sources.
+    """
     with tempfile.TemporaryDirectory(prefix="sabotage-") as folder:
         copy = Path(folder).resolve()
         target = copy / PACKAGE.name
@@ -187,6 +190,8 @@ class Court:
 
 def outcomes(root: Path, chosen: Sequence[Sabotage]) -> Iterator[Outcome]:
     """Every sabotage's outcome, one after the other; every test is run unchanged once, before.
+
+    `root` is the folder of the sources, `chosen` the tests that are run.
 
     Raises
     ------

@@ -2,6 +2,8 @@
 
 What `hydro_model.rigid_body_kernels` and `hydro_model.composite_kernels` are made of; the shared
 arguments are described in the former.
+
+`column` is where in a row of `scratch` a vector begins, `part` which of its six components.
 """
 
 from __future__ import annotations

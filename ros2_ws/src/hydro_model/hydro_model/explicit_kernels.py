@@ -4,6 +4,8 @@ A step costs six right-hand sides, where an implicit one costs one for every sta
 is held short by stability, not by accuracy, where the fastest rate times the step nears 3.3; there
 the implicit method takes over (Hairer and Wanner, Solving Ordinary Differential Equations II,
 section IV.2).
+
+Arguments are described in `hydro_model.solver_kernels`.
 """
 
 from __future__ import annotations

@@ -25,6 +25,9 @@ inlined = njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
 
 @kernel
 def copy(source: Any, target: Any) -> None:
-    """Entries of one vector into another; quicker to compile than an assignment to a slice."""
+    """Entries of one vector into another; quicker to compile than an assignment to a slice.
+
+    Both are arrays of one shape; `source` is copied into `target`.
+    """
     for i in range(source.shape[0]):
         target[i] = source[i]

@@ -181,6 +181,9 @@ def tip_kernel(
 
     `scratch` is (n, SCRATCH). In it, per joint: axis, origin and origin velocity in the base
     frame, then the angular velocity of the child frame.
+
+    Arguments as in `hydro_model.rigid_body_kernels`; `tip_offset` (3,) in the last joint's
+    frame.
     """
     n = q.shape[0]
     place(q, rotation, translation, axis, prismatic, scratch)

@@ -192,6 +192,8 @@ def add_part_bodies(n: int, parts: Array, scratch: Array) -> None:
 
     With the second moment ``S = m p p^T + h (p e^T + e p^T) + I e e^T`` about the host's
     origin, the inertia is ``tr(S) 1 - S``.
+
+    `n` is the number of links.
     """
     for i in range(parts.shape[0]):
         host = int(parts[i, HOST])
@@ -244,7 +246,10 @@ def add_part_rates(
 
 @kernel
 def part_moment(n: int, i: int, parts: Array, scratch: Array) -> tuple[float, float, float, float]:
-    """Mass and first moment of part i in its host's frame, after `place_parts`."""
+    """Mass and first moment of part i in its host's frame, after `place_parts`.
+
+    `n` is the number of links.
+    """
     p, e = triple(parts, i, PIN), triple(scratch, n + i, _LINE)
     m, h = parts[i, MASS], parts[i, FIRST]
     return m, m * p[0] + h * e[0], m * p[1] + h * e[1], m * p[2] + h * e[2]

@@ -28,7 +28,10 @@ _PIVOT_SHARE = 0.1
 
 
 def point_mass(at: FloatArray) -> FloatArray:
-    """Standard parameters (10,) of 1 kg at a point (3,), in the same frame."""
+    """Standard parameters (10,) of 1 kg at a point (3,), in the same frame.
+
+    `at` is the point.
+    """
     inertia = at @ at * np.eye(3) - np.outer(at, at)
     return np.array([1.0, *at, *inertia[_UPPER]])
 

@@ -42,7 +42,10 @@ def read_segments(f: Fields, at: FloatArray) -> list[Segment]:
 
 
 def rectangle(f: Fields, key: str, width: int | None) -> FloatArray:
-    """A list of rows of finite numbers, all of one width (that of the first where None)."""
+    """A list of rows of finite numbers, all of one width (that of the first where None).
+
+    `f` are the fields of the path file.
+    """
     wrapped = f.rows(key)
     size = len(wrapped[0]) if width is None and wrapped else width
     for index, row in enumerate(wrapped):
@@ -54,7 +57,10 @@ def rectangle(f: Fields, key: str, width: int | None) -> FloatArray:
 
 
 def duration(f: Fields, key: str = "duration_s") -> float:
-    """A time above 0 and below `MAX_DURATION_S`."""
+    """A time above 0 and below `MAX_DURATION_S`.
+
+    `f` are the fields of the path file.
+    """
     value = f.positive(key)
     if value > MAX_DURATION_S:
         raise RobotError(f"{f.where}: '{key}' should be at most {MAX_DURATION_S} s, found {value}")

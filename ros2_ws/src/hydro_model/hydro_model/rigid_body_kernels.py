@@ -99,6 +99,8 @@ def required_torque_kernel(
     """Joint torques of eqs. 20 and 22 without friction, into `out` (n,).
 
     With `qd_r` = `qd` and `k_v` = 0 this is the recursive Newton-Euler inverse dynamics.
+
+    `k_v` is the gain on the required velocity's error, N s/m or N m s/rad.
     """
     place(q, rotation, translation, axis, prismatic, scratch)
     place_parts(q, parts, scratch)

@@ -31,7 +31,10 @@ def torques(
     scratch: Array,
     out: Array,
 ) -> None:
-    """Required torques of N samples into `out` (N, n)."""
+    """Required torques of N samples into `out` (N, n).
+
+    `k_v` as of `rigid_body.required_torque`.
+    """
     for k in range(q.shape[0]):
         kernels.required_torque_kernel(
             q[k],
@@ -126,7 +129,10 @@ def accelerations(
     bias: Array,
     out: Array,
 ) -> int:
-    """Accelerations into `out` (N, n); the first sample that has none, or -1."""
+    """Accelerations into `out` (N, n); the first sample that has none, or -1.
+
+    `mass` (n, n) and `bias` (n,) are working memory.
+    """
     n = q.shape[1]
     for k in range(q.shape[0]):
         kernels.mass_matrix_and_bias(

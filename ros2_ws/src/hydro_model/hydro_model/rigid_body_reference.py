@@ -95,7 +95,10 @@ def required_torque(
     qdd_r: FloatArray,
     k_v: float,
 ) -> FloatArray:
-    """Counterpart of `rigid_body.required_torque` for stacks (eqs. 5 to 7, 20, 22)."""
+    """Counterpart of `rigid_body.required_torque` for stacks (eqs. 5 to 7, 20, 22).
+
+    `k_v` is the gain on the required velocity's error.
+    """
     forces, transforms = [], []
     velocity, required, acceleration = _still(robot, len(q))
     states = {-1: (velocity, required, acceleration)}

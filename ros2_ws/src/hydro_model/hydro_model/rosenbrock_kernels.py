@@ -2,6 +2,8 @@
 
 Hairer and Wanner, Solving Ordinary Differential Equations II, section IV.7 (code RODAS, method 1):
 L-stable, six stages, one factorisation a step: for the stretches that are stiff.
+
+Arguments are described in `hydro_model.solver_kernels`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Compiled signals of cylinders, joints and the tip from the state of a roll-out."""
+"""Compiled signals of cylinders, joints and the tip from the state of a roll-out.
+
+Arguments are described in `hydro_model.solver_kernels`; `s` is a row of `Work.signals`.
+"""
 
 from __future__ import annotations
 

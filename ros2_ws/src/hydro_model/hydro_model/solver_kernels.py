@@ -2,6 +2,10 @@
 
 States are scaled by `ModelArrays.scale`, so that radians and pascals are of one size in the linear
 algebra and in the error norms.
+
+Arguments shared by these kernels: `model`, `work`, `solver`: a `ModelArrays`, `Work` and `Solver`;
+`time` in s; `inputs`: what `Model.inputs` gives, held over the step; `y`: state in SI units, `z`
+scaled, `dz` its rate; `h`: length of the step, s; `mode`: what is asked for, such as `RATES`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Compiled vectors of three numbers, as tuples that stay in registers."""
+"""Compiled vectors of three numbers, as tuples that stay in registers.
+
+`a` and `b` are such triples.
+"""
 
 from __future__ import annotations
 

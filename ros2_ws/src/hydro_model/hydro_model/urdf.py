@@ -11,7 +11,6 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from urdf_parser_py import urdf as urdf_xml
 
 from hydro_model.errors import RobotError
@@ -216,6 +215,8 @@ def _origin(origin: Any) -> tuple[FloatArray, FloatArray]:
         return np.eye(3), np.zeros(3)
     xyz = np.zeros(3) if origin.xyz is None else np.array(origin.xyz, dtype=float)
     rpy = [0.0, 0.0, 0.0] if origin.rpy is None else list(origin.rpy)
+    from scipy.spatial.transform import Rotation
+
     rotation: FloatArray = Rotation.from_euler("xyz", rpy).as_matrix()
     return rotation, xyz
 

@@ -40,7 +40,10 @@ def signals_read(law: Law) -> frozenset[int]:
 
 @intrinsic
 def call_law(typing_context: Any, address: Any, signals: Any, parameters: Any) -> Any:
-    """Call a law by its address with two contiguous float64 arrays, from compiled code."""
+    """Call a law by its address with two contiguous float64 arrays, from compiled code.
+
+    `signals` and `parameters` are the arrays, `typing_context` is numba's own.
+    """
     signature = types.float64(types.int64, signals, parameters)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -63,7 +66,10 @@ def _evaluate(address: int, signals: FloatArray, parameters: FloatArray, out: Fl
 
 
 def evaluate_law(law: Law, signals: FloatArray, parameters: FloatArray) -> FloatArray:
-    """A law row by row: (N, SIGNAL_COUNT) signals to (N,) values."""
+    """A law row by row: (N, SIGNAL_COUNT) signals to (N,) values.
+
+    `parameters` are in the order of the effect's.
+    """
     out = np.empty(len(signals))
     _evaluate(law_address(law), signals, parameters, out)
     return out

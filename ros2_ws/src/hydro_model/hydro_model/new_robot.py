@@ -1,0 +1,184 @@
+"""A hydraulics file to start from: a URDF, pins by the tape measure, numbers from datasheets.
+
+Geometry is asked for as it is measured, two pins as (x, y) from the joint's axis, and written as
+the robot file wants it (eq. 16). What a datasheet seldom says is left to the file's defaults,
+which `check_robot` lists.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hydro_model.command import run_command
+from hydro_model.errors import RobotError
+
+_NUMBERS = ("PX", "PY", "CX", "CY", "BORE", "ROD", "STROKE", "CLOSED")
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredCylinder:
+    """A cylinder as one measures it; metres.
+
+    Attributes
+    ----------
+    joint : str
+    parent_pin_m, child_pin_m : (float, float)
+        Pins from the joint's axis at q = 0, in the plane in which positive turns
+        counter-clockwise, x along the child link's x axis.
+    bore_m, rod_m, stroke_m : float
+    closed_m : float
+        From pin to pin with the rod fully in.
+    """
+
+    joint: str
+    parent_pin_m: tuple[float, float]
+    child_pin_m: tuple[float, float]
+    bore_m: float
+    rod_m: float
+    stroke_m: float
+    closed_m: float
+
+    def lines(self) -> list[str]:
+        """The cylinder's entry in the file."""
+        parent, child = (math.atan2(y, x) for x, y in (self.parent_pin_m, self.child_pin_m))
+        between = math.remainder(child - parent, 2.0 * math.pi)
+        return [
+            f"  - name: {self.joint}_cylinder",
+            f"    joint: {self.joint}",
+            f"    bore_m: {self.bore_m:g}",
+            f"    rod_m: {self.rod_m:g}",
+            f"    stroke_m: {self.stroke_m:g}",
+            f"    l1_m: {math.hypot(*self.parent_pin_m):.5f}",
+            f"    l2_m: {math.hypot(*self.child_pin_m):.5f}",
+            f"    q0_rad: {between:.5f}",
+            f"    x0_m: {self.closed_m:g}",
+            f"    child_pin_angle_rad: {child:.5f}",
+        ]
+
+
+def edge_coefficient(flow_l_min: float, drop_bar: float) -> float:
+    """Coefficient of one valve edge, m^3/(s sqrt(Pa)), from its nominal flow.
+
+    Parameters
+    ----------
+    flow_l_min : float
+        At full signal, l/min.
+    drop_bar : float
+        Over this one edge; a datasheet that gives both edges in series gives twice that.
+
+    >>> round(edge_coefficient(100.0, 35.0) * 1e7, 2)
+    8.91
+    """
+    return flow_l_min / 60e3 / math.sqrt(drop_bar * 1e5)
+
+
+def hydraulics_text(
+    urdf: Path,
+    tip_link: str,
+    cylinders: Sequence[MeasuredCylinder],
+    valve: tuple[float, float],
+    supply_bar: float,
+) -> str:
+    """A hydraulics file.
+
+    Parameters
+    ----------
+    urdf : Path
+        Beside the file; its name becomes the robot's.
+    tip_link : str
+    cylinders : sequence of MeasuredCylinder
+    valve : (float, float)
+        Nominal flow in l/min at a drop in bar over one edge, of every valve.
+    supply_bar : float
+        Gauge.
+
+    Returns
+    -------
+    str
+    """
+    edge = edge_coefficient(*valve)
+    edges = ", ".join(f"{name}: {edge:.3e}" for name in ("c_pa", "c_at", "c_pb", "c_bt"))
+    lines = [f"robot: {urdf.stem}", f"urdf: {urdf.name}", f"tip_link: {tip_link}", "cylinders:"]
+    lines += [line for one in cylinders for line in one.lines()]
+    lines += ["valves:", f"  # {valve[0]:g} l/min at {valve[1]:g} bar over one edge"]
+    lines += [
+        f"  - {{name: {one.joint}_valve, cylinder: {one.joint}_cylinder,"
+        f" rated_voltage_v: 10.0, {edges}}}"
+        for one in cylinders
+    ]
+    lines += [f"supply: {{pressure_pa: {supply_bar * 1e5:.4e}}}", "sensors:", "  rate_hz: 500"]
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """`python -m hydro_model.new_robot`."""
+    return run_command("new_robot", _run, arguments)
+
+
+def _parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(
+        prog="new_robot",
+        description="Write NAME.hydraulics.yaml beside NAME.urdf from pins and datasheets.",
+        epilog="PX PY and CX CY: pins on the parent and on the child link, m from the joint's axis"
+        " at q = 0, seen so that positive turns counter-clockwise, x along the child link."
+        " CLOSED: pin to pin, rod fully in.",
+    )
+    p.add_argument("urdf", type=Path, metavar="NAME.urdf", help="links, joints, limits, masses")
+    p.add_argument("--tip", required=True, metavar="LINK", help="link at the tip")
+    p.add_argument(
+        "--cylinder",
+        required=True,
+        action="append",
+        nargs=1 + len(_NUMBERS),
+        metavar=("JOINT", *_NUMBERS),
+        help="one for each joint with a cylinder; metres",
+    )
+    p.add_argument(
+        "--valve",
+        required=True,
+        nargs=2,
+        type=float,
+        metavar=("L_MIN", "BAR"),
+        help="nominal flow at a drop over one edge",
+    )
+    p.add_argument("--supply", required=True, type=float, metavar="BAR", help="gauge")
+    return p
+
+
+def _measured(words: Sequence[str]) -> MeasuredCylinder:
+    try:
+        px, py, cx, cy, bore, rod, stroke, closed = (float(word) for word in words[1:])
+    except ValueError as error:
+        raise RobotError(f"--cylinder {words[0]}: expected eight numbers in m, {error}") from error
+    return MeasuredCylinder(words[0], (px, py), (cx, cy), bore, rod, stroke, closed)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    options = _parser().parse_args(arguments)
+    from hydro_model.robot_files import load_robot
+
+    out = options.urdf.with_suffix(".hydraulics.yaml")
+    if not options.urdf.is_file():
+        raise RobotError(f"no URDF '{options.urdf}'")
+    if out.exists():
+        raise RobotError(f"{out} is there already: move it away first")
+    if min(options.valve) <= 0.0:
+        raise RobotError(f"--valve: expected numbers above 0, found {options.valve}")
+    cylinders = [_measured(words) for words in options.cylinder]
+    text = hydraulics_text(options.urdf, options.tip, cylinders, options.valve, options.supply)
+    out.write_text(text, encoding="utf-8")
+    try:
+        load_robot(out, check_strokes=False)
+    except RobotError:
+        out.unlink()
+        raise
+    print(out)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,72 @@
+"""From measured pins to a robot file: the pins come out where they were measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_model.cylinder import stroke
+from hydro_model.new_robot import main
+from hydro_model.robot_files import load_robot
+
+URDF = """<robot name="crane">
+  <link name="base"/>
+  <joint name="lift" type="revolute">
+    <parent link="base"/><child link="boom"/><axis xyz="0 -1 0"/>
+    <limit lower="-0.2" upper="1.0" effort="40000" velocity="0.8"/>
+  </joint>
+  <link name="boom"><inertial><mass value="180"/><origin xyz="1.2 0 0"/>
+    <inertia ixx="3" iyy="95" izz="95" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="end" type="fixed"><parent link="boom"/><child link="tip"/>
+    <origin xyz="2 0 0"/></joint>
+  <link name="tip"/>
+</robot>
+"""
+PARENT, CHILD, CLOSED = (0.30, -0.95), (0.80, -0.08), 0.83
+REST = ["--tip", "tip", "--valve", "60", "35", "--supply", "180"]
+CYLINDER = ["lift", *map(str, (*PARENT, *CHILD, 0.08, 0.045, 0.8, CLOSED))]
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    path = tmp_path / "crane.urdf"
+    path.write_text(URDF, encoding="utf-8")
+    return path
+
+
+def run(urdf: Path, *cylinder: str) -> int:
+    return main([str(urdf), *REST, "--cylinder", *cylinder])
+
+
+def test_the_stroke_is_the_distance_of_the_measured_pins(urdf: Path) -> None:
+    assert run(urdf, *CYLINDER) == 0
+    robot = load_robot(urdf.with_suffix(".hydraulics.yaml"))
+    for q in (-0.2, 0.0, 0.7):
+        turn = np.array([[np.cos(q), -np.sin(q)], [np.sin(q), np.cos(q)]])
+        apart = np.linalg.norm(turn @ np.array(CHILD) - np.array(PARENT))
+        assert stroke(robot.cylinders[0], q) == pytest.approx(apart - CLOSED, abs=2e-5)
+    assert robot.valves[0].c_pa == pytest.approx(60e-3 / 60 / np.sqrt(35e5), rel=1e-3)
+    assert robot.supply_pressure_pa == 18e6
+
+
+@pytest.mark.parametrize(
+    ("cylinder", "said"),
+    [
+        (["slew", *CYLINDER[1:]], "slew"),
+        (["lift", "wide", *CYLINDER[2:]], "'wide'"),
+    ],
+)
+def test_what_does_not_fit_leaves_no_file(
+    urdf: Path, cylinder: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(urdf, *cylinder) == 2
+    assert said in capsys.readouterr().err
+    assert not urdf.with_suffix(".hydraulics.yaml").exists()
+
+
+def test_nothing_is_overwritten(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(urdf, *CYLINDER) == 0
+    assert run(urdf, *CYLINDER) == 2
+    assert "already" in capsys.readouterr().err
