@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,17 +84,19 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     """
     current = _at(training, model, noise)
     for _ in range(passes):
-        step, factor = current.bench.solve(), 1.0
+        step, factor, better = current.bench.solve(), 1.0, False
         for _ in range(_HALVINGS):
-            fresh = _at(training, moved(training, current.model, factor * step), noise)
-            better = noise is None or fresh.start_squares <= current.start_squares
+            further = moved(training, current.model, factor * step)
+            # A step is judged by the weights that it was found with.
+            fresh = _at(training, further, current.bench.noise)
+            better = fresh.start_squares <= current.start_squares
             if better:
                 break
             factor *= 0.5
         if not better:
             break
         gained = current.start_squares - fresh.start_squares
-        current = fresh
+        current = fresh if noise is not None else _reweighed(training, fresh)
         if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
             break
     return current
@@ -163,6 +165,13 @@ def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
         columns[:, held] = 0.0
         bench = training.bench(noise, residual, columns, offset)
     return Fitted(model, residual, columns, names, bench, offset)
+
+
+def _reweighed(training: Training, one: Fitted) -> Fitted:
+    """A fit with the noise that its own residual has."""
+    left = _refitted(training, one.bench.noise, one.residual, one.columns, one.offset)
+    bench = training.bench(training.noise(left), one.residual, one.columns, one.offset)
+    return replace(one, bench=bench)
 
 
 def _refitted(
