@@ -7,7 +7,7 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hydro_hw_bridge.endings import on_end
+from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
 
@@ -59,6 +59,14 @@ def _run(ros_arguments: list[str]) -> int:
         node = CanBridge(stop)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+
+        def end() -> None:
+            known = stop.is_set()
+            node.end()
+            if not known:
+                executor.wake()
+
+        on_end_at_once(end)
         try:
             while not stop.is_set():
                 executor.spin_once(timeout_sec=SPIN_S)
