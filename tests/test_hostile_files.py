@@ -309,6 +309,27 @@ def test_logs_that_unfold_or_do_not_end(read: Read, tmp_path: Path, name: str) -
     assert expected in read(path, "csv")
 
 
+def test_a_text_log_that_does_not_fit_into_memory(read: Read, tmp_path: Path) -> None:
+    path = tmp_path / "case.csv"
+    with open(path, "wb") as stream:
+        stream.write(b"t,a\n")
+        for _ in range(32):
+            stream.write(b"1,2\n" * (MIB // 4))
+    assert "expected a log that fits into memory" in read(path, "csv")
+
+
+def test_a_parquet_file_of_more_rows_than_fit_into_memory(read: Read, tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "case.parquet"
+    rows = pyarrow.table({"t": pyarrow.nulls(2 * MIB, pyarrow.float64())})
+    with parquet.ParquetWriter(path, rows.schema) as writer:
+        for _ in range(64):
+            writer.write_table(rows)
+    assert path.stat().st_size < MIB
+    assert "expected a log that fits into memory" in read(path, "mat")
+
+
 def test_a_matlab_file_that_unfolds(read: Read, tmp_path: Path) -> None:
     packer = zlib.compressobj()
     packed = b"".join(packer.compress(bytes(MIB)) for _ in range(160)) + packer.flush()

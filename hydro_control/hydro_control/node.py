@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
+from hydro_msgs_docs.local_topics import stay_local
 
 if TYPE_CHECKING:
     from hydro_control.controller_node import ControllerNode
@@ -93,6 +94,7 @@ def _start_ros(rclpy: Any, arguments: Sequence[str], signals: Any) -> None:
         if flag == "--params-file":
             read_yaml(Path(file))
     try:
+        stay_local()
         rclpy.init(args=[NAME, *arguments], signal_handler_options=signals)
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         line = " ".join(str(error).split())

@@ -184,6 +184,8 @@ class CanBridge(LifecycleNode):
 
     def _activate(self) -> None:
         with self._lock:
+            if self._stop.is_set():
+                raise BridgeError("the bridge is ending, expected one that goes on")
             self._core.activate(ready=not self._settings.required_subscribers)
 
     def _deactivate(self) -> None:
@@ -237,12 +239,16 @@ class CanBridge(LifecycleNode):
 
     # -- threads
 
+    def end(self) -> None:
+        """Valves to 0 V now, from any thread; the process ends, and drives no more until then."""
+        self._stop.set()
+        self._deactivate()
+
     def fail(self, error: Exception) -> None:
         """Valves to 0 V, and tell the process to end with this error."""
         known = isinstance(error, HydroError)
         self.failure = str(error) if known else f"{type(error).__name__}: {error}"
-        self._stop.set()
-        self._deactivate()
+        self.end()
 
     def _guarded(self, body: Callable[[], None]) -> None:
         try:

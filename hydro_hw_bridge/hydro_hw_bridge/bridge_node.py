@@ -7,9 +7,10 @@ import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from hydro_hw_bridge.endings import on_end
+from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
+from hydro_msgs_docs.local_topics import stay_local
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.bridge import CanBridge
@@ -59,6 +60,14 @@ def _run(ros_arguments: list[str]) -> int:
         node = CanBridge(stop)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+
+        def end() -> None:
+            known = stop.is_set()
+            node.end()
+            if not known:
+                executor.wake()
+
+        on_end_at_once(end)
         try:
             while not stop.is_set():
                 executor.spin_once(timeout_sec=SPIN_S)
@@ -76,6 +85,7 @@ def _run(ros_arguments: list[str]) -> int:
 def _init(rclpy: object, ros_arguments: list[str], handlers: object) -> None:
     """rclpy.init, with what it finds wrong in the arguments as one line."""
     try:
+        stay_local()
         rclpy.init(args=ros_arguments, signal_handler_options=handlers)  # type: ignore[attr-defined]
     except Exception as error:
         # rclpy has no common class for what it raises here.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from collections.abc import Callable
 
 #: SIGHUP is what an ssh connection that drops leaves behind.
@@ -19,3 +21,32 @@ def on_end(end: Callable[[], None]) -> None:
     """
     for number in SIGNALS:
         signal.signal(number, lambda *_: end())
+
+
+def on_end_at_once(end: Callable[[], None]) -> None:
+    """Call something from a thread of its own on every signal that ends a process.
+
+    Python runs its signal handlers in the main thread, once that is back from whatever it waits
+    for; a wait inside ROS does not end on a signal. What wakes the thread here is the byte that
+    Python's handler in C writes at once, whatever the main thread does.
+
+    Parameters
+    ----------
+    end : callable
+        Has to be safe in any thread, and more than once.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    for number in SIGNALS:
+        signal.signal(number, _written_already)
+
+    def wait() -> None:
+        while os.read(reading, 1):
+            end()
+
+    threading.Thread(target=wait, name="endings", daemon=True).start()
+
+
+def _written_already(*_: object) -> None:
+    return None

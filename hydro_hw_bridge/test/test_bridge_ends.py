@@ -139,7 +139,7 @@ def assert_ended_at_zero(bench: Bench) -> None:
     assert (frames[-1].voltages, frames[-1].enable) == ((0.0, 0.0), False)
 
 
-@pytest.mark.parametrize("end", ["trigger_deactivate", "trigger_shutdown", "close"])
+@pytest.mark.parametrize("end", ["trigger_deactivate", "trigger_shutdown", "close", "end"])
 def test_a_command_held_back_by_the_bus_is_not_the_last_frame(bench: Bench, end: str) -> None:
     bench.drive()
     bench.bus.holding = True
@@ -169,6 +169,16 @@ def test_the_last_frames_are_several(bench: Bench) -> None:
     assert_ended_at_zero(bench)
     off = [frame.enable for frame in bench.frames][::-1].index(True)
     assert off >= 5
+
+
+def test_a_bridge_that_ends_is_not_activated_any_more(bench: Bench) -> None:
+    bench.drive()
+    bench.bridge.trigger_deactivate()
+    bench.bridge.end()
+    bench.bridge.end()
+    bench.bridge.trigger_activate()
+    assert not bench.bridge._core.active
+    assert_ended_at_zero(bench)
 
 
 def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_model.command import run_command
+from hydro_msgs_docs.local_topics import stay_local
 
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification
@@ -28,6 +29,7 @@ def run(arguments: Sequence[str]) -> int:
             " effort = value, velocity = standard deviation. Stays up until Ctrl-C."
         )
         return 0
+    stay_local()
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command
+from hydro_msgs_docs.local_topics import stay_local
 
 if TYPE_CHECKING:
     from hydro_model.robot import FloatArray, Robot
@@ -63,6 +64,7 @@ def _run(arguments: Sequence[str]) -> int:
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
+    stay_local()
     rclpy.init(args=[sys.argv[0], *arguments])
     try:
         node = rclpy.create_node("visual_joints")

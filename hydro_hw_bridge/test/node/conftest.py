@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,14 +33,26 @@ def _executable() -> str:
     return str(Path(get_package_prefix("hydro_hw_bridge")) / "lib/hydro_hw_bridge/can_bridge")
 
 
-def _start(can_name: str, *parameters: str, log: Any = subprocess.PIPE) -> subprocess.Popen[str]:
+#: A bridge whose main thread waits inside ROS as good as for ever.
+_ASLEEP = """
+import sys
+from hydro_hw_bridge import bridge, bridge_node
+bridge.CLAIM_PERIOD_S = bridge_node.SPIN_S = 1e4
+sys.exit(bridge_node.main())
+"""
+
+
+def _start(
+    can_name: str, *parameters: str, log: Any = subprocess.PIPE, asleep: bool = False
+) -> subprocess.Popen[str]:
     environment = os.environ | {
         "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     arguments = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
+    program = [sys.executable, "-c", _ASLEEP] if asleep else [_executable()]
     return subprocess.Popen(
-        [_executable(), "--ros-args", *arguments],
+        [*program, "--ros-args", *arguments],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=log,
@@ -93,9 +106,9 @@ class Processes:
         self.log = log
         self.started: list[subprocess.Popen[str]] = []
 
-    def start(self, can_name: str, *parameters: str) -> None:
+    def start(self, can_name: str, *parameters: str, asleep: bool = False) -> None:
         with self.log.open("a", encoding="utf-8") as log:
-            self.started.append(_start(can_name, *parameters, log=log))
+            self.started.append(_start(can_name, *parameters, log=log, asleep=asleep))
 
     def wait(self, index: int) -> int:
         """Until a bridge has ended; its exit code."""
@@ -210,9 +223,11 @@ class Ros:
 
         return stamp_ns(message)
 
-    def bring_up(self, processes: Processes, can_name: str, *parameters: str) -> None:
+    def bring_up(
+        self, processes: Processes, can_name: str, *parameters: str, asleep: bool = False
+    ) -> None:
         """Start a bridge, configure it and wait until both ends know each other."""
-        processes.start(can_name, *parameters)
+        processes.start(can_name, *parameters, asleep=asleep)
         self.transition(CONFIGURE)
         # The bridge knows all of this end: it answered a service that was made last.
         self.until(lambda: all(self.publishers.values()))

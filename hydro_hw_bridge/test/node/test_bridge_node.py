@@ -142,3 +142,37 @@ def test_it_waits_for_the_subscribers_it_was_told_of(
         return any(answer.enable for answer in device.commands(0.1))
 
     ros.until(answered)
+
+
+@pytest.mark.parametrize("asleep", [False, True], ids=["usual", "main_thread_waits"])
+def test_a_signal_ends_driving_within_the_age_limit_of_device_time(
+    ros: Any, device: Any, processes: Any, can_name: str, asleep: bool
+) -> None:
+    """In lockstep, so that device time stands where the computer has no time for the bridge."""
+    ros.bring_up(processes, can_name, "clock:=lockstep", asleep=asleep)
+    device.lockstep = True
+    stamp = ros.first_sample(device, 0)
+    ros.transition(ACTIVATE)
+
+    def followed(counter: int) -> bool:
+        """Whether a command for this cycle still drives."""
+        device.send(counter)
+        wanted = stamp + counter * PERIOD_NS
+        for _ in range(10_000):
+            ros.executor.spin_once(0.001)
+            if ros.stamp_of(ros.heard["/chamber_pressures"][-1]) == wanted:
+                ros.ask(wanted, 1.0, 1.0)
+            if (answer := device.next_command(0.001)) is not None:
+                return bool(answer.enable)
+        raise AssertionError(f"no valve frame for cycle {counter}")
+
+    ros.until(lambda: ros.answer_to(device, stamp, 1.0, 1.0).enable)
+    assert all(followed(counter) for counter in range(1, 20))
+    processes[0].send_signal(signal.SIGTERM)
+    driven = 0
+    while driven < 100 and followed(20 + driven):
+        driven += 1
+    assert driven <= 5  # 10 ms
+    assert not any(frame.enable for frame in device.commands(0.5))
+    assert processes.wait(0) == 0
+    assert "Traceback" not in processes.log.read_text(encoding="utf-8")

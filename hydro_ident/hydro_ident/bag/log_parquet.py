@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_memory import require
 from hydro_ident.errors import BagError
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
+#: Memory that a cell takes at most: as Arrow reads it, as numpy takes it over, and as a number.
+_BYTES_PER_CELL = 24
 
 
 def read_parquet_log(path: Path) -> Log:
@@ -27,7 +30,7 @@ def read_parquet_log(path: Path) -> Log:
     Raises
     ------
     BagError
-        pyarrow is not there, or the file is no Parquet file.
+        pyarrow is not there, the file is no Parquet file, or it does not fit into memory.
     """
     try:
         from pyarrow import (  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -40,7 +43,12 @@ def read_parquet_log(path: Path) -> Log:
         ) from error
     columns, start = {}, ""
     try:
-        table = parquet.read_table(path)
+        with parquet.ParquetFile(path) as file:
+            kinds = {f.name: str(f.type) for f in file.schema_arrow}
+            wanted = [name for name, kind in kinds.items() if _is_read(kind)]
+            # Told by the file's end, whatever its pages unfold to: a few bytes may be many rows.
+            require(path, _BYTES_PER_CELL * file.metadata.num_rows * max(len(wanted), 1))
+            table = file.read(columns=wanted)
         for name, kind in zip(table.column_names, table.schema.types, strict=True):
             if str(kind).startswith(_NUMBERS):
                 columns[name] = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
@@ -57,3 +65,7 @@ def read_parquet_log(path: Path) -> Log:
         line = " ".join(str(error).split())
         raise BagError(f"{path}: not a readable Parquet file: {line[:400]}") from error
     return Log(path, columns, units=units, start=start)
+
+
+def _is_read(kind: str) -> bool:
+    return kind.startswith((*_NUMBERS, "timestamp"))

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_moment, is_number
 from hydro_ident.bag.log_file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
+from hydro_ident.bag.log_memory import TextSize, read_text, require
 from hydro_ident.bag.log_units import spelt, unit_in
 from hydro_ident.errors import BagError
 
@@ -39,8 +40,8 @@ def read_text_log(path: Path, layout: CsvLayout) -> Log:
     Raises
     ------
     BagError
-        Not text, no line of names, lines of different lengths, a cell that is no number, or a
-        packed file that unfolds to more than a log would.
+        Not text, no line of names, lines of different lengths, a cell that is no number, a packed
+        file that unfolds to more than a log would, or more than fits into memory.
     """
     try:
         return _read_layout(path, layout)
@@ -71,7 +72,7 @@ def _read_layout(path: Path, layout: CsvLayout) -> Log:
 
 def _text(path: Path) -> str:
     try:
-        raw = _unpacked(path) if path.suffix.lower() == ".gz" else path.read_bytes()
+        raw = _unpacked(path) if path.suffix.lower() == ".gz" else read_text(path)
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return raw.decode("utf-16")
         try:
@@ -85,13 +86,14 @@ def _text(path: Path) -> str:
 
 def _unpacked(path: Path) -> bytes:
     """Packed text, read until it is more than a log would unfold to."""
-    most, cells = most_unfolded(path), 0
+    most, size = most_unfolded(path), TextSize()
     raw = bytearray()
     with gzip.open(path) as stream:
         while piece := stream.read(1 << 20):
             raw += piece
-            cells += sum(piece.count(mark) for mark in (b"\n", b"\r", b",", b";", b"\t"))
-            if len(raw) > most or cells * _BYTES_PER_CELL > most:
+            size.add(piece)
+            require(path, size.needed)
+            if len(raw) > most or size.cells * _BYTES_PER_CELL > most:
                 raise BagError(
                     f"{path}: expected a packed log of at most {LARGEST_RATIO} times its size and"
                     f" of one cell for each {_BYTES_PER_CELL} bytes of that: found more"

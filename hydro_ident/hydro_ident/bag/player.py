@@ -18,6 +18,7 @@ from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
 from hydro_model.command import run_command
 from hydro_model.safe_yaml import UnusableYamlError, parse
+from hydro_msgs_docs.local_topics import stay_local
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 _LEAST_SLEEP_S = 0.0005
@@ -66,6 +67,7 @@ def _run(arguments: Sequence[str]) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     with stop_on_signals() as stop:
+        stay_local()
         rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:
             player = Player(channels)

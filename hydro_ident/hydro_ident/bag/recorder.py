@@ -23,6 +23,7 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.local_topics import stay_local
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
     RECORDER_DEPTH,
@@ -106,6 +107,7 @@ def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[st
     from rclpy.signals import SignalHandlerOptions
 
     with stop_on_signals() as stop:
+        stay_local()
         rclpy.init(args=["recorder", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         started = time.monotonic()
         try:

@@ -28,6 +28,7 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError, IdentError
 from hydro_model.command import run_command
+from hydro_msgs_docs.local_topics import stay_local
 
 TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
 #: What may be lost, and how long to wait for what must come.
@@ -123,6 +124,7 @@ def publishing() -> Iterator[Publisher]:
     from rclpy.node import Node
 
     context = rclpy.Context()
+    stay_local()
     rclpy.init(context=context)
     publisher = Publisher(Node("kills", context=context))
     thread = threading.Thread(target=publisher.run, daemon=True)

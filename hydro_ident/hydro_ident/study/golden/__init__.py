@@ -1,0 +1,1 @@
+"""Golden bags: recordings that are replayed through controller and diagnosis and compared."""

@@ -1,0 +1,107 @@
+"""Topics stay on this computer unless the environment says otherwise: in scripts and nodes."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hydro_msgs_docs.local_topics import LOCAL, RANGE, stay_local
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs")
+DOMAIN = 10 + (os.getpid() + 40) % 90
+PATIENCE_S = 120.0
+RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
+
+
+def test_every_node_asks_for_it_before_it_starts() -> None:
+    starts = 0
+    for package in PACKAGES:
+        for path in (ROOT / package / package).rglob("*.py"):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            for k, line in enumerate(lines):
+                if re.match(r"\s*(rclpy|context)\.init\(", line):
+                    starts += 1
+                    assert lines[k - 1].strip() == "stay_local()", f"{path}, line {k + 1}"
+    assert starts >= 8
+
+
+@pytest.mark.parametrize("asked", [None, "SUBNET", "OFF", LOCAL])
+def test_what_the_environment_says_is_kept(
+    monkeypatch: pytest.MonkeyPatch, asked: str | None
+) -> None:
+    if asked is None:
+        monkeypatch.delenv(RANGE, raising=False)
+    else:
+        monkeypatch.setenv(RANGE, asked)
+    monkeypatch.setattr(os, "environ", os.environ.copy())
+    stay_local()
+    assert os.environ[RANGE] == (asked or LOCAL)
+
+
+@pytest.mark.parametrize("asked", [None, "SUBNET"])
+def test_scripts_keep_topics_local(asked: str | None) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != RANGE}
+    if asked is not None:
+        environment[RANGE] = asked
+    said = subprocess.run(
+        ["bash", "-c", f'source scripts/env.sh && printf "%s" "${RANGE}"'],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert said.stdout == (asked or LOCAL)
+
+
+def _udp_ports(pid: int) -> set[int]:
+    """UDP ports that a process listens on."""
+    inodes = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            target = os.readlink(entry)
+        except OSError:
+            continue  # closed meanwhile
+        if target.startswith("socket:["):
+            inodes.add(target[8:-1])
+    rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    return {int(row[1].rpartition(":")[2], 16) for row in rows if row[9] in inodes}
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("asked", [None, "SUBNET"], ids=["unasked", "subnet"])
+def test_a_node_listens_to_the_subnet_only_when_asked(tmp_path: Path, asked: str | None) -> None:
+    """By the port of DDS to which participants of the domain in the subnet announce themselves."""
+    environment = {name: value for name, value in os.environ.items() if name != RANGE}
+    environment["ROS_DOMAIN_ID"] = str(DOMAIN)
+    if asked is not None:
+        environment[RANGE] = asked
+    announced = 7400 + 250 * DOMAIN
+    with open(tmp_path / "said.txt", "w", encoding="utf-8") as said:
+        process = subprocess.Popen(
+            [sys.executable, "-c", RECORDER, "--out", str(tmp_path), "--name", "local"],
+            env=environment,
+            stdout=said,
+            stderr=said,
+        )
+    try:
+        end = time.monotonic() + PATIENCE_S
+        # Its own port, and the bag: the node is there.
+        while not (
+            any(announced < port < announced + 250 for port in _udp_ports(process.pid))
+            and list(tmp_path.glob("*_local"))
+        ):
+            assert process.poll() is None, (tmp_path / "said.txt").read_text()
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        assert (announced in _udp_ports(process.pid)) == (asked == "SUBNET")
+    finally:
+        process.terminate()
+        process.wait(PATIENCE_S)
