@@ -61,7 +61,7 @@ class HeldOut:
         return self.bench.beyond(residual[self.used][:, None])[:, 0]
 
     def gains(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Improvement of the whitened squared errors by block of time."""
+        """Improvement of the whitened squared errors by block of time, from before to after."""
         layout, rows = self.bench.layout, self.bench.rows
         lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
         # So few blocks that no flip could be rare would reject whatever is put to them.
@@ -127,6 +127,18 @@ def looked(
     placebos: Sequence[FloatArray],
     acting: Sequence[str],
 ) -> Look:
+    """Look at held-out rows in one way.
+
+    Parameters
+    ----------
+    rows : HeldOut
+    plain, with_it : (N,) array
+        Residuals without the finding and with it.
+    placebos : sequence of (N,) array
+        With a placebo in its place.
+    acting : sequence of str
+        Channels that it acts on.
+    """
     before, after = rows.left(plain), rows.left(with_it)
     others = [rows.left(residual) for residual in placebos]
     gains = rows.gains(before, after)
@@ -141,7 +153,14 @@ def looked(
 
 
 def objection(one: Look, least: float) -> str:
-    """What speaks against a finding, seen in one way; empty where nothing does."""
+    """What speaks against a finding, seen in one way; empty where nothing does.
+
+    Parameters
+    ----------
+    one : Look
+    least : float
+        Largest p-value with which it stands.
+    """
     if one.worse:
         return one.worse
     if one.p_value > least:
