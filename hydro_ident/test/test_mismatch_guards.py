@@ -23,6 +23,7 @@ from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.report.diagnosis_report import report_html
+from hydro_ident.report.page import written
 from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
@@ -234,7 +235,7 @@ def test_what_has_no_name_is_told_as_a_form(plain: Any, seen_again: Any) -> None
     assert entry["form"]["text"] == form.text
     assert entry["form"]["share_of_curve"]["held_out"] > 0.8
     page = report_html(said, origin.as_dict())
-    assert form_text(form) in unescape(page)
+    assert written(form_text(form)) in unescape(page)
     assert form_text(form) in summary_text(said)
     assert result_dict(replace(said, unexplained=(one,)), origin)["unexplained"][0]["form"] is None
 
