@@ -183,7 +183,8 @@ def _refitted(
 ) -> FloatArray:
     """The residual after a linear refit, for estimating its noise."""
     if noise is None:
-        spread = [float(np.std(residual[training.mask & m])) for m in _by_channel(training)]
+        own = [residual[training.mask & m] for m in _by_channel(training)]
+        spread = [float(np.std(rows)) if rows.size else 0.0 for rows in own]
         white = tuple(np.zeros(0) for _ in spread)
         noise = Noise(white, np.maximum(np.array(spread), training.floor))
     bench = training.bench(noise, residual, columns, offset)
