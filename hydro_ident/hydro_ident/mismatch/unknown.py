@@ -25,6 +25,8 @@ from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.
 _SURE = 5.0
+#: Usual sizes beyond which a motion cannot show an effect at all.
+_NEVER = 1000.0
 _WORDS = {
     "": "",
     "direction": " times the direction of motion",
@@ -177,6 +179,8 @@ def _too_small(name: str, own: Sequence[Score]) -> str:
     if not own:
         return "nothing in these recordings changes with it, or a refit of the base swallows it"
     smallest = min(_detectable(s) for s in own)
+    if smallest > _NEVER:
+        return "nothing of it is left in this motion that a refit of the base does not swallow"
     if smallest > 1.0:
         return (
             f"in this motion it would have to be {smallest:.2g} times its usual size to stand out"
