@@ -227,13 +227,24 @@ def _slopes(
     """Slopes (N, 1) of a term's contribution in its free parameters, and their names."""
     slopes, names = [], []
     for i, spec in enumerate(term.effect.parameters):
-        if is_free(term, i):
+        if is_free(term, i) and _grows_with(term, i):
+            slopes.append((own / term.parameters[i])[:, None])
+            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+        elif is_free(term, i):
             step, moved = _step(term, i), term.parameters.copy()
             moved[i] += step
             change = predictor.contribution(model, term, moved) - own
             slopes.append((change / step)[:, None])
             names.append(f"{term.target}.{term.effect.name}.{spec.name}")
     return slopes, names
+
+
+def _grows_with(term: ActiveEffect, index: int) -> bool:
+    """Whether all of a contribution is in proportion to a parameter, which is not near zero."""
+    effect, spec = term.effect, term.effect.parameters[index]
+    alone = effect.linear == (index,) and effect.reading is None and effect.change is None
+    told = abs(term.parameters[index]) > _STEP * abs(spec.typical)
+    return alone and told and not shapes(term)
 
 
 def _step(term: ActiveEffect, index: int) -> float:
