@@ -28,6 +28,14 @@ def test_watchdog_trips_at_50_ms_and_not_before(missing: int, off: bool) -> None
     assert amplifier.trips == int(off)
 
 
+@pytest.mark.parametrize("cycle_s", [0.05, 0.2])
+def test_where_a_cycle_is_as_long_as_the_watchdog_one_missing_frame_trips(cycle_s: float) -> None:
+    amplifier = Amplifier(1, cycle_s, 0)
+    amplifier.step([1.0], True, True)
+    assert amplifier.step(None, False, True)[0] == 0.0
+    assert amplifier.tripped
+
+
 def test_one_frame_in_time_starts_the_watchdog_anew() -> None:
     amplifier = _driving()
     for _ in range(10):

@@ -1,0 +1,368 @@
+"""The bridge's watchdogs at and around their limits: pure, without bus and wall clock.
+
+With `test_bridge_core` the line and branch coverage of bridge_core.py and link.py is complete.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import can
+import pytest
+
+from hydro_hw_bridge.bridge_core import IMPOSSIBLE, SILENCE_S, BridgeCore
+from hydro_hw_bridge.bridge_step import NOTHING, Step
+from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.gate import GateLimits, GateState
+from hydro_hw_bridge.link import BUS_OFF, UNSENT, CommandLink
+
+Make = Callable[..., Readings]
+NAMES = ("lift_valve", "tilt_valve")
+LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
+NOW = 1_700_000_000_500_000_000
+PERIOD = 2_000_000
+
+
+class Wire:
+    """The end of a bus: takes frames or refuses them."""
+
+    def __init__(self) -> None:
+        self.taking = True
+        self.off = False
+        self.sent: list[can.Message] = []
+
+    def send(self, message: can.Message) -> bool:
+        if self.taking:
+            self.sent.append(message)
+        return self.taking
+
+
+class Machine:
+    """A core, and the machine's frames that it is given."""
+
+    def __init__(self, codec: Codec, readings: Make, *, lockstep: bool) -> None:
+        self.wire = Wire()
+        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep, send=self.wire.send)
+        self.codec, self.readings = codec, readings
+
+    def cycle(self, counter: int, **changes: Any) -> Step:
+        """All frames of a cycle; the step of the last of them."""
+        steps = [NOTHING]
+        changes = {"lockstep": self.core.lockstep} | changes
+        for message in self.codec.encode_cycle(self.readings(counter, **changes)):
+            frame = self.codec.receive(message)
+            assert frame is not None
+            steps.append(self.core.receive(frame, NOW))
+        return steps[-1]
+
+    def ask(self, counter: int, volts: float) -> Step:
+        return self.core.command(self.core.clock.stamp_ns(counter), NAMES, (volts, 0.0))
+
+    def drive(self, volts: float = 1.0) -> None:
+        """A cycle 1 that is answered."""
+        self.core.activate(ready=True)
+        self.cycle(1)
+        assert self.ask(1, volts).answer is not None
+        assert self.core.gate.state is GateState.DRIVING
+
+    def decoded(self, message: can.Message | None) -> CommandFrame:
+        assert message is not None
+        frame = self.codec.receive(message)
+        assert frame is not None
+        return self.codec.decode_command(frame)
+
+
+@pytest.fixture
+def real_time(codec: Codec, readings: Make) -> Machine:
+    return Machine(codec, readings, lockstep=False)
+
+
+@pytest.fixture
+def lockstep(codec: Codec, readings: Make) -> Machine:
+    return Machine(codec, readings, lockstep=True)
+
+
+# -- the link
+
+
+@pytest.mark.parametrize("most", [0, 3])
+def test_frames_that_are_refused_in_a_row_are_a_fault_above_the_limit(most: int) -> None:
+    wire = Wire()
+    link = CommandLink(wire, most)  # type: ignore[arg-type]
+    frame = can.Message()
+    for _ in range(2):
+        assert link.send(frame)
+        assert dict(link.conditions()) == {BUS_OFF: "", UNSENT: ""}
+        wire.taking = False
+        for refused in range(1, most + 3):
+            assert not link.send(frame)
+            said = dict(link.conditions())[UNSENT]
+            assert said == ("valve frames cannot be sent" if refused > most else "")
+        wire.taking = True
+    assert wire.sent == [frame, frame]
+
+
+@pytest.mark.parametrize("most", [0, 3])
+def test_the_first_frames_may_be_the_refused_ones(most: int) -> None:
+    wire = Wire()
+    wire.taking = False
+    link = CommandLink(wire, most)  # type: ignore[arg-type]
+    said = []
+    for _ in range(most + 1):
+        said.append(dict(link.conditions())[UNSENT])
+        link.send(can.Message())
+    assert said == [""] * (most + 1)
+    assert dict(link.conditions())[UNSENT]
+
+
+def test_bus_off_is_said_as_long_as_it_is() -> None:
+    wire = Wire()
+    link = CommandLink(wire, 3)  # type: ignore[arg-type]
+    for off in (True, False):
+        wire.off = off
+        said = dict(link.conditions())
+        assert said[BUS_OFF] == ("bus-off: the CAN controller left the bus" if off else "")
+        assert said[UNSENT] == ""
+
+
+# -- the sample counter
+
+
+def test_a_counter_that_stands_still_ends_driving_above_the_limit_only(
+    real_time: Machine,
+) -> None:
+    real_time.drive()
+    for _ in range(LIMITS.max_age_cycles):
+        step = real_time.cycle(1)
+        assert (step.sample, step.answer) == (None, None)  # the amplifiers' watchdog runs
+        assert real_time.core.gate.state is GateState.DRIVING
+    step = real_time.cycle(1)
+    assert real_time.core.gate.reason == "the device's sample counter stood still for 6 cycles"
+    command = real_time.decoded(step.answer)
+    assert (command.voltages, command.enable) == ((0.0, 0.0), False)
+    assert command.answers(1)
+
+
+def test_a_counter_that_goes_on_is_counted_anew(real_time: Machine) -> None:
+    real_time.drive()
+    for counter in range(1, 6):
+        for _ in range(LIMITS.max_age_cycles):
+            real_time.cycle(counter)
+        assert real_time.core.gate.state is GateState.DRIVING
+        real_time.cycle(counter + 1)
+        real_time.ask(counter + 1, 1.0)
+
+
+def test_a_counter_that_stands_still_is_no_trip_where_nothing_is_driven(
+    real_time: Machine,
+) -> None:
+    real_time.core.activate(ready=True)
+    for _ in range(3 * LIMITS.max_age_cycles):
+        real_time.cycle(1)
+    assert real_time.core.gate.state is GateState.WAITING
+
+
+def test_in_lockstep_a_counter_may_stand_still(lockstep: Machine) -> None:
+    lockstep.drive()
+    for _ in range(3 * LIMITS.max_age_cycles):
+        assert lockstep.decoded(lockstep.cycle(1).answer).enable
+    assert lockstep.core.gate.state is GateState.DRIVING
+
+
+# -- silence
+
+
+def test_silence_ends_driving_at_its_limit_in_real_time(real_time: Machine) -> None:
+    real_time.drive()
+    assert real_time.core.silence(math.nextafter(SILENCE_S, 0.0)) is NOTHING
+    step = real_time.core.silence(SILENCE_S)
+    assert real_time.core.gate.reason == "nothing from the device for 50 ms"
+    assert real_time.decoded(step.answer).voltages == (0.0, 0.0)
+    assert real_time.core.silence(10.0 * SILENCE_S) is NOTHING
+    assert real_time.core.gate.trips == 1
+
+
+def test_silence_is_no_trip_where_nothing_is_driven(real_time: Machine) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    assert real_time.core.silence(10.0 * SILENCE_S) is NOTHING
+    assert real_time.core.gate.state is GateState.WAITING
+
+
+def test_a_device_that_counts_anew_in_silence_has_no_cycle_to_answer(real_time: Machine) -> None:
+    real_time.drive()
+    real_time.core.sample = None
+    assert real_time.core.silence(SILENCE_S) is NOTHING
+    assert real_time.core.gate.state is GateState.TRIPPED
+
+
+# -- readings
+
+
+def test_a_position_that_jumps_ends_driving(real_time: Machine) -> None:
+    real_time.drive()
+    step = real_time.cycle(2, positions=(0.9, -0.5))
+    assert "position jumped" in real_time.core.gate.reason
+    assert not real_time.decoded(step.answer).enable
+    real_time.cycle(3, positions=(0.9, -0.5))
+    assert real_time.core.gate.clear()[0]
+
+
+def test_a_position_that_jumps_is_no_trip_where_nothing_is_driven(real_time: Machine) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    real_time.cycle(2, positions=(0.9, -0.5))
+    assert real_time.core.gate.state is GateState.WAITING
+    assert real_time.core.watch.counters.jumps == 1
+
+
+def test_a_pressure_that_cannot_be_is_a_fault_until_it_can(real_time: Machine) -> None:
+    real_time.drive()
+    wrong = (5.0e6, 2.0e6, 3.0e6, 4.0e6, 19.0e6, 3.2e7)
+    step = real_time.cycle(2, pressures_pa=wrong)
+    assert "pressure tank cannot be" in real_time.core.gate.reason
+    assert not real_time.decoded(step.answer).enable
+    assert IMPOSSIBLE in real_time.core.gate.faults
+    assert not real_time.core.gate.clear()[0]
+    real_time.cycle(3)
+    assert IMPOSSIBLE not in real_time.core.gate.faults
+    assert real_time.core.gate.clear()[0]
+
+
+def test_a_pressure_that_cannot_be_keeps_from_being_activated(real_time: Machine) -> None:
+    real_time.cycle(1, pressures_pa=(5.0e6, 2.0e6, 3.0e6, 4.0e6, 19.0e6, 3.2e7))
+    assert real_time.core.gate.trips == 0
+    real_time.core.activate(ready=True)
+    assert "pressure tank cannot be" in real_time.core.gate.reason
+
+
+def test_an_encoder_is_held_against_what_is_on_the_wire(real_time: Machine) -> None:
+    real_time.drive(9.0)
+    last = NOTHING
+    for counter in range(2, 300):
+        last = real_time.cycle(counter)
+        if real_time.core.gate.state is not GateState.DRIVING:
+            break
+        real_time.ask(counter, 9.0)
+    assert real_time.core.gate.reason.startswith("lift: encoder stuck")
+    assert not real_time.decoded(last.answer).enable
+
+
+# -- frames
+
+
+def test_frames_before_the_first_sync_are_nothing(real_time: Machine) -> None:
+    messages = real_time.codec.encode_cycle(real_time.readings(1))
+    for message in messages[1:]:
+        frame = real_time.codec.receive(message)
+        assert frame is not None
+        assert real_time.core.receive(frame, NOW) is NOTHING
+    assert real_time.core.clock.zero_stamp_ns is None
+    assert real_time.core.send_zero() is None
+
+
+def test_without_a_bus_every_frame_is_taken(codec: Codec, readings: Make) -> None:
+    machine = Machine(codec, readings, lockstep=False)
+    machine.core = BridgeCore(codec, LIMITS, lockstep=False)
+    assert (machine.core.spoke, machine.core.active, machine.core.ready) == (False,) * 3
+    machine.core.activate()
+    assert not machine.core.ready
+    assert machine.cycle(1).answer is not None
+    assert machine.core.spoke
+
+
+def test_a_fault_that_stands_trips_but_once(real_time: Machine) -> None:
+    real_time.drive()
+    assert real_time.core.condition("x", "why").answer is not None
+    assert real_time.core.stop_now().answer is not None
+    assert real_time.core.condition("x", "why") is NOTHING
+    assert real_time.core.fault("y", "another") is NOTHING
+    assert (real_time.core.gate.trips, real_time.core.gate.reason) == (1, "why")
+    real_time.core.deactivate()
+    assert real_time.core.stop_now() is NOTHING
+
+
+def test_a_machine_that_restarts_is_told_zero_until_driven_anew(real_time: Machine) -> None:
+    real_time.cycle(40_000)
+    real_time.core.activate(ready=True)
+    real_time.ask(40_000, 5.0)
+    assert real_time.core.gate.state is GateState.DRIVING
+    real_time.cycle(0)
+    step = real_time.cycle(1)
+    assert real_time.core.gate.reason == "the device restarted: its sample counter went back"
+    assert not real_time.decoded(step.answer).enable
+    assert [state.voltages for state in step.valve_states] == [(0.0, 0.0)]
+
+
+def test_closing_ends_after_its_cycles(real_time: Machine) -> None:
+    real_time.drive()
+    assert real_time.core.deactivate() is not None
+    answers = [real_time.cycle(counter).answer for counter in range(2, 10)]
+    assert [answer is not None for answer in answers] == [True] * 5 + [False] * 3
+    assert not real_time.core.ready
+
+
+def test_a_machine_that_restarts_may_stand_elsewhere(real_time: Machine) -> None:
+    real_time.cycle(40_000)
+    real_time.core.activate(ready=True)
+    real_time.cycle(0, positions=(0.9, -1.5))
+    real_time.cycle(0, positions=(0.9, -1.5))
+    assert real_time.core.watch.counters.jumps == 0
+    assert real_time.ask(0, 1.0).answer is not None
+    assert real_time.core.gate.state is GateState.DRIVING
+
+
+def test_the_valves_of_a_machine_that_restarts_are_at_zero(real_time: Machine) -> None:
+    real_time.drive(1.0)
+    real_time.wire.taking = False
+    for counter in range(30_000, 30_003):
+        real_time.cycle(counter)
+    steps = [real_time.cycle(counter) for counter in (0, 0, 1)]
+    assert [s.voltages for step in steps for s in step.valve_states] == [(0.0, 0.0)]
+
+
+def test_a_machine_that_restarts_is_told_of_from_its_first_cycle(real_time: Machine) -> None:
+    real_time.cycle(5000)
+    real_time.cycle(0)
+    step = real_time.cycle(0)
+    assert step.sample is not None
+    assert [state.stamp_ns for state in step.valve_states] == [step.sample.stamp_ns]
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_in_lockstep_no_cycle_is_answered_before_a_command(lockstep: Machine, first: int) -> None:
+    lockstep.core.activate(ready=True)
+    for counter in (first, first, first + 1):
+        assert lockstep.cycle(counter).answer is None
+
+
+@pytest.mark.parametrize("restart", [(0, 0, 1, 2), (0, 1, 2, 2)])
+def test_in_lockstep_answers_of_before_a_restart_answer_nothing(
+    lockstep: Machine, restart: tuple[int, ...]
+) -> None:
+    lockstep.core.activate(ready=True)
+    lockstep.cycle(2)
+    lockstep.ask(2, 1.0)
+    assert lockstep.ask(2, 0.0).answer is not None  # taken back: it waits again
+    for counter in restart:
+        assert lockstep.cycle(counter).answer is None
+    assert lockstep.ask(2, 1.0).answer is not None
+
+
+def test_a_late_command_says_nothing_of_the_newest_cycle(real_time: Machine) -> None:
+    real_time.drive()
+    real_time.cycle(2)
+    real_time.cycle(3)
+    step = real_time.ask(2, 1.5)
+    assert step.answer is not None
+    assert step.valve_states == ()
+
+
+def test_what_a_word_means_is_always_said(codec: Codec) -> None:
+    with pytest.raises(TypeError):
+        BridgeCore(codec, LIMITS, True)  # type: ignore[call-arg, misc]
+    core = BridgeCore(codec, LIMITS, lockstep=True)
+    with pytest.raises(TypeError):
+        core.activate(True)  # type: ignore[call-arg, misc]

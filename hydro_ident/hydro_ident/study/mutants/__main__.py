@@ -1,0 +1,129 @@
+"""`scripts/mutants.sh`: change the gate and the watchdogs, and see that the tests notice."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from hydro_ident.errors import IdentError
+from hydro_ident.study.mutants.changes import changes
+from hydro_ident.study.mutants.listed import TARGETS, Target
+from hydro_ident.study.mutants.page import (
+    PAGE,
+    Run,
+    digest,
+    left_over,
+    result_of,
+    unargued,
+    with_table,
+)
+from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
+from hydro_model.command import run_command
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="mutants",
+        description="Change the gate and the watchdogs in one place at a time, and see that a"
+        " test of theirs fails. The sources stay as they are.",
+    )
+    p.add_argument("names", nargs="*", metavar="NAME", help="modules (default: all)")
+    p.add_argument("--list", action="store_true", help="say which there are, run nothing")
+    p.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="write the outcome there (modules that were not run stay), and the table of"
+        f" {PAGE} in the folder above it, if any",
+    )
+    p.add_argument(
+        "--again",
+        action="store_true",
+        help="with --json: try only what the run in FILE did not notice, as long as the source is"
+        " the same; for after a test was added",
+    )
+    p.add_argument(
+        "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"
+    )
+    return p
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Try every change; 0 where all that survived are argued, 1 where one is not."""
+    options = parser().parse_args(arguments)
+    chosen = _chosen(options.names)
+    if options.list:
+        for one in chosen:
+            print(f"{one.name}: {one.file} ({', '.join(one.tests)})")
+        return 0
+    root: Path = options.root.resolve()
+    prepare()
+    rows = _rows(options.json) if options.again else {}
+    runs = []
+    for target in chosen:
+        runs.append(_tried(root, target, rows.get(target.name)))
+        if options.json is not None:
+            _write(options.json.resolve(), runs)
+    problems = unargued(runs)
+    print("\n".join(problems) or "every change is noticed or argued")
+    return 1 if problems else 0
+
+
+def _rows(path: Path | None) -> dict[str, Any]:
+    """The modules of an earlier run by name."""
+    if path is None or not path.is_file():
+        raise IdentError(
+            f"--again: expected --json with the file of a run, found {path or 'none'}"
+        )
+    return {row["name"]: row for row in json.loads(path.read_text(encoding="utf-8"))["modules"]}
+
+
+def _tried(root: Path, target: Target, row: Mapping[str, Any] | None) -> Run:
+    path = root / target.file
+    source = path.read_text(encoding="utf-8")
+    coverage = covered(root, target)
+    if tried(root, target, source) != SURVIVED:
+        raise IdentError(f"expected the tests of {target.file} to pass, found they do not")
+    chosen, earlier = changes(source), Counter[str]()
+    if row is not None and row["sha256"] == digest(path):
+        chosen, earlier = left_over(chosen, row)
+    ends = []
+    for number, change in enumerate(chosen, 1):
+        ends.append((change, tried(root, target, change.source)))
+        if sys.stderr.isatty():
+            print(f"\r{target.name}: {number} of {len(chosen)}", end="", file=sys.stderr)
+    done = Run(target, digest(path), coverage, tuple(ends), earlier)
+    print(f"{target.name}: {done.count} changes, {len(done.survivors)} not noticed", flush=True)
+    return done
+
+
+def _write(path: Path, runs: Sequence[Run]) -> None:
+    date = datetime.now(timezone.utc).date().isoformat()
+    tool = f"cosmic-ray {metadata.version('cosmic-ray')}"
+    before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+    text = json.dumps(result_of(date, tool, runs, before), indent=1) + "\n"
+    path.write_text(text, encoding="utf-8")
+    page = path.parent.parent / PAGE
+    if page.is_file():
+        text = with_table(page.read_text(encoding="utf-8"), path.parent)
+        page.write_text(text, encoding="utf-8")
+
+
+def _chosen(names: Sequence[str]) -> tuple[Target, ...]:
+    known = {one.name: one for one in TARGETS}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise IdentError(f"expected names of the list, found '{unknown[0]}' (see --list)")
+    return tuple(known[name] for name in names) or TARGETS
+
+
+if __name__ == "__main__":
+    sys.exit(run_command("mutants", run))

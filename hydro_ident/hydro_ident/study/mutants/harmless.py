@@ -1,0 +1,124 @@
+"""Changes that no test can or need notice, each with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hydro_ident.study.mutants.listed import Harmless
+
+_UNREAD = "the first value is never read: {}"
+_NO_NEGATIVE = "counters begin at 0: any number below stands for none of them"
+_LENGTHS = "the lengths are equal by then: {}"
+_DRIVING_FIRST = "it is read while driving alone, and what begins to drive sets it"
+
+
+def _each(
+    target: str, where: str, before: str, afters: tuple[str, ...], why: str
+) -> Iterator[Harmless]:
+    for after in afters:
+        yield Harmless(target, where, before, after, why)
+
+
+def _begins(
+    target: str, where: str, name: str, values: tuple[str, ...], why: str, first: str = "0"
+) -> Iterator[Harmless]:
+    """An assignment in a constructor with other values; `pass`: without it."""
+    before = f"self.{name} = {first}"
+    afters = tuple("pass" if value == "pass" else f"self.{name} = {value}" for value in values)
+    yield from _each(target, where, before, afters, why)
+
+
+def _gate() -> Iterator[Harmless]:
+    init = "Gate.__init__"
+    no_defect = _UNREAD.format("it belongs to a defect, and there is none yet")
+    yield from _begins("gate", init, "_defect_at", ("-1", "1"), no_defect)
+    yield from _begins("gate", init, "_first", ("-1",), _NO_NEGATIVE)
+    for name in ("_accepted", "_driving_since"):
+        yield from _begins("gate", init, name, ("pass", "-1", "1"), _DRIVING_FIRST)
+    yield from _begins("gate", init, "_command", ("pass",), _DRIVING_FIRST, "self._zero")
+    yield from _begins("gate", init, "_ramping", ("pass", "True"), _DRIVING_FIRST, "False")
+    end = " if self._newest is None else self._newest"
+    yield Harmless(
+        "gate", "Gate.arm", f"self._first = 0{end}", f"self._first = -1{end}", _NO_NEGATIVE
+    )
+    yield from _begins("gate", "Gate.forget", "_first", ("-1",), _NO_NEGATIVE)
+    yield Harmless(
+        "gate", "Gate.trip", "self._wait()", "pass",
+        "while tripped the output is 0 V whatever was asked before, and clearing waits first",
+    )  # fmt: skip
+    yield Harmless(
+        "gate", "Gate._follow", "return Outcome.ACCEPTED", "pass",
+        "after the stop at 0 V the rate is judged from 0 V to 0 V: accepted again, the same",
+    )  # fmt: skip
+    judged = _LENGTHS.format("`_judge` has compared them")
+    for where, before in (
+        ("Gate._follow", "self.limits.valve_names, values, self._command, strict="),
+        ("Gate._accept", "for value, before in zip(values, self._applied, strict="),
+        ("Gate._judge", "at = dict(zip(names, voltages, strict="),
+    ):
+        rest = {"Gate._follow": "", "Gate._accept": ")", "Gate._judge": "))"}[where]
+        yield Harmless("gate", where, f"{before}True{rest}", f"{before}False{rest}", judged)
+    yield Harmless(
+        "gate", "Gate._missing", 'return ""', "pass",
+        "None is as empty as the text: both are only asked whether there is anything",
+    )  # fmt: skip
+
+
+def _plausibility() -> Iterator[Harmless]:
+    why = _UNREAD.format("it is the time of the last readings, and there are none yet")
+    yield from _begins("plausibility", "ReadingsWatch.forget", "_at", ("-1", "1"), why)
+    yield Harmless(
+        "plausibility", "ReadingsWatch._jump", 'return ""', "pass",
+        "None is as empty as the text: the encoders are looked at next, which give a text",
+    )  # fmt: skip
+
+
+def _bridge_core() -> Iterator[Harmless]:
+    init = "BridgeCore.__init__"
+    yield from _begins(
+        "bridge_core", init, "_answer: can.Message | None", ("pass",),
+        _UNREAD.format("a frame is encoded before one is sent again"), "None",
+    )  # fmt: skip
+    for name in ("_answered", "_stated"):
+        yield from _begins("bridge_core", init, name, ("- 2", "~1"), _NO_NEGATIVE, "-1")
+    both = "self._answered = self._stated"
+    yield from _each(
+        "bridge_core", "BridgeCore._restart", f"{both} = -1", (f"{both} = - 2", f"{both} = ~1"),
+        _NO_NEGATIVE,
+    )  # fmt: skip
+    why = _UNREAD.format("the first cycle sets it, and only a repeat of one counts")
+    yield from _begins("bridge_core", init, "_standing_still", ("pass", "-1", "1"), why)
+    clock = "self.clock = SampleClock(round(limits.period_s * {}), whole_seconds=lockstep)"
+    yield from _each(
+        "bridge_core", init, clock.format("1e9"),
+        (clock.format("1000000001.0"), clock.format("999999999.0")),
+        "periods below 0.5 s round to the same nanoseconds",
+    )  # fmt: skip
+    said = 'self.gate.trip(f"nothing from the device for {{{} * SILENCE_S:.0f}} ms")'
+    yield from _each(
+        "bridge_core", "BridgeCore.silence", said.format("1e3"),
+        (said.format(" 1001.0"), said.format(" 999.0")),
+        "50 ms in the message either way: the limit itself is compared in seconds",
+    )  # fmt: skip
+
+
+def _amplifier() -> Iterator[Harmless]:
+    init = "Amplifier.__init__"
+    before = "self._patience = max(1, round(WATCHDOG_S / cycle_s))"
+    yield Harmless(
+        "amplifier", init, before, before.replace("(1,", "( 0,"),
+        "a missing frame is counted before it is compared: none and one are the same patience",
+    )  # fmt: skip
+    yield from _begins("amplifier", init, "_missing", ("-1", "1"), _DRIVING_FIRST)
+    yield Harmless(
+        "amplifier", "Amplifier._off", "self._queue.extend([self._zero] * self._delay)", "pass",
+        "until the queue has filled again the output stays at the 0 V that it was switched to",
+    )  # fmt: skip
+
+
+HARMLESS: tuple[Harmless, ...] = (
+    *_gate(),
+    *_plausibility(),
+    *_bridge_core(),
+    *_amplifier(),
+)
