@@ -106,6 +106,12 @@ def tried(root: Path, target: Target, source: str) -> str:
 def covered(root: Path, target: Target) -> Coverage:
     """What the tests of a module reach of it, lines and branches.
 
+    Parameters
+    ----------
+    root : Path
+        Top of the repository.
+    target : Target
+
     Raises
     ------
     IdentError
