@@ -97,7 +97,8 @@ def _finding_view(found: Diagnosis, training: Training, one: Finding) -> LawView
     variable = data["where"]["variable"]
     x_title, x = _variable(training, fitted.model, channel, variable, own)
     law = predictor.contribution(fitted.model, term)[own]
-    left = fitted.residual[own]
+    # A law that was weighed alone left the base where it was: its last step is taken here.
+    left = fitted.residual[own] - fitted.columns[own] @ fitted.bench.solve()
     return LawView(
         title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
         note=f"{data['equation']}; {unit_text(data['where']['text'])}",
