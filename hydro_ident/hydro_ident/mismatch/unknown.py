@@ -114,7 +114,8 @@ def unexplained(
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)
-        if there is False:
+        unheard = there is None and one.variable != "time"
+        if there is False or (unheard and one.share < LEAST_SHARE_UNCONFIRMED):
             continue
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
