@@ -36,7 +36,7 @@ OPTIONAL = {"argcomplete", "distributed", "pyarrow"}
 #: Imported by python-can's udp_multicast, and message types that recorder and player load by name.
 BY_NAME = {"python3-msgpack", "geometry_msgs", "trajectory_msgs"}
 #: Folders that measure the packages and their tests: they want requirements-test.in.
-FOR_DEVELOPERS = {"bench", "fuzz", "sabotage"}
+FOR_DEVELOPERS = {"bench", "fuzz", "mutants", "sabotage"}
 
 packages = pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
 

@@ -105,7 +105,7 @@ def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None
     assert "lift cylinder: Coulomb friction (force 2" in strip
     assert "tilt cylinder: valve null bias (bias 0.00" in strip
     for channel in found.fitted:
-        assert channel.name in report
+        assert channel.name in report.replace("<wbr>", "")
     assert len(report.encode()) < 8_000_000
 
 

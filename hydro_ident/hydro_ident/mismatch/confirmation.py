@@ -18,6 +18,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import NAMED_SHARE
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.where import VARIABLES
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -109,9 +110,11 @@ def withdrawn(
         channel = finding.channels[0]
         total = _gains(work, whole, finding.named)[material.channels.index(channel)]
         own = [u for u in significant if u.channel == channel]
-        if any(
-            u.dependence.gain > total * (_CONFIRMED_SHARE if u.confirmed else 1.0) for u in own
-        ):
+        # What follows the law's own variable is its form: that takes it away later, too.
+        acts = VARIABLES.get(finding.named.term.effect.name)
+        doubted = [u.confirmed and u.dependence.variable != acts for u in own]
+        most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
+        if any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
     if taken:
         whole = _without(work, whole, [f.named for f in taken])
