@@ -14,6 +14,7 @@ import argparse
 import base64
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -29,7 +30,11 @@ WAIT_S = 60.0
 #: Scrolls through the page, frame by frame, so that every figure is drawn.
 SCROLL = """(async () => {
   document.querySelectorAll('details').forEach(d => { d.open = true; });
-  const next = () => new Promise(done => requestAnimationFrame(done));
+  // A browser without a screen may stop making frames.
+  const next = () => Promise.race([
+    new Promise(done => requestAnimationFrame(done)),
+    new Promise(done => setTimeout(done, 500)),
+  ]);
   const frame = async () => { await next(); await next(); };
   for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
     scrollTo({top: y, behavior: 'instant'});
@@ -128,6 +133,8 @@ class Browser:
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
+            if not select.select([self._in], [], [], WAIT_S)[0]:
+                raise RuntimeError(f"the browser says nothing for {WAIT_S:g} s")
             more = os.read(self._in, 1 << 20)
             if not more:
                 raise RuntimeError("the browser is gone")
