@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hydro_ident.errors import IdentError
+from hydro_ident.study.by_name import chosen
 from hydro_ident.study.mutants.changes import changes
 from hydro_ident.study.mutants.listed import TARGETS, Target
 from hydro_ident.study.mutants.page import (
@@ -59,16 +60,16 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Try every change; 0 where all that survived are argued, 1 where one is not."""
     options = parser().parse_args(arguments)
-    chosen = _chosen(options.names)
+    picked = chosen(TARGETS, options.names)
     if options.list:
-        for one in chosen:
+        for one in picked:
             print(f"{one.name}: {one.file} ({', '.join(one.tests)})")
         return 0
     root: Path = options.root.resolve()
     prepare()
     rows = _rows(options.json) if options.again else {}
     runs = []
-    for target in chosen:
+    for target in picked:
         runs.append(_tried(root, target, rows.get(target.name)))
         if options.json is not None:
             _write(options.json.resolve(), runs)
@@ -92,14 +93,14 @@ def _tried(root: Path, target: Target, row: Mapping[str, Any] | None) -> Run:
     coverage = covered(root, target)
     if tried(root, target, source) != SURVIVED:
         raise IdentError(f"expected the tests of {target.file} to pass, found they do not")
-    chosen, earlier = changes(source), Counter[str]()
+    left, earlier = changes(source), Counter[str]()
     if row is not None and row["sha256"] == digest(path):
-        chosen, earlier = left_over(chosen, row)
+        left, earlier = left_over(left, row)
     ends = []
-    for number, change in enumerate(chosen, 1):
+    for number, change in enumerate(left, 1):
         ends.append((change, tried(root, target, change.source)))
         if sys.stderr.isatty():
-            print(f"\r{target.name}: {number} of {len(chosen)}", end="", file=sys.stderr)
+            print(f"\r{target.name}: {number} of {len(left)}", end="", file=sys.stderr)
     done = Run(target, digest(path), coverage, tuple(ends), earlier)
     print(f"{target.name}: {done.count} changes, {len(done.survivors)} not noticed", flush=True)
     return done
@@ -115,14 +116,6 @@ def _write(path: Path, runs: Sequence[Run]) -> None:
     if page.is_file():
         text = with_table(page.read_text(encoding="utf-8"), path.parent)
         page.write_text(text, encoding="utf-8")
-
-
-def _chosen(names: Sequence[str]) -> tuple[Target, ...]:
-    known = {one.name: one for one in TARGETS}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise IdentError(f"expected names of the list, found '{unknown[0]}' (see --list)")
-    return tuple(known[name] for name in names) or TARGETS
 
 
 if __name__ == "__main__":

@@ -10,7 +10,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from hydro_ident.errors import IdentError
-from hydro_ident.study.sabotage.listed import SABOTAGES, Sabotage
+from hydro_ident.study.by_name import chosen
+from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.page import PAGE, result_of, with_table
 from hydro_ident.study.sabotage.trial import PACKAGE, outcomes
 from hydro_model.command import run_command
@@ -40,16 +41,16 @@ def parser() -> argparse.ArgumentParser:
 def run(arguments: Sequence[str]) -> int:
     """Run the sabotages; 0 where every one of them is caught, 1 where one is not."""
     options = parser().parse_args(arguments)
-    chosen = _chosen(options.names)
+    picked = chosen(SABOTAGES, options.names)
     if options.list:
-        for one in chosen:
+        for one in picked:
             print(f"{one.name}: {one.breaks} ({one.file}; {one.test})")
         return 0
     root: Path = options.root.resolve()
     if not (root / PACKAGE).is_dir():
         raise IdentError(f"expected the sources in {root / PACKAGE}, found none")
     found = []
-    for outcome in outcomes(root, chosen):
+    for outcome in outcomes(root, picked):
         print(outcome.text, flush=True)
         found.append(outcome)
     caught = sum(one.caught for one in found)
@@ -62,14 +63,6 @@ def run(arguments: Sequence[str]) -> int:
             text = page.read_text(encoding="utf-8")
             page.write_text(with_table(text, options.json.resolve().parent), encoding="utf-8")
     return 0 if caught == len(found) else 1
-
-
-def _chosen(names: Sequence[str]) -> tuple[Sabotage, ...]:
-    known = {one.name: one for one in SABOTAGES}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise IdentError(f"expected names of the list, found '{unknown[0]}' (see --list)")
-    return tuple(known[name] for name in names) or SABOTAGES
 
 
 if __name__ == "__main__":
