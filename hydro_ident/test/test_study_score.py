@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_hw_bridge.rig.random_truth import plain_truth
 from hydro_ident.errors import IdentError
 from hydro_ident.study.conceal import ANSWERS, TRUTHS, write_json
 from hydro_ident.study.goals import GOALS
+from hydro_ident.study.hidden import Machine, Scene
 from hydro_ident.study.intervals import Mean, Rate, mean, rate
 from hydro_ident.study.page import BEGIN, END, with_tables
 from hydro_ident.study.planting import KNOWN
@@ -19,10 +21,12 @@ from hydro_ident.study.score import score_case
 from hydro_ident.study.sizes import READINGS, found_interval, found_size
 from hydro_ident.study.summary import shuffled, summarise
 from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.robot import Robot
 
 AT = {
     "lever": 0.3,
     "inertia_kg_m2": 2000.0,
+    "fast_m_s": 0.1,
     "lowest_tip_m": -1.0,
     "duration_s": 60.0,
     "cycle_s": 0.002,
@@ -369,6 +373,24 @@ def test_sizes_read_the_catalogue_parameters() -> None:
     assert found_size("cavitation", [], AT) is None
     assert found_size("coulomb_friction", [], AT) == 0.0
     assert found_size("pin_friction", [], AT) is None
+
+
+@pytest.mark.parametrize("fast", [0.05, 0.1, 0.4])
+def test_quadratic_friction_is_stated_where_both_laws_agree(fast: float, robot: Robot) -> None:
+    """A square law beside a line, fitted to the truth's up to the fast speed, has its size."""
+    time = np.linspace(0.0, 60.0, 601)
+    stroke = 0.5 + (fast / 0.2) * np.sin(0.2 * time)[:, None] * np.ones(2)
+    scene = Scene(60.0, stroke, stroke, stroke, stroke, time, np.ones(2))
+    plain = Machine(robot, plain_truth(robot, 1), None, True)
+    hidden = KNOWN["quadratic_friction"]
+    machine = hidden.apply(plain, scene, 0, 300.0, 1)
+    speed = np.linspace(0.0, scene.fast_m_s(0), 200)
+    force = machine.truth.extras.axes[0].turbulent * speed**1.75
+    columns = np.stack([speed**2, speed], axis=1)
+    coefficient = float(np.linalg.lstsq(columns, force, rcond=None)[0][0])
+    found = [{"name": "quadratic_friction.coefficient", "value": coefficient}]
+    at = AT | {"fast_m_s": scene.fast_m_s(0)}
+    assert found_size("quadratic_friction", found, at) == pytest.approx(300.0, rel=0.02)
 
 
 def test_every_name_of_the_catalogue_has_a_truth() -> None:

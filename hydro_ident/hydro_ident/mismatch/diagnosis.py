@@ -137,7 +137,7 @@ def _diagnosed(
     run = free_run(before.robot, modelled.robot, work.check_traces, work.split, filters)
     notes = [*_data_notes(work), *modelled.notes, *run.rejected]
     notes += [refined.note] if refined is not None else []
-    notes += _search_notes(search, whole, rejected, taken)
+    notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
     return Diagnosis(
         _verdict(findings, rejected, unknown, few),
         work.robot,
@@ -181,6 +181,16 @@ def _search_notes(
     return [*notes, f"model: {summary_of(whole.model.terms)}"]
 
 
+def _silent_notes(findings: Sequence[Finding]) -> list[str]:
+    """Findings that no held-out row could speak for or against."""
+    return [
+        f"{f.named.term.effect.name} of {f.named.term.target}: the recordings to verify on do not"
+        " exercise it; held-out blocks of the training recordings alone speak for it"
+        for f in findings
+        if f.verification.silent
+    ]
+
+
 def _described(
     work: Residuals, whole: Fitted, left: Sequence[Dependence]
 ) -> tuple[Unexplained, ...]:
@@ -222,7 +232,8 @@ def _verdict(
     few: bool,
 ) -> str:
     if findings:
-        return PARTLY if unknown or few else EXPLAINED
+        doubts = unknown or few or any(f.verification.silent for f in findings)
+        return PARTLY if doubts else EXPLAINED
     if unknown:
         return UNKNOWN
     return NO_IMPROVEMENT if rejected else MATCHES

@@ -143,6 +143,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
         "heldout_rmse_before": check.before.get(one.channels[0], 0.0),
         "heldout_rmse_after": check.after.get(one.channels[0], 0.0),
         "heldout_p_value": check.p_value,
+        "heldout_exercised": not check.silent,
         "placebo_share": check.placebo,
         "agreement": [
             {

@@ -18,10 +18,14 @@ from hydro_ident.mismatch.training import layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_model.robot import FloatArray
 
-#: A finding that improves held-out rows by chance more often than this does not stand.
+#: A finding that goes with held-out rows by chance more often than this does not stand.
+STANDS = 0.025
+#: What chance does more often than this, placebos as well, is not confirmed.
 VERIFIED = 0.1
 #: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
+#: What a finding has to be able to gain on held-out rows before these can tell: two deviations.
+SHOWN = 4.0
 #: Blocks that a p-value needs, and the shortest that still are independent.
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
 #: Parts of a recording's time that are looked at for rows.
@@ -60,15 +64,15 @@ class HeldOut:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
         return self.bench.beyond(residual[self.used][:, None])[:, 0]
 
-    def gains(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Improvement of the whitened squared errors by block of time, from before to after."""
+    def by_block(self, values: FloatArray) -> FloatArray:
+        """Sums of whitened rows' values (M,) by block of time, (B,); blocks of zeros left out."""
         layout, rows = self.bench.layout, self.bench.rows
         lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
         # So few blocks that no flip could be rare would reject whatever is put to them.
         share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
         block_s = min(BLOCK_S, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
         block = layout.blocks(block_s)[rows]
-        sums = np.bincount(block, weights=before**2 - after**2)
+        sums = np.bincount(block, weights=values)
         return np.asarray(sums[sums != 0.0])
 
     def rmse(self, residual: FloatArray) -> dict[str, float]:
@@ -107,6 +111,9 @@ class Look:
         As `Verification`.
     against : float
         Chance that the finding beats a median placebo.
+    shown : float
+        Sum of squares, in units of the noise's variance, of what the finding changes here: what
+        it would gain if it were true.
     sides : (dict, dict) of str to float
         Rmse by channel without and with it.
     worse : str
@@ -116,6 +123,7 @@ class Look:
     p_value: float
     placebo: float
     against: float
+    shown: float
     sides: tuple[dict[str, float], dict[str, float]]
     worse: str
 
@@ -140,16 +148,25 @@ def looked(
         Channels that it acts on.
     """
     before, after = rows.left(plain), rows.left(with_it)
-    others = [rows.left(residual) for residual in placebos]
-    gains = rows.gains(before, after)
-    real = float(gains.sum())
-    shares = [float(rows.gains(before, other).sum()) for other in others]
+    change = before - after
+    real = _gain(before, change)
+    others = [before - rows.left(residual) for residual in placebos]
+    shares = [_gain(before, other) for other in others]
     # What is the same at all times has no placebo.
     share = float(np.median(shares)) / real if shares and real > 0.0 else float(real > 0.0)
-    against = [chance(rows.gains(other, after)) for other in others]
+    # Products with what is left without the finding: those of a false one are as often negative,
+    # whereas its gain is negative by itself, and asks twice the size of a true one.
+    p = chance(rows.by_block(before * change)) if real > 0.0 else 1.0
+    against = [chance(rows.by_block(before * (change - other))) for other in others]
     sides = rows.rmse(plain), rows.rmse(with_it)
     median = float(np.median(against or [0.0]))
-    return Look(chance(gains), share, median, sides, _worse(sides, acting))
+    shown = float(change @ change)
+    return Look(p, share, median, shown, sides, _worse(sides, acting))
+
+
+def _gain(before: FloatArray, change: FloatArray) -> float:
+    """What a change takes off the sum of squares."""
+    return float(2.0 * before @ change - change @ change)
 
 
 def objection(one: Look, least: float) -> str:

@@ -27,6 +27,7 @@ from hydro_ident.mismatch.settings import (
     LONGEST_SCAN_S,
     DiagnosisSettings,
 )
+from hydro_ident.mismatch.slowness import settled
 from hydro_ident.mismatch.telling import telling, within
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
@@ -152,6 +153,9 @@ def residuals(
         return None
     traces = spread_parts(whole, settings.longest_s)
     choices = choices_of(forces, signals, whole)
+    if not (torque or settings.fixed_base):
+        looked_at = spread_parts(whole, LONGEST_SCAN_S)
+        choices = settled(robot, forces, looked_at, choices, still, signals)
     notes = _notes(surveys, choices, cleaned)
     notes += partly("fitted", whole, traces)
     material = _material(robot, forces, traces, choices, still)

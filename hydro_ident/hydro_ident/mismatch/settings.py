@@ -33,7 +33,7 @@ FORM_TOLERANCE = 0.05
 ADDED_SHARE = 0.05
 #: What a description of a machine is good for: in none of its channels does a model claim to be
 #: better than this share (rms) of what is measured.
-PRECISION = 2.0e-4
+PRECISION = 5.0e-5
 #: The same for a dependence without a name: no law says that it is more than the form's flaw.
 PRECISION_UNNAMED = 5.0e-4
 #: A shift in time below this many sampling intervals is no finding: when a sensor is read within

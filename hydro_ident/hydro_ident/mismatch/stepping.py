@@ -120,15 +120,20 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
 
 def held_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
     """Columns that can take no step: at their bound, or a delay beside one that is listed."""
-    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
     held = [
         at
         for index, at in training.predictor.delay_columns.items()
-        if _listed_delay(model) or (step[at] > 0.0 and model.delays_s[index] >= longest)
+        if _listed_delay(model) or (step[at] > 0.0 and at_longest_delay(training, model, index))
     ]
     most, now = largest_ripple(training.cycle_s), training.predictor.parameters(model)
     ripples = training.predictor.ripple_columns.values()
     return held + [k for k in ripples if abs(now[k]) >= most and now[k] * step[k] > 0.0]
+
+
+def at_longest_delay(training: Training, model: Model, index: int) -> bool:
+    """Whether a cylinder's valve is as late as a base may make it."""
+    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
+    return bool(model.delays_s[index] >= longest)
 
 
 def _listed_delay(model: Model) -> bool:

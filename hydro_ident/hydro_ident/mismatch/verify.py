@@ -19,10 +19,11 @@ from hydro_ident.mismatch.agreement import Agreement, agreements, alike
 from hydro_ident.mismatch.candidates import instants_of
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.held_out import VERIFIED, HeldOut, looked, objection
+from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, objection
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -52,6 +53,8 @@ class Verification:
         Why it does not.
     agreement : tuple of Agreement
         Its sizes here and there.
+    silent : bool
+        These rows do not exercise the finding: they speak neither for nor against it.
     """
 
     p_value: float
@@ -61,6 +64,7 @@ class Verification:
     stands: bool
     reason: str
     agreement: tuple[Agreement, ...] = ()
+    silent: bool = False
 
 
 def verify(
@@ -107,14 +111,29 @@ def verify(
     ]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
-    least = VERIFIED * _FURTHER**named.refused
+    least = STANDS * _FURTHER**named.refused
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
-    agreement = agreements(whole, there, terms)
+    silent = max(one.shown for one in looks) < SHOWN * max(named.spread, 1.0)
+    agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
-    reason = reason or objection(best, least)
-    if there is not None and not all(alike(check, there, term) for term in terms):
-        reason = reason or _apart(agreement)
-    return Verification(best.p_value, *best.sides, best.placebo, not reason, reason, agreement)
+    reason = reason or (_unexercised(best, named) if silent else objection(best, least))
+    if not silent and there is not None:
+        alien = not all(alike(check, there, term) for term in terms)
+        reason = reason or (_apart(agreement) if alien else "")
+    sides = best.p_value, *best.sides, best.placebo
+    return Verification(*sides, not reason, reason, agreement, silent)
+
+
+def _unexercised(look: Look, named: Named) -> str:
+    """What speaks against a finding that held-out rows do not exercise.
+
+    Its own recording has to leave no doubt then: held-out blocks of it, and no flip of signs.
+    """
+    if look.worse:
+        return look.worse
+    if named.p_value > FAMILY_ERROR_UNNAMED or not named.pays:
+        return "held-out rows do not exercise it, and the training rows leave doubts"
+    return ""
 
 
 def _at_own_instant(

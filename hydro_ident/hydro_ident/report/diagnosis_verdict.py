@@ -37,7 +37,10 @@ _HEADLINES = {
         "The model matches these recordings: nothing is missing that they can show.",
     ),
     EXPLAINED: ("good", "The model left physics out. It has been found and named."),
-    PARTLY: ("warn", "The model left physics out. Some of it has been named, some has not."),
+    PARTLY: (
+        "warn",
+        "The model left physics out. Some of it has been named and verified, some has not.",
+    ),
     UNKNOWN: ("warn", "Something is missing from the model that has no name in the catalogue."),
     NO_IMPROVEMENT: (
         "warn",
@@ -137,6 +140,12 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
             f" {_odds(least)}."
         )
         lines += error_line(held_out)
+    silent = [plain(f.named.names[0]) for f in found.findings if f.verification.silent]
+    if silent:
+        lines.append(
+            f"The recordings to verify on do not exercise {shortened(silent)}: held-out"
+            " blocks of the training recordings alone speak for it."
+        )
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
     lines += loss_line(found.losses)

@@ -23,6 +23,10 @@ Scope = Literal["cylinder", "robot"]
 SPEED_M_S, PRESSURE_PA, LOAD_N, RATE_RAD_S, FLOW_M3_S = 0.05, 5.0e6, 2.0e4, 0.3, 1.0e-3
 
 
+#: Which of a run's speeds is its usual fast one, and the least that is called fast.
+_FAST, _LEAST_FAST_M_S = 0.95, 0.01
+
+
 @dataclass(frozen=True, slots=True)
 class Scene:
     """What a machine does in a run before anything is hidden in it, N samples.
@@ -43,6 +47,12 @@ class Scene:
     pressure_b: FloatArray
     tip_height_m: FloatArray
     inertia: FloatArray
+
+    def fast_m_s(self, index: int) -> float:
+        """Usual fast speed of a cylinder's piston."""
+        stroke = self.stroke_m[:, index]
+        speed = np.abs(np.diff(stroke)) * len(stroke) / self.duration_s
+        return max(float(np.quantile(speed, _FAST)), _LEAST_FAST_M_S)
 
 
 @dataclass(frozen=True, slots=True)

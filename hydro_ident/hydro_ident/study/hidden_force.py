@@ -68,7 +68,7 @@ def _seal(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
 
 
 def _turbulent(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
-    return axis(m, i, turbulent=size / (_CURVED * 0.1**1.75))
+    return axis(m, i, turbulent=size / (_CURVED * s.fast_m_s(i) ** 1.75))
 
 
 def _local(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
@@ -170,9 +170,7 @@ FORCE_EFFECTS = (
     Hidden("asymmetric_friction", 60.0, 3.0e3, "N", "even part at 50 mm/s", _asymmetric),
     Hidden("pressure_dependent_friction", 50.0, 4.0e3, "N", "5 MPa in both chambers", _seal),
     Hidden("presliding_friction", 200.0, 6.0e3, "N", "sliding at 50 mm/s", _presliding),
-    Hidden(
-        "quadratic_friction", 100.0, 6.0e3, "N", "a square law as curved, at 0.1 m/s", _turbulent
-    ),
+    Hidden("quadratic_friction", 50.0, 6.0e3, "N", "as curved, at the fast speed", _turbulent),
     Hidden("position_dependent_friction", 100.0, 6.0e3, "N", "where it is largest", _local),
     Hidden("pin_friction", 50.0, 4.0e3, "N", "20 kN of load, median lever", _pin, needs=has_lever),
     Hidden("temperature_drift", 30.0, 1.2e3, "N", "change over the run at 50 mm/s", _warming),

@@ -152,6 +152,7 @@ def operating_point(one: Planted, machine: Machine, scene: Scene, run: Drive) ->
     return {
         "lever": float(np.median(np.abs(scene.lever[:, one.index]))),
         "inertia_kg_m2": float(scene.inertia[joint]),
+        "fast_m_s": scene.fast_m_s(one.index),
         "lowest_tip_m": float(scene.tip_height_m.min()),
         "duration_s": scene.duration_s,
         "cycle_s": run.track.cycle_s,

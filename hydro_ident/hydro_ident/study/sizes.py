@@ -76,7 +76,7 @@ READINGS: dict[str, Reading] = {
     "asymmetric_friction": _asymmetric,
     "pressure_dependent_friction": _plain("coefficient", factor=2.0 * PRESSURE_PA),
     "presliding_friction": _plain("force"),
-    "quadratic_friction": _plain("coefficient", factor=0.01),
+    "quadratic_friction": lambda p, at: p["coefficient"] * at["fast_m_s"] ** 2,
     "position_dependent_friction": _local,
     "pin_friction": lambda p, at: p["radius"] * LOAD_N / at["lever"],
     "temperature_drift": _drift,
