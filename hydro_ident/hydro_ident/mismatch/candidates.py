@@ -106,7 +106,7 @@ class Trial:
 
 
 #: Effects whose first parameter shrinks as the effect grows.
-_INVERSE_SIZE = ("valve_spool_lag", "line_dynamics", "valve_rate_limit")
+_INVERSE_SIZE = ("valve_spool_lag", "valve_rate_limit")
 
 
 def trials(

@@ -64,11 +64,6 @@ def _air(p: Numbers, at: Numbers) -> float:
     return soft / (1.0 + soft)
 
 
-def _line(p: Numbers, at: Numbers) -> float:
-    turn = 2.0 * math.pi * p["frequency"]
-    return at["bulk_modulus_pa"] / (at["line_volume_m3"] * turn**2)
-
-
 #: By the effect's name: parameters found and the case's operating point to the size.
 READINGS: dict[str, Reading] = {
     "coulomb_friction": _plain("force"),
@@ -107,7 +102,7 @@ READINGS: dict[str, Reading] = {
     "tank_back_pressure": _plain("resistance", factor=FLOW_M3_S**2),
     "counterbalance_valve": _plain("restriction"),
     "end_cushion": _plain("strength"),
-    "line_dynamics": _line,
+    "line_dynamics": _plain("inertance"),
     "pressure_delay": _plain("delay"),
     "command_delay": lambda p, at: p["delay"],
 }

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lti, step
 
 from hydro_model import signals as sig
@@ -228,17 +229,42 @@ def test_cushion_slows_the_piston_into_the_end_but_not_out_of_it(make_slider) ->
     np.testing.assert_allclose(out.q, other.q, atol=1e-6)
 
 
+#: Parts of a sample that a mean over it is taken of.
+_FINE = 50
+
+
 def test_line_passes_flow_on_as_the_second_order_system() -> None:
     s = rows(200)
     s[1:, sig.VALVE_FLOW_A] = 1e-4
     law = CATALOGUE["line_dynamics"]
-    lag = law.evaluate(s, [40.0, 0.3], Stage.FLOW_A, STEP)
-    omega = 2.0 * np.pi * 40.0
-    _, expected = step(
-        lti([1e-4 * omega**2], [1.0, 0.6 * omega, omega**2]), T=np.arange(199) * STEP
-    )
+    omega, inertance = 2.0 * np.pi * 40.0, 1.0e6
+    hose = [inertance, 1.0 / (inertance * omega**2), 0.3]
+    s[:, sig.SUPPLY_PRESSURE] = 1.0e15  # no pressure of the hose's changes the edge's flow
+    lag = law.evaluate(s, hose, Stage.FLOW_A, STEP)
+    fine = np.arange(199 * _FINE + 1) * STEP / _FINE
+    _, response = step(lti([1e-4 * omega**2], [1.0, 0.6 * omega, omega**2]), T=fine)
+    # Means over the samples, of a mode that swings within them.
+    whole = cumulative_trapezoid(response, fine, initial=0.0)[::_FINE]
+    expected = np.diff(whole) / STEP
     np.testing.assert_allclose((lag + s[:, sig.VALVE_FLOW_A])[1:], expected, atol=1e-8)
-    assert not law.evaluate(s, [40.0, 0.3], Stage.FLOW_B, STEP).any()
+    assert not law.evaluate(s, hose, Stage.FLOW_B, STEP).any()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_moving_a_hoses_oil_takes_from_the_drop_at_the_edge(sign: float) -> None:
+    """A ramp of flow, once the mode has settled: the edge's own law at the raised pressure."""
+    s, rate, inertance = rows(500), 2.0e-3, 3.0e7
+    s[:, sig.VALVE_FLOW_A] = sign * (1e-4 + rate * STEP * np.arange(500))
+    s[:, sig.SUPPLY_PRESSURE], s[:, sig.PRESSURE_A] = 2.0e7, 1.0e7
+    s[:, sig.TANK_PRESSURE] = 0.0
+    hose, law = [inertance, 1.0e-14, 0.7], CATALOGUE["line_dynamics"]
+    change = law.evaluate(s, hose, Stage.FLOW_A, STEP)[-1]
+    flow = s[-1, sig.VALVE_FLOW_A]
+    s[:, [sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE]] = 1.0e15, -1.0e15
+    lag = law.evaluate(s, hose, Stage.FLOW_A, STEP)[-1]
+    # In either direction oil that is to be moved faster pushes back at the valve.
+    exact = flow * np.sqrt(1.0 - inertance * rate / 1.0e7) - flow
+    assert change - lag == pytest.approx(exact, rel=0.01)
 
 
 def test_cavity_holds_the_pressure_up_and_collapses_again(make_slider) -> None:

@@ -187,18 +187,38 @@ def _follow_later(
 
 
 @kernel
-def _follow_linear(laws: Any, memory: Any, signals: Array, response: Array, out: Array) -> None:
+def _follow_linear(
+    laws: Any,
+    memory: Any,
+    signals: Array,
+    response: Array,
+    mean: Array,
+    averaged: bool,
+    out: Array,
+) -> None:
     """As `_follow`, by what linear states make of their rates until the next sample."""
     states, rates = memory.row[STATE_0 : STATE_0 + memory.start.shape[0]], memory.stages[0]
+    now = memory.stages[1]
     for k in range(signals.shape[0]):
         out[k] = _look(laws, memory, signals[k])
         _rates(laws, memory.row, rates)
-        for i in range(states.shape[0]):
-            memory.start[i] = states[i]
-            for j in range(states.shape[0]):
-                memory.start[i] += response[i, j] * rates[j]
+        copy(states, now)
+        _moved(now, response, rates, memory.start)
+        if averaged:
+            _moved(now, mean, rates, states)
+            out[k] = call_law(laws.value[0], memory.row, laws.parameters)
+            copy(now, states)
         if not _some_unknown(memory.start):
             copy(memory.start, states)
+
+
+@kernel
+def _moved(states: Array, response: Array, rates: Array, out: Array) -> None:
+    """States with what their rates come to by a response."""
+    for i in range(states.shape[0]):
+        out[i] = states[i]
+        for j in range(states.shape[0]):
+            out[i] += response[i, j] * rates[j]
 
 
 def follow_states(
@@ -240,23 +260,25 @@ def follow_states(
         later = np.append(parameters, step_s)
         _follow_later(laws, memory, signals, after, later, out)
     elif all(state.linear for state in states):
-        _follow_linear(laws, memory, signals, _response(laws, memory.row, step_s), out)
+        later, mean = _responses(laws, memory.row, step_s)
+        averaged = all(state.averaged for state in states)
+        _follow_linear(laws, memory, signals, later, mean, averaged, out)
     else:
         _follow(laws, memory, signals, step_s, out)
     return out
 
 
-def _response(laws: _Laws, row: FloatArray, step_s: float) -> FloatArray:
-    """What linear states x with rates r(x) have become a step later, less x, per r(x); (k, k).
+def _responses(laws: _Laws, row: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """What linear states x with rates r(x) are a step later and in its mean, less x, per r(x).
 
-    ``x(h) = x + (exp(A h) - 1) / A r(x)`` with the rates' slopes A in the states.
+    ``x(h) = x + (exp(A h) - 1) / A r(x)`` with the rates' slopes A in the states; (k, k) each.
     """
     from scipy.linalg import expm
 
     size = laws.rate.size
     still = np.zeros_like(row)
-    whole = np.zeros((2 * size, 2 * size))
-    whole[:size, size:] = step_s * np.eye(size)
+    whole = np.zeros((3 * size, 3 * size))
+    whole[:size, size : 2 * size] = whole[size : 2 * size, 2 * size :] = step_s * np.eye(size)
     start, moved = np.empty(size), np.empty(size)
     _rates(laws, still, start)
     for i in range(size):
@@ -264,7 +286,9 @@ def _response(laws: _Laws, row: FloatArray, step_s: float) -> FloatArray:
         _rates(laws, still, moved)
         still[STATE_0 + i] = 0.0
         whole[:size, i] = step_s * (moved - start)
-    return np.ascontiguousarray(expm(whole)[:size, size:])
+    grown = expm(whole)[:size]
+    later, mean = grown[:, size : 2 * size], grown[:, 2 * size :] / step_s
+    return np.ascontiguousarray(later), np.ascontiguousarray(mean)
 
 
 def _laws(states: Sequence[InternalState], law: Law, parameters: FloatArray) -> _Laws:

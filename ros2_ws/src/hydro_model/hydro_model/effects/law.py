@@ -106,6 +106,9 @@ class InternalState:
     linear : bool
         Rates of all the effect's states are linear in them, with constant coefficients, and look
         at nothing else that moves between samples: a recording is followed exactly.
+    averaged : bool
+        Along a recording the effect's laws see the means of linear states until the next sample:
+        quicker than the samples, they swing within each in step with the commands.
     after : callable or None
         Law of its value some time later while signals are held, which has that time, in s, behind
         the parameters: where it is known, a recording is followed by it.
@@ -115,6 +118,7 @@ class InternalState:
     initial: Law
     scale: float
     linear: bool = False
+    averaged: bool = False
     after: Law | None = None
 
 

@@ -15,6 +15,8 @@ from hydro_model.signals import (
     STATE_1,
     STATE_2,
     STATE_3,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
     TRAVEL_HIGH,
     TRAVEL_LOW,
     VALVE_FLOW_A,
@@ -25,14 +27,28 @@ from hydro_model.signals import (
 COLLAPSE_TIME_S = 0.002
 #: Pressure above the cavity's at which it collapses at full rate, Pa.
 COLLAPSE_PRESSURE_PA = 1.0e4
+#: Drop at an edge below which a hose's pressure changes its flow no more, Pa.
+LEAST_DROP_PA = 1.0e5
+#: Largest share of an edge's flow that a hose's pressure gives or takes.
+MOST_RAISED = 0.5
 
 
 def _behind_a(s: Row, p: Row) -> float:
-    return s[STATE_0] - s[VALVE_FLOW_A]
+    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_A]
+    if s[VALVE_FLOW_A] < 0.0:
+        drop = s[PRESSURE_A] - s[TANK_PRESSURE]
+    raised = p[0] * s[STATE_1] / (2.0 * max(drop, LEAST_DROP_PA))
+    less = abs(s[VALVE_FLOW_A]) * min(max(raised, -MOST_RAISED), MOST_RAISED)
+    return s[STATE_0] - s[VALVE_FLOW_A] - less
 
 
 def _behind_b(s: Row, p: Row) -> float:
-    return s[STATE_2] - s[VALVE_FLOW_B]
+    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_B]
+    if s[VALVE_FLOW_B] < 0.0:
+        drop = s[PRESSURE_B] - s[TANK_PRESSURE]
+    raised = p[0] * s[STATE_3] / (2.0 * max(drop, LEAST_DROP_PA))
+    less = abs(s[VALVE_FLOW_B]) * min(max(raised, -MOST_RAISED), MOST_RAISED)
+    return s[STATE_2] - s[VALVE_FLOW_B] - less
 
 
 def _flow_a(s: Row, p: Row) -> float:
@@ -52,13 +68,13 @@ def _change_b(s: Row, p: Row) -> float:
 
 
 def _ring_a(s: Row, p: Row) -> float:
-    omega = 2.0 * math.pi * p[0]
-    return omega * (omega * (s[VALVE_FLOW_A] - s[STATE_0]) - 2.0 * p[1] * s[STATE_1])
+    omega = 1.0 / math.sqrt(p[0] * p[1])
+    return omega * (omega * (s[VALVE_FLOW_A] - s[STATE_0]) - 2.0 * p[2] * s[STATE_1])
 
 
 def _ring_b(s: Row, p: Row) -> float:
-    omega = 2.0 * math.pi * p[0]
-    return omega * (omega * (s[VALVE_FLOW_B] - s[STATE_2]) - 2.0 * p[1] * s[STATE_3])
+    omega = 1.0 / math.sqrt(p[0] * p[1])
+    return omega * (omega * (s[VALVE_FLOW_B] - s[STATE_2]) - 2.0 * p[2] * s[STATE_3])
 
 
 def _cushion_a(s: Row, p: Row) -> float:
@@ -86,25 +102,28 @@ def _cavity_b(s: Row, p: Row) -> float:
 LINE_DYNAMICS = Effect(
     name="line_dynamics",
     channel="flow",
-    equation="q_c'' = W^2 (q - q_c) - 2 zeta W q_c',  W = 2 pi f: flow that reaches the chamber",
+    equation="q_c'' = W^2 (q - q_c) - 2 zeta W q_c',  W = 1/sqrt(L C);  into the chamber goes"
+    " q_c - |q| L q_c' / (2 dp): the oil in the hose takes L q_c' to be moved, which the edge's"
+    " drop dp lacks",
     source="first mode of a hose with inertance and compliance; Stecki and Davis, Proc. IMechE A"
     " 200 (1986)",
     parameters=(
-        ParameterSpec("frequency", "Hz", "f", 5.0, 500.0, 60.0),
+        ParameterSpec("inertance", "Pa s^2/m^3", "L", 1.0e5, 1.0e10, 2.0e7),
+        ParameterSpec("compliance", "m^3/Pa", "C", 1.0e-15, 1.0e-11, 1.0e-13, optional=True),
         ParameterSpec("damping", "1", "zeta", 0.01, 3.0, 0.2, optional=True),
     ),
     terms=(Term(Stage.FLOW_A, _behind_a), Term(Stage.FLOW_B, _behind_b)),
     states=(
-        InternalState(_change_a, _flow_a, 1e-4, linear=True),
-        InternalState(_ring_a, nothing, 1e-2, linear=True),
-        InternalState(_change_b, _flow_b, 1e-4, linear=True),
-        InternalState(_ring_b, nothing, 1e-2, linear=True),
+        InternalState(_change_a, _flow_a, 1e-4, linear=True, averaged=True),
+        InternalState(_ring_a, nothing, 1e-2, linear=True, averaged=True),
+        InternalState(_change_b, _flow_b, 1e-4, linear=True, averaged=True),
+        InternalState(_ring_b, nothing, 1e-2, linear=True, averaged=True),
     ),
     channels=("flow_a", "flow_b"),
     needs_valve=True,
     looks_like=("valve_spool_lag", "pressure_delay", "structural_flexibility"),
     separating_experiment="steps of the valve with pressures sampled at 1 kHz or more",
-    limits="one mode, the same in both lines; the pressure at the valve is the chamber's",
+    limits="one mode, the same in both lines; the edge's flow follows its drop to first order",
 )
 
 END_CUSHION = Effect(
