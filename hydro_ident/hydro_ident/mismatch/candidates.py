@@ -13,8 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.places import (
+    FURTHER_FACTORS,
+    instants_of,
+    pilots,
+    quantiles,
+    visited,
+)
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
@@ -23,24 +29,19 @@ from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
 from hydro_model.robot import FloatArray
-from hydro_model.signals import PISTON_POSITION, PRESSURE_A, PRESSURE_B, TIP_HEIGHT, VALVE_SIGNAL
+from hydro_model.signals import PISTON_POSITION, TIP_HEIGHT
 
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
 FIRST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Sizes tried of effects that do not grow like their size.
 SIZE_FACTORS = (0.04, 0.12, 0.35, 1.0, 3.0)
-FURTHER_FACTORS = (0.4, 1.0, 2.5)
 SCANNED_FACTORS = (0.25, 1.0, 4.0)
 SCANNED = ("velocity_scale", "time_constant")
 #: What the size that a scan suggests is multiplied by for the start of a fit.
 START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
 _WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
-#: Places along a range at which positions and times are tried.
-QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-#: Instants tried for something that begins within a recording: one every so often, in s.
-INSTANT_S, MOST_INSTANTS = 2.0, 60
 #: Most shapes of one effect at one target.
 MOST_SHAPES = 75
 
@@ -191,7 +192,11 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
     linear = effect.linear
     shape = [i for i in range(len(effect.parameters)) if i not in linear]
     if effect.name == "counterbalance_valve":
-        chosen = _pilots(predictor, model, one)
+        chosen = pilots(predictor, model, one)
+    elif effect.name == "position_dependent_friction":
+        scales = _grid(predictor, model, one, effect.parameters[shape[0]])
+        begin, end = visited(predictor, model, one)
+        chosen = [(scale, begin, end) for scale in scales]
     else:
         grids = [_grid(predictor, model, one, effect.parameters[i]) for i in shape]
         chosen = list(itertools.product(*grids))
@@ -228,10 +233,10 @@ def _grid(
         always = [] if spec.default is None else [spec.default]
         return always + instants_of(material)
     if effect.name == "external_contact" and spec.name == "height":
-        return _quantiles(predictor, model, one, (TIP_HEIGHT,))
+        return quantiles(predictor, model, one, (TIP_HEIGHT,))
     if effect.name == "end_cushion" and spec.name == "length":
         # As far from the stops as the piston has been, too: real ones may be longer than usual.
-        at = _quantiles(predictor, model, one, (PISTON_POSITION,))
+        at = quantiles(predictor, model, one, (PISTON_POSITION,))
         stroke_m = 0.0 if one.cylinder is None else model.robot.cylinders[one.cylinder].stroke_m
         lengths = [f * spec.typical for f in FIRST_FACTORS]
         lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]
@@ -255,52 +260,7 @@ def _grid(
     return list(dict.fromkeys(values))
 
 
-def _pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
-    """Load-holding valves that open somewhere in the range that their pilot has gone through."""
-    restriction, _, _, ratio = one.effect.typical.tolist()
-    shapes: list[tuple[float, ...]] = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
-    own, other = (PRESSURE_A, PRESSURE_B) if one.side == "a" else (PRESSURE_B, PRESSURE_A)
-    rows = np.concatenate(
-        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
-    )
-    outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
-    for factor in FURTHER_FACTORS:
-        pilot = rows[outwards, own] + factor * ratio * rows[outwards, other]
-        pilot = pilot[np.isfinite(pilot)]
-        if not pilot.size:
-            continue
-        low, middle, high = np.quantile(pilot, (QUANTILES[0], 0.5, QUANTILES[-1])).tolist()
-        for begin, end in ((2.0 * low - middle, high), (low, middle), (middle, high)):
-            span = max(end - begin, one.effect.parameters[2].lower)
-            shapes.append((restriction, max(begin, 0.0), span, factor * ratio))
-    return shapes
-
-
 def _scanned(spec: ParameterSpec) -> tuple[float, ...]:
     if spec.name == "rise":
         return (-1.0, 1.0)
     return SCANNED_FACTORS if spec.name in SCANNED else (1.0,)
-
-
-def instants_of(material: Material) -> list[float]:
-    """Instants at which something may begin within recordings, in s."""
-    if not material.size:
-        return []
-    end = float(material.time_s.max())
-    count = int(min(MOST_INSTANTS, max(1, end / INSTANT_S - 1)))
-    return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
-
-
-def _quantiles(
-    predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
-) -> list[float]:
-    values = []
-    for stretch in predictor.signals.stretches(model):
-        if one.cylinder is not None:
-            rows = wet_rows(model.robot, stretch, one.cylinder)
-        else:
-            rows = predictor.signals.of(model, stretch, one)
-        values += [rows[:, signal] for signal in signals]
-    together = np.concatenate(values)
-    together = together[np.isfinite(together)]
-    return [float(v) for v in np.quantile(together, QUANTILES)] if together.size else [0.0]

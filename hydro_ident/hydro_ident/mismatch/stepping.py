@@ -18,8 +18,14 @@ from hydro_model.robot import FloatArray, Robot, Valve
 
 #: A shape parameter moves by no more than this factor per pass.
 _FACTOR = 2.0
-#: Parameters that only round a law's corners: fitted, they would turn it into another one.
-ROUNDING = {("valve_rate_limit", "time_constant"), ("valve_hysteresis", "time_constant")}
+#: Parameters that only round a law's corners, or say where its stations are: fitted, they would
+#: turn it into another one.
+HELD = {
+    ("valve_rate_limit", "time_constant"),
+    ("valve_hysteresis", "time_constant"),
+    ("position_dependent_friction", "begin"),
+    ("position_dependent_friction", "end"),
+}
 #: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
 #: the effect of the same name is in the model.
 _CYCLES = 1.1
@@ -143,4 +149,4 @@ def _listed_delay(model: Model) -> bool:
 def is_free(term: ActiveEffect, index: int) -> bool:
     """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
     name = term.effect.parameters[index].name
-    return name != term.effect.start and (term.effect.name, name) not in ROUNDING
+    return name != term.effect.start and (term.effect.name, name) not in HELD

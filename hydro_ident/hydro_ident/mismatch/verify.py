@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike
-from hydro_ident.mismatch.candidates import instants_of
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, objection
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound
+from hydro_ident.mismatch.places import instants_of
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training

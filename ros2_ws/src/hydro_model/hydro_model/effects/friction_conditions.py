@@ -32,9 +32,13 @@ def _bristle_rate(s: Row, p: Row) -> float:
     return (v - abs(v) * s[STATE_0]) / p[1]
 
 
+#: Least distance of the first station and the last, over the stroke.
+LEAST_SPAN = 1.0e-3
+
+
 def _along_stroke(s: Row, p: Row) -> float:
-    span = s[TRAVEL_HIGH] - s[TRAVEL_LOW]
-    at = 4.0 * min(max((s[PISTON_POSITION] - s[TRAVEL_LOW]) / span, 0.0), 1.0)
+    share = (s[PISTON_POSITION] - s[TRAVEL_LOW]) / (s[TRAVEL_HIGH] - s[TRAVEL_LOW])
+    at = 4.0 * min(max((share - p[6]) / max(p[7] - p[6], LEAST_SPAN), 0.0), 1.0)
     level = 0.0
     for station in range(5):
         level += p[station] * max(1.0 - abs(at - station), 0.0)
@@ -74,22 +78,25 @@ PRESLIDING = Effect(
 POSITION_DEPENDENT = Effect(
     name="position_dependent_friction",
     channel="force",
-    equation="F = f(x) tanh(v / v0),  f linear between five stations of the stroke, 0 or more",
+    equation="F = f(x) tanh(v / v0),  f linear between five stations at even distances from x1 to"
+    " x2, 0 or more, and even beyond",
     source="wear and bend of barrel and rod along the stroke",
     parameters=(
-        ParameterSpec("retracted", "N", "f at x = 0", 0.0, 1e5, 3000.0, linear=True),
-        ParameterSpec("quarter", "N", "f at S / 4", 0.0, 1e5, 2500.0, linear=True),
-        ParameterSpec("middle", "N", "f at S / 2", 0.0, 1e5, 2000.0, linear=True),
-        ParameterSpec("three_quarters", "N", "f at 3 S / 4", 0.0, 1e5, 3000.0, linear=True),
-        ParameterSpec("extended", "N", "f at x = S", 0.0, 1e5, 4000.0, linear=True),
+        ParameterSpec("retracted", "N", "f at x1", 0.0, 1e5, 3000.0, linear=True),
+        ParameterSpec("quarter", "N", "f a quarter on", 0.0, 1e5, 2500.0, linear=True),
+        ParameterSpec("middle", "N", "f half-way", 0.0, 1e5, 2000.0, linear=True),
+        ParameterSpec("three_quarters", "N", "f three quarters on", 0.0, 1e5, 3000.0, linear=True),
+        ParameterSpec("extended", "N", "f at x2", 0.0, 1e5, 4000.0, linear=True),
         VELOCITY_SCALE,
+        ParameterSpec("begin", "1", "x1 over the stroke", 0.0, 1.0, 0.0, optional=True),
+        ParameterSpec("end", "1", "x2 over the stroke", 0.0, 1.0, 1.0, optional=True),
     ),
     terms=(Term(Stage.FRICTION, _along_stroke),),
     looks_like=("coulomb_friction", "pin_friction"),
     separating_experiment="slow reversals at many places of the stroke under the same load",
     needs_cylinder=False,
-    limits="coulomb_friction is the case of five equal numbers; stations that a recording never"
-    " comes near stay unknown",
+    limits="coulomb_friction is the case of five equal numbers; a diagnosis puts the stations"
+    " where the piston has been",
 )
 
 PIN_FRICTION = Effect(

@@ -1,0 +1,88 @@
+"""Where along what was recorded the shapes of a law are tried: positions, pilots, instants."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_ident.mismatch.law_signals import wet_rows
+from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_model.effects.catalogue import ActiveEffect
+from hydro_model.signals import (
+    PISTON_POSITION,
+    PRESSURE_A,
+    PRESSURE_B,
+    TRAVEL_HIGH,
+    TRAVEL_LOW,
+    VALVE_SIGNAL,
+)
+
+FURTHER_FACTORS = (0.4, 1.0, 2.5)
+#: Places along a range at which positions and times are tried.
+QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+#: Instants tried for something that begins within a recording: one every so often, in s.
+INSTANT_S, MOST_INSTANTS = 2.0, 60
+#: Share of positions, at either end, that are too lone to put a station at.
+_LONE = 0.005
+
+
+def visited(predictor: Predictor, model: Model, one: ActiveEffect) -> tuple[float, float]:
+    """Where along its travel the piston has been, but for single readings; shares of it."""
+    rows = np.concatenate(
+        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
+    )
+    share = (rows[:, PISTON_POSITION] - rows[:, TRAVEL_LOW]) / (
+        rows[:, TRAVEL_HIGH] - rows[:, TRAVEL_LOW]
+    )
+    share = share[np.isfinite(share)]
+    if not share.size:
+        return 0.0, 1.0
+    begin, end = np.clip(np.quantile(share, (_LONE, 1.0 - _LONE)), 0.0, 1.0).tolist()
+    return begin, end
+
+
+def pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
+    """Load-holding valves that open somewhere in the range that their pilot has gone through."""
+    restriction, _, _, ratio = one.effect.typical.tolist()
+    shapes: list[tuple[float, ...]] = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
+    own, other = (PRESSURE_A, PRESSURE_B) if one.side == "a" else (PRESSURE_B, PRESSURE_A)
+    rows = np.concatenate(
+        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
+    )
+    outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
+    for factor in FURTHER_FACTORS:
+        pilot = rows[outwards, own] + factor * ratio * rows[outwards, other]
+        pilot = pilot[np.isfinite(pilot)]
+        if not pilot.size:
+            continue
+        low, middle, high = np.quantile(pilot, (QUANTILES[0], 0.5, QUANTILES[-1])).tolist()
+        for begin, end in ((2.0 * low - middle, high), (low, middle), (middle, high)):
+            span = max(end - begin, one.effect.parameters[2].lower)
+            shapes.append((restriction, max(begin, 0.0), span, factor * ratio))
+    return shapes
+
+
+def instants_of(material: Material) -> list[float]:
+    """Instants at which something may begin within recordings, in s."""
+    if not material.size:
+        return []
+    end = float(material.time_s.max())
+    count = int(min(MOST_INSTANTS, max(1, end / INSTANT_S - 1)))
+    return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
+
+
+def quantiles(
+    predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
+) -> list[float]:
+    values = []
+    for stretch in predictor.signals.stretches(model):
+        if one.cylinder is not None:
+            rows = wet_rows(model.robot, stretch, one.cylinder)
+        else:
+            rows = predictor.signals.of(model, stretch, one)
+        values += [rows[:, signal] for signal in signals]
+    together = np.concatenate(values)
+    together = together[np.isfinite(together)]
+    return [float(v) for v in np.quantile(together, QUANTILES)] if together.size else [0.0]
