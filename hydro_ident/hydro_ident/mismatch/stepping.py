@@ -19,12 +19,15 @@ from hydro_model.robot import FloatArray, Robot, Valve
 #: A shape parameter moves by no more than this factor per pass.
 _FACTOR = 2.0
 #: Parameters that only round a law's corners, or say where its stations are: fitted, they would
-#: turn it into another one.
+#: turn it into another one. And of a drift, those that its size says as well.
 HELD = {
     ("valve_rate_limit", "time_constant"),
     ("valve_hysteresis", "time_constant"),
     ("position_dependent_friction", "begin"),
     ("position_dependent_friction", "end"),
+    ("temperature_drift", "halving_temperature"),
+    ("temperature_drift", "rise"),
+    ("temperature_drift", "reference"),
 }
 #: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
 #: the effect of the same name is in the model.
