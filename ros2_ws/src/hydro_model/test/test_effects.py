@@ -116,9 +116,15 @@ EQUATIONS = [
     ),
     (
         "position_dependent_friction",
-        [1e3, 2e3, 4e3, 3e3, 5e3, 0.01],
+        [1e3, 2e3, 4e3, 3e3, 5e3, 0.01, 0.0, 1.0],
         Stage.FRICTION,
         np.interp(X, np.linspace(0.0, 0.59, 5), [1e3, 2e3, 4e3, 3e3, 5e3]) * np.tanh(V / 0.01),
+    ),
+    (
+        "position_dependent_friction",
+        [1e3, 2e3, 4e3, 3e3, 5e3, 0.01, 0.3, 0.6],
+        Stage.FRICTION,
+        np.interp(X, np.linspace(0.177, 0.354, 5), [1e3, 2e3, 4e3, 3e3, 5e3]) * np.tanh(V / 0.01),
     ),
     (
         "pin_friction",
