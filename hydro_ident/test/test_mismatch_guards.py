@@ -13,6 +13,7 @@ import pytest
 from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.describe import form_of, form_text
+from hydro_ident.mismatch.diagnosis import _too_little
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
@@ -131,6 +132,15 @@ def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Any, clean: Residua
     assert new.theta == pytest.approx(old.theta, rel=0.05, abs=0.02 * np.abs(old.theta).max())
     for one, same in zip(old.robot.cylinders, new.robot.cylinders, strict=True):
         assert same.bulk_modulus_pa == pytest.approx(one.bulk_modulus_pa, rel=0.02)
+
+
+def test_what_lacks_the_forces_is_named(plain: Any) -> None:
+    """Too little to go on: which recording lacks what forces are told from."""
+    none, robot = np.full_like(plain.p_a, np.nan), load_robot("xs031")
+    recordings = [plain.recording("whole"), plain.recording("without", p_a=none, p_b=none)]
+    surveys = [survey_source(source, robot) for source in sources_of(recordings)]
+    assert _too_little(robot, surveys).endswith("no chamber pressures in without")
+    assert _too_little(robot, surveys[:1]).endswith("half a minute or more")
 
 
 # The base -------------------------------------------------------------------------------------

@@ -12,12 +12,13 @@ from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.mismatch.candidates import trials, untestable
+from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.robot import EffectSpec, Robot

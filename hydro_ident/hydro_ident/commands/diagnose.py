@@ -186,7 +186,10 @@ def summary_text(found: Diagnosis) -> str:
             std = "" if p["std"] is None else f" +- {p['std']:.3g}"
             lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}")
         before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
-        lines.append(f"    held-out RMSE {before:.4g} -> {after:.4g} with it")
+        if data["heldout_exercised"]:
+            lines.append(f"    held-out RMSE {before:.4g} -> {after:.4g} with it")
+        else:
+            lines.append("    the rows to verify on do not exercise it")
         if len(data["names"]) > 1:
             lines.append(f"    to tell them apart: {data['separating_experiment']}")
     for unknown in found.unexplained:

@@ -22,9 +22,9 @@ from hydro_ident.mismatch.places import (
     visited,
 )
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.settings import FEW_MOTIONS
+from hydro_ident.mismatch.testable import untestable
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
-from hydro_model.effects.effect import Effect, Stage
+from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
@@ -132,46 +132,6 @@ def trials(
             if any(t.effect.name == name and t.target == one.target for t in model.terms):
                 continue
             yield from _shaped(predictor, model, one)
-
-
-def untestable(material: Material, effect: Effect) -> str:
-    """Why an effect cannot show in these recordings whatever its size; empty where it can."""
-    wet = any(material.is_flow(k) for k in range(len(material.channels)))
-    forced = any(not material.is_flow(k) for k in range(len(material.channels)))
-    flows = {Stage.FLOW_A, Stage.FLOW_B, Stage.VOLUME_A, Stage.VOLUME_B, Stage.COMPLIANCE_A}
-    flows |= {Stage.COMPLIANCE_B, Stage.SIGNAL, Stage.SUPPLY, Stage.TANK}
-    stages = set(effect.stages)
-    if stages and stages <= flows and not wet:
-        return "no flow channel was recorded (valve voltage, both pressures and position)"
-    if effect.channel == "timing" and not wet:
-        return "no flow channel was recorded"
-    if effect.channel == "force" and not forced and not stages & flows:
-        return "no force channel was recorded"
-    if effect.acts_on == "pressure" and material.forces.torque:
-        return "no pressures were recorded"
-    if not targets(material.robot, effect):
-        return "the robot has nothing that it could act on"
-    if effect.channel == "force" and material.motions < 2:
-        return (
-            "the joints move one way only: friction, gravity, levers and sensors' errors are one"
-            " curve over the position"
-        )
-    if effect.start and material.motions < FEW_MOTIONS:
-        return (
-            f"motions of the joints in all: {material.motions}; an instant is not told from the"
-            " position at which it falls"
-        )
-    for stage, rail in ((Stage.SUPPLY, "supply"), (Stage.TANK, "tank")):
-        if stage in stages and stages <= {Stage.SUPPLY, Stage.TANK} and recorded(material, rail):
-            return f"the {rail} pressure was recorded: whatever it does is in the data"
-    return ""
-
-
-def recorded(material: Material, rail: str) -> bool:
-    """Whether a rail's pressure was recorded, not the robot file's constant."""
-    return any(
-        float(np.ptp(getattr(s.trace, rail))) > 0.0 for s in material.stretches if s.trace.samples
-    )
 
 
 def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:

@@ -92,19 +92,24 @@ def diagnose(
     advance("fitting the structure", 1, _STAGES)
     work = None if wrong else residuals(robot, sources, others, surveys, settings)
     if work is None:
-        problems = tuple(wrong) or (_too_little(surveys),)
+        problems = tuple(wrong) or (_too_little(robot, surveys),)
         return Diagnosis(
             NOT_ENOUGH, robot, None, problems=problems, losses=losses, recordings=recordings
         )
     return replace(_diagnosed(work, settings, losses), recordings=recordings)
 
 
-def _too_little(surveys: Sequence[Survey]) -> str:
+def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
     total = sum(s.duration_s for s in surveys)
-    return (
+    text = (
         f"{total:.3g} s of recording leave too few rows in any channel: record positions of every"
         " joint in motion, with chamber pressures (or joint torques), for half a minute or more"
     )
+    wet = any(s.wet for s in surveys) or not any(s.dry for s in surveys)
+    lacking = [s.name for s in surveys if not (s.wet if wet else s.dry)]
+    if not lacking or (wet and not robot.cylinders):
+        return text
+    return f"{text}; no {'chamber pressures' if wet else 'joint torque'} in {', '.join(lacking)}"
 
 
 def _diagnosed(
@@ -123,8 +128,9 @@ def _diagnosed(
     advance("describing what has no name", 5, _STAGES)
     unknown = _described(work, whole, left)
     names = [n for f in findings for n in f.named.names]
-    # What was tried and not taken was testable.
-    names += [f.named.term.effect.name for f in rejected] + [n for n, _, _ in search.impossible]
+    # What was tried and not taken, or taken back, was testable.
+    names += [f.named.term.effect.name for f in (*rejected, *taken)]
+    names += [name for name, _, _ in search.impossible]
     predictor, fixed = work.training.predictor, settings.fixed_base
     modelled = robot_of(predictor, whole, work.robot, fixed)
     before = robot_of(predictor, work.base, work.robot, fixed) if findings else modelled
@@ -184,8 +190,8 @@ def _search_notes(
 def _silent_notes(findings: Sequence[Finding]) -> list[str]:
     """Findings that no held-out row could speak for or against."""
     return [
-        f"{f.named.term.effect.name} of {f.named.term.target}: the recordings to verify on do not"
-        " exercise it; held-out blocks of the training recordings alone speak for it"
+        f"{f.named.term.effect.name} of {f.named.term.target}: the rows to verify on do not"
+        " exercise it; only cross-validation within the training rows speaks for it"
         for f in findings
         if f.verification.silent
     ]

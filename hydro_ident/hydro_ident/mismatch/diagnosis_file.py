@@ -10,13 +10,12 @@ import numpy as np
 
 from hydro_ident.estimate.scores import fit_percent
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.unknown_file import unexplained_dict
 from hydro_ident.mismatch.where import where_of
 from hydro_ident.results import Provenance
 from hydro_ident.validation_results import channel_rollouts, free_run_dict
@@ -60,7 +59,7 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
         "training": {one.name: channel_dict(one) for one in found.fitted},
         "recordings": [one.as_dict() for one in found.recordings],
         "findings": [finding_dict(found, one) for one in found.findings],
-        "unexplained": [_unexplained_dict(one) for one in found.unexplained],
+        "unexplained": [unexplained_dict(one) for one in found.unexplained],
         "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
         "located": [_located_dict(found, d) for d in found.located[:_LOCATED]],
         "rejected": [
@@ -255,50 +254,6 @@ def refinement_dict(one: Refinement) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _unexplained_dict(one: Unexplained) -> dict[str, Any]:
-    d = one.dependence
-    return {
-        "channel": one.channel,
-        "depends_on": list(one.depends_on),
-        "share_of_residual": one.share,
-        "where": {
-            "variable": d.variable,
-            "low": float(d.knots[0]),
-            "high": float(d.knots[-1]),
-            "text": one.text,
-        },
-        "text": one.text,
-        "p_value": one.p_value,
-        "confirmed": one.confirmed,
-        "curve": _curve(d),
-        "form": None if one.form is None else _form(one.form),
-    }
-
-
-def _form(one: Form) -> dict[str, Any]:
-    """A short form, with those that do equally well."""
-    return {
-        "name": one.name,
-        "text": one.text,
-        "variable": one.variable,
-        "values": [
-            {"name": v.name, "value": v.value, "std": v.std, "unit": v.unit} for v in one.values
-        ],
-        "share_of_curve": {"training": one.share, "held_out": one.held_share},
-        "held_out_p_value": one.held_p_value,
-        "equally_good": [_form(other) for other in one.others],
-    }
-
-
-def _curve(d: Dependence) -> dict[str, Any]:
-    return {
-        "variable": d.variable,
-        "times": d.times,
-        "at": [float(v) for v in d.knots],
-        "value": [float(v) for v in d.curve],
-    }
 
 
 def _located_dict(found: Diagnosis, d: Dependence) -> dict[str, Any]:

@@ -20,7 +20,8 @@ from hydro_model.robot import FloatArray
 
 #: A finding that goes with held-out rows by chance more often than this does not stand.
 STANDS = 0.025
-#: What chance does more often than this, placebos as well, is not confirmed.
+#: A placebo does as well where chance beats it more often than this; nor is dependence without a
+#: name confirmed that chance makes more often.
 VERIFIED = 0.1
 #: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
@@ -53,6 +54,18 @@ class HeldOut:
 
     @staticmethod
     def of(check: Check, model: Model, noise: Noise, refit: bool) -> HeldOut:
+        """Rows of a check beside a model.
+
+        Parameters
+        ----------
+        check : Check
+        model : Model
+            Without the finding.
+        noise : Noise
+            Of the check's channels.
+        refit : bool
+            Whether all that is in the model is refitted to these rows.
+        """
         used = check.mask & check.moving
         residual, columns, _ = linearised(check.predictor, model)
         columns = columns if refit else np.zeros((residual.size, 1))

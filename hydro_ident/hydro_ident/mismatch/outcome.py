@@ -22,7 +22,7 @@ UNKNOWN, NO_IMPROVEMENT, NOT_ENOUGH = "unknown", "no_improvement", "not_enough_d
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """A named cause that held-out rows confirm.
+    """A named cause with what held-out rows say of it.
 
     Attributes
     ----------

@@ -35,8 +35,8 @@ class Entry:
     Attributes
     ----------
     trial : Trial
-    rows : (M,) int array
-        Of the stacked rows.
+    rows : (N,) bool array
+        M of the stacked rows.
     values : (M, k) float32 array
     """
 

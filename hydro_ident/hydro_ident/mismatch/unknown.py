@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.candidates import untestable
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.fitting import Fitted
@@ -20,6 +19,7 @@ from hydro_ident.mismatch.settings import (
     PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import UNITS
+from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.catalogue import CATALOGUE
 

@@ -5,6 +5,7 @@ worse by more than sign flips of whole blocks explain, and where a placebo of eq
 same contribution at other times, does not do as well. The finding itself is taken as it was found;
 rows are looked at as they are predicted, and with base and other effects refitted to them on
 either side, so that what other motions make of their small errors speaks neither for nor against.
+Rows that do not exercise a finding are silent: then its own recording has to leave no doubt.
 """
 
 from __future__ import annotations
@@ -114,6 +115,7 @@ def verify(
     least = STANDS * _FURTHER**named.refused
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     silent = max(one.shown for one in looks) < SHOWN * max(named.spread, 1.0)
+    silent = silent or not _met(check, acting)
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
     reason = reason or (_unexercised(best, named) if silent else objection(best, least))
@@ -122,6 +124,16 @@ def verify(
         reason = reason or (_apart(agreement) if alien else "")
     sides = best.p_value, *best.sides, best.placebo
     return Verification(*sides, not reason, reason, agreement, silent)
+
+
+def _met(check: Check, acting: Sequence[str]) -> bool:
+    """Whether there are rows of any channel that a finding acts on.
+
+    What the base makes of other channels without it is no evidence of it.
+    """
+    used = check.mask & check.moving
+    channels = enumerate(check.predictor.material.channels)
+    return any((check.rows(k, n) & used).any() for k, n in channels if n in acting)
 
 
 def _unexercised(look: Look, named: Named) -> str:

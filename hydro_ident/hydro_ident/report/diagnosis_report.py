@@ -107,7 +107,9 @@ def _finding(found: Diagnosis, one: Finding) -> str:
         ("law", data["equation"]),
         (
             "held-out error without and with it",
-            f"{number(data['heldout_rmse_before'])} and {number(data['heldout_rmse_after'])}",
+            f"{number(data['heldout_rmse_before'])} and {number(data['heldout_rmse_after'])}"
+            if data["heldout_exercised"]
+            else "these rows do not exercise it",
         ),
         ("chance, over all that was tried", number(data["p_value"], 2)),
         ("experiment that tells it apart", data["separating_experiment"]),

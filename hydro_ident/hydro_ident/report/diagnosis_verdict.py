@@ -143,8 +143,8 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     silent = [plain(f.named.names[0]) for f in found.findings if f.verification.silent]
     if silent:
         lines.append(
-            f"The recordings to verify on do not exercise {shortened(silent)}: held-out"
-            " blocks of the training recordings alone speak for it."
+            f"The rows to verify on do not exercise {shortened(silent)}: only cross-validation"
+            " within the training rows speaks for that."
         )
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)

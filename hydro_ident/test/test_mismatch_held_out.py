@@ -1,0 +1,175 @@
+"""What held-out rows say of a finding: for it, against it, or nothing that they could show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.diagnosis import _silent_notes, _verdict
+from hydro_ident.mismatch.diagnosis_file import result_dict
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, objection
+from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.outcome import PARTLY, Diagnosis, Finding
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, DiagnosisSettings
+from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.results import Provenance
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+COULOMB = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
+
+
+@pytest.fixture(scope="module")
+def work(make_run: tuple[Callable[..., Robot], Callable[..., Any]]) -> Residuals:
+    """A machine with dry friction in its lift cylinder, beside the datasheet's structure."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), effects=(COULOMB,)), 18.0)
+    robot = load_robot("xs031")
+    sources = sources_of([run.recording()])
+    surveys = [survey_source(source, robot) for source in sources]
+    found = residuals(robot, sources, [], surveys, DiagnosisSettings())
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def rows(work: Residuals) -> HeldOut:
+    """Held-out rows of white noise of unit size, as they are predicted."""
+    count = len(work.check.predictor.material.channels)
+    white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
+    return HeldOut.of(work.check, work.base.model, white, False)
+
+
+def _drawn(rows: HeldOut, rng: np.random.Generator, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Noise on all rows, and another draw whose held-out rows are so large together."""
+    noise, column = rng.normal(size=(2, rows.used.size))
+    return noise, size * column / np.linalg.norm(column[rows.used])
+
+
+def _seen(rows: HeldOut, plain: np.ndarray, column: np.ndarray) -> Look:
+    return looked(rows, plain, plain - column, [], ["lift/force"])
+
+
+# Products -------------------------------------------------------------------------------------
+
+
+def test_a_true_finding_of_four_deviations_is_confirmed(rows: HeldOut) -> None:
+    """Its product has four deviations; its gain, of 16 +- 8, would have two."""
+    rng, stands, draws = np.random.default_rng(1), 0, 60
+    for _ in range(draws):
+        noise, column = _drawn(rows, rng, 4.0)
+        one = _seen(rows, noise + column, column)
+        assert one.shown == pytest.approx(16.0)
+        stands += not objection(one, STANDS)
+    assert stands >= 0.85 * draws
+
+
+@pytest.mark.parametrize("size", [0.1, 2.0])
+def test_a_false_finding_is_confirmed_no_more_often_than_said(rows: HeldOut, size: float) -> None:
+    rng, stands, draws = np.random.default_rng(2), 0, 150
+    for _ in range(draws):
+        stands += not objection(_seen(rows, *_drawn(rows, rng, size)), 0.1)
+    assert stands <= 0.1 * draws + 3.0 * np.sqrt(0.1 * 0.9 * draws)
+
+
+def test_what_makes_the_error_larger_has_no_chance_of_standing(rows: HeldOut) -> None:
+    """Of the right sign, and more than twice too large."""
+    noise, column = _drawn(rows, np.random.default_rng(3), 8.0)
+    one = _seen(rows, 0.01 * noise + column, 2.5 * column)
+    assert one.p_value == 1.0
+    assert objection(one, STANDS)
+
+
+def test_what_changes_nothing_is_silent_and_not_confirmed(rows: HeldOut) -> None:
+    noise, column = _drawn(rows, np.random.default_rng(4), 1.0)
+    one = _seen(rows, noise, 0.0 * column)
+    assert (one.shown, one.p_value, one.placebo) == (0.0, 1.0, 0.0)
+
+
+def test_few_rows_are_cut_into_blocks_enough_for_a_small_chance(rows: HeldOut) -> None:
+    """No flip of fewer than six signs is rarer than 2.5 %; blocks without rows do not count."""
+    count = rows.by_block(np.ones(rows.bench.count)).size
+    assert count >= 10
+    layout = rows.bench.layout
+    early = layout.time_s[rows.bench.rows] < np.median(layout.time_s)
+    assert rows.by_block(early.astype(float)).size < count
+
+
+# Silence --------------------------------------------------------------------------------------
+
+
+def _named(work: Residuals, p_value: float, held_share: float = 1.0) -> tuple[Fitted, Named]:
+    """The machine's friction fitted to the training rows, as a search would hand it on."""
+    one = resolve(replace(load_robot("xs031"), effects=(COULOMB,)))[0]
+    whole = fit(work.training, work.base.model.with_term(one))
+    gain = work.base.squares - whole.squares
+    contender = Contender(whole.model.terms[-1], whole, gain, held_share * gain, 4.0)
+    return whole, named_of([contender], p_value, 1.0)
+
+
+def _unseen(work: Residuals) -> Check:
+    """Nothing to check on, as where held-out rows lie beyond the fitted positions."""
+    return replace(work.check, mask=np.zeros_like(work.check.mask))
+
+
+def _verified(work: Residuals, named: tuple[Fitted, Named], check: Check) -> Verification:
+    return verify(work.training, *named, check)
+
+
+def test_rows_that_show_a_finding_are_not_silent(work: Residuals) -> None:
+    found = _verified(work, _named(work, 0.0005), work.check)
+    assert found.stands
+    assert not found.silent
+
+
+@pytest.mark.parametrize(
+    ("p_value", "held_share", "stands"),
+    [(0.0005, 1.0, True), (2.0 * FAMILY_ERROR_UNNAMED, 1.0, False), (0.0005, 0.0, False)],
+)
+def test_silent_rows_leave_it_to_the_training_rows(
+    work: Residuals, p_value: float, held_share: float, stands: bool
+) -> None:
+    """No flip may reach it and its own held-out blocks have to pay for it."""
+    found = _verified(work, _named(work, p_value, held_share), _unseen(work))
+    assert found.silent
+    assert found.stands is stands
+    assert stands or "training rows leave doubts" in found.reason
+    assert not found.agreement
+
+
+def test_other_channels_do_not_speak_for_a_finding(work: Residuals) -> None:
+    """Without it the base is off in all channels: of friction in the lift, tilt says nothing."""
+    material = work.check.predictor.material
+    lift = material.channel == material.channels.index("lift/force")
+    found = _verified(work, _named(work, 0.01), replace(work.check, mask=work.check.mask & ~lift))
+    assert found.silent
+    assert not found.stands
+
+
+def test_silent_findings_are_said_to_be(work: Residuals) -> None:
+    """In the result file, in a note, in the report's verdict; and never `explained`."""
+    named = _named(work, 0.0005)
+    origin = Provenance("diagnose", "0", "xs031", {}, {})
+    for check, exercised in ((work.check, True), (_unseen(work), False)):
+        finding = Finding(named[1], _verified(work, named, check), ("lift/force",))
+        verdict = _verdict([finding], [], [], False)
+        assert (verdict == PARTLY) is not exercised
+        notes = _silent_notes([finding])
+        assert bool(notes) is not exercised
+        said = Diagnosis(verdict, work.robot, work.robot, (finding,), notes=tuple(notes))
+        entry = result_dict(said, origin)["findings"][0]
+        assert entry["heldout_exercised"] is exercised
+        cards = " ".join(line for _, lines in diagnosis_verdict(said, []).cards for line in lines)
+        assert ("do not exercise Coulomb friction" in cards) is not exercised
