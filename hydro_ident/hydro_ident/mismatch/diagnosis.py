@@ -145,7 +145,7 @@ def _diagnosed(
     notes += [refined.note] if refined is not None else []
     notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
     return Diagnosis(
-        _verdict(findings, rejected, unknown, few),
+        _verdict(findings, [*rejected, *taken], unknown, few),
         work.robot,
         modelled.robot,
         tuple(findings),

@@ -27,6 +27,8 @@ VERIFIED = 0.1
 WORSE = 1.05
 #: What a finding has to be able to gain on held-out rows before these can tell: two deviations.
 SHOWN = 4.0
+#: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.
+_FLIPS = 19999
 #: Blocks that a p-value needs, and the shortest that still are independent.
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
 #: Parts of a recording's time that are looked at for rows.
@@ -109,7 +111,7 @@ def chance(gains: FloatArray) -> float:
     """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
     if not gains.size or gains.sum() <= 0.0:
         return 1.0
-    drawn = signs(gains.size) @ gains
+    drawn = signs(gains.size, _FLIPS) @ gains
     return float((1 + np.sum(drawn >= gains.sum())) / (1 + drawn.size))
 
 
@@ -165,8 +167,8 @@ def looked(
     real = _gain(before, change)
     others = [before - rows.left(residual) for residual in placebos]
     shares = [_gain(before, other) for other in others]
-    # What is the same at all times has no placebo.
-    share = float(np.median(shares)) / real if shares and real > 0.0 else float(real > 0.0)
+    # What is the same at all times has no placebo: none does as well.
+    share = float(np.median(shares)) / real if shares and real > 0.0 else 0.0
     # Products with what is left without the finding: those of a false one are as often negative,
     # whereas its gain is negative by itself, and asks twice the size of a true one.
     p = chance(rows.by_block(before * change)) if real > 0.0 else 1.0

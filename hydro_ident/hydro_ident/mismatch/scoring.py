@@ -213,10 +213,10 @@ def best_subset(
     return gains, coefficients
 
 
-def signs(blocks: int) -> FloatArray:
-    """Signs of `FLIPS` draws of whole blocks, (F, B): always the same."""
+def signs(blocks: int, flips: int = FLIPS) -> FloatArray:
+    """Signs of `flips` draws of `blocks` whole blocks, (F, B): always the same."""
     rng = np.random.default_rng(SEED)
-    return np.where(rng.random((FLIPS, blocks)) < 0.5, -1.0, 1.0)
+    return np.where(rng.random((flips, blocks)) < 0.5, -1.0, 1.0)
 
 
 def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:

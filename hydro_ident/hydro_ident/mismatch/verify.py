@@ -143,7 +143,7 @@ def _unexercised(look: Look, named: Named) -> str:
     """
     if look.worse:
         return look.worse
-    if named.p_value > FAMILY_ERROR_UNNAMED or not named.pays:
+    if named.p_value > FAMILY_ERROR_UNNAMED or not named.pays or named.refused:
         return "held-out rows do not exercise it, and the training rows leave doubts"
     return ""
 
