@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from hydro_ident.study.faults import page as faults
+from hydro_ident.study.mutants import page as mutants
 from hydro_ident.study.page import with_tables
+from hydro_ident.study.placed import write_result
+from hydro_ident.study.sabotage import page as sabotage
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "hydro_msgs_docs/results"
@@ -24,6 +29,32 @@ def demo() -> dict[str, dict[str, float]]:
 def test_the_study_tables_are_the_committed_results() -> None:
     text = (ROOT / "hydro_msgs_docs/study.md").read_text(encoding="utf-8")
     assert with_tables(text, RESULTS) == text
+
+
+@pytest.mark.parametrize(
+    ("of", "made"),
+    [
+        (faults, faults.with_tables),
+        (mutants, mutants.with_table),
+        (sabotage, sabotage.with_table),
+    ],
+    ids=["faults", "mutants", "sabotage"],
+)
+def test_a_result_that_is_written_again_gives_the_committed_files(
+    of: Any, made: Any, tmp_path: Path
+) -> None:
+    page = (RESULTS.parent / of.PAGE).read_text(encoding="utf-8")
+    result = (RESULTS / of.RESULT).read_text(encoding="utf-8")
+    written = tmp_path / "results" / of.RESULT
+    written.parent.mkdir()
+    write_result(written, json.loads(result), of.PAGE, made)
+    assert list(tmp_path.iterdir()) == [written.parent]
+    before, _, after = page.partition(of.BEGIN)
+    old = f"{before}{of.BEGIN}\nold\n{of.END}{after.partition(of.END)[2]}"
+    (tmp_path / of.PAGE).write_text(old, encoding="utf-8")
+    write_result(written, json.loads(result), of.PAGE, made)
+    assert (tmp_path / of.PAGE).read_text(encoding="utf-8") == page
+    assert written.read_text(encoding="utf-8") == result
 
 
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])

@@ -1,4 +1,4 @@
-"""The lifecycle node around `BridgeCore`: parameters, threads, services, bus."""
+"""The lifecycle node around `BridgeCore`: threads, services, bus."""
 
 from __future__ import annotations
 
@@ -6,30 +6,24 @@ import gc
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ParameterException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
 from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_start import declared, gate_limits, loaded_codec
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
-from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
-from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.gate import GateLimits
 from hydro_hw_bridge.link import CommandLink
-from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
+from hydro_hw_bridge.parameters import LOCKSTEP
 from hydro_hw_bridge.publishers import BridgePublishers
 from hydro_model.errors import HydroError
-from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 from hydro_msgs_docs.messages import stamp_ns
@@ -76,10 +70,10 @@ class CanBridge(LifecycleNode):
         self._stop = stop
         self._lock = threading.Lock()
         self._reporting = threading.Lock()
-        self._settings = self._declare()
+        self._settings = declared(self)
         robot = load_robot(self._settings.robot)
-        self._codec = self._load_codec(robot)
-        self._limits = self._gate_limits(robot)
+        self._codec, self._names = loaded_codec(self._settings, robot)
+        self._limits = gate_limits(self._settings, robot)
         bus_name = self._settings.can
         ids = (*self._codec.device_ids, *self._codec.bridge_ids)
         self._bus: Bus = open_bus(bus_name, ids)
@@ -108,53 +102,6 @@ class CanBridge(LifecycleNode):
         self._heard_at = time.monotonic()
         self._summary = ("", "")
         self._state: tuple[object, ...] = ()
-
-    # -- start
-
-    def _declare(self) -> Settings:
-        values = {}
-        for rule in PARAMETERS:
-            descriptor = ParameterDescriptor(description=rule.text, read_only=True)
-            if rule.low is not None and rule.high is not None:
-                span = FloatingPointRange(from_value=rule.low, to_value=rule.high, step=0.0)
-                descriptor.floating_point_range = [span]
-            try:
-                values[rule.name] = self.declare_parameter(
-                    rule.name, rule.default, descriptor
-                ).value
-            except ParameterException as error:
-                raise BridgeError(" ".join(str(error).split())) from error
-        return settings_from(values)
-
-    def _load_codec(self, robot: Robot) -> Codec:
-        settings = self._settings
-        path = settings.calibration
-        calibration = load_calibration(Path(path)) if path else None
-        codec = Codec.load(settings.dbc or None, settings.mapping or None, robot, calibration)
-        if settings.min_supply_pa > 0.0 and "supply" not in codec.pressure_names:
-            raise BridgeError(
-                f"{codec.mapping.source}: parameter 'min_supply_pa' needs a pressure 'supply',"
-                f" found {', '.join(codec.pressure_names)} (0 switches the check off)"
-            )
-        self._names = {
-            "robot": robot.name,
-            "can": settings.can,
-            "mapping": codec.mapping.name,
-            "calibration": calibration.name if calibration else "none",
-        }
-        return codec
-
-    def _gate_limits(self, robot: Robot) -> GateLimits:
-        period_s = 1.0 / robot.sensors.rate_hz
-        return GateLimits(
-            valve_names=robot.valve_names,
-            rated_voltage_v=tuple(valve.rated_voltage_v for valve in robot.valves),
-            period_s=period_s,
-            slew_v_s=self._settings.slew_limit_v_s,
-            max_age_cycles=int(1e-3 * self._settings.max_age_ms / period_s + 1e-6),
-            min_supply_pa=self._settings.min_supply_pa,
-            reenable_slew_v_s=self._settings.reenable_slew_v_s,
-        )
 
     def _new_core(self) -> BridgeCore:
         lockstep = self._settings.clock == LOCKSTEP

@@ -15,9 +15,9 @@ import can
 
 from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
 from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
-from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.layout import Binding, FrameLayout, Layout, load_layout
 from hydro_hw_bridge.mapping import STATUS_NAMES, BusMapping, load_mapping
+from hydro_hw_bridge.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 COUNTER_BITS = 32
@@ -386,42 +386,3 @@ def _message(frame: FrameLayout, data: bytearray, alive: int) -> can.Message:
     return can.Message(
         arbitration_id=frame.identifier, is_extended_id=frame.extended, data=data, check=False
     )
-
-
-def default_mapping(robot: str) -> Path:
-    """The mapping that is shipped for a robot, in package hydro_msgs_docs.
-
-    Parameters
-    ----------
-    robot : str
-        Name of the robot.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    BridgeError
-        None is shipped.
-    """
-    name = f"{robot}.mapping.yaml"
-    folders = [*_shared_can(), Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "can"]
-    for folder in folders:
-        if (folder / name).is_file():
-            return folder / name
-    raise BridgeError(f"no mapping is shipped for robot '{robot}': expected one by --mapping FILE")
-
-
-def _shared_can() -> list[Path]:
-    try:
-        from ament_index_python.packages import (
-            PackageNotFoundError,
-            get_package_share_directory,
-        )
-    except ImportError:  # plain Python without a workspace: the source tree has it
-        return []
-    try:
-        return [Path(get_package_share_directory("hydro_msgs_docs")) / "can"]
-    except PackageNotFoundError:
-        return []

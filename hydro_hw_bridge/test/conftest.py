@@ -1,4 +1,4 @@
-"""What the bridge's tests share: the reference robot, its codec, and readings to send."""
+"""What the bridge's tests share: the reference robot, its codec, readings to send, a bench."""
 
 from __future__ import annotations
 
@@ -6,13 +6,83 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import can
 import pytest
 
-from hydro_hw_bridge.codec import Codec, Readings, Status
+from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_step import NOTHING, Step
+from hydro_hw_bridge.codec import Codec, CommandFrame, Readings, Status
+from hydro_hw_bridge.gate import GateLimits, GateState
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 GOOD = Status(emergency_stop_ok=True, pump_on=True, enable_switch=True)
+NAMES = ("lift_valve", "tilt_valve")
+LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
+NOW = 1_700_000_000_500_000_000
+PERIOD = 2_000_000
+Make = Callable[..., Readings]
+
+
+class Wire:
+    """The end of a bus: takes frames or refuses them."""
+
+    def __init__(self) -> None:
+        self.taking = True
+        self.off = False
+        self.sent: list[can.Message] = []
+
+    def send(self, message: can.Message) -> bool:
+        if self.taking:
+            self.sent.append(message)
+        return self.taking
+
+
+class Bench:
+    """A core, and the device and the controller at its ends."""
+
+    def __init__(self, codec: Codec, readings: Make, *, lockstep: bool) -> None:
+        self.wire = Wire()
+        self.core = BridgeCore(codec, LIMITS, lockstep=lockstep, send=self.wire.send)
+        self.codec, self.readings = codec, readings
+        self.early: list[Step] = []
+
+    def cycle(self, counter: int, **changes: Any) -> Step:
+        """All frames of a cycle; the step of the last of them, those before it in `early`."""
+        steps = []
+        changes = {"lockstep": self.core.lockstep} | changes
+        for message in self.codec.encode_cycle(self.readings(counter, **changes)):
+            frame = self.codec.receive(message)
+            assert frame is not None
+            steps.append(self.core.receive(frame, NOW))
+        self.early = [step for step in steps[:-1] if step is not NOTHING]
+        return steps[-1]
+
+    def start(self) -> None:
+        """An active core whose subscribers are there."""
+        self.core.activate()
+        self.core.ready = True
+
+    def drive(self, lift: float = 1.0) -> None:
+        """A core that drives: a cycle 1 that is answered."""
+        self.core.activate(ready=True)
+        self.cycle(1)
+        assert self.command(1, lift).answer is not None
+        assert self.core.gate.state is GateState.DRIVING
+
+    def command(self, counter: int, lift: float, tilt: float = 0.0) -> Step:
+        """The controller's voltages for a cycle."""
+        zero = self.core.clock.zero_stamp_ns
+        assert zero is not None
+        return self.core.command(zero + counter * PERIOD, NAMES, (lift, tilt))
+
+    def sent(self, message: can.Message | None) -> CommandFrame:
+        """What a valve frame says."""
+        assert message is not None
+        frame = self.codec.receive(message)
+        assert frame is not None
+        assert frame.intact
+        return self.codec.decode_command(frame)
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +96,7 @@ def codec(robot: Robot) -> Codec:
 
 
 @pytest.fixture(scope="session")
-def readings() -> Callable[..., Readings]:
+def readings() -> Make:
     """Readings of a cycle: `readings(counter, pump_on=False, spools=...)`."""
 
     def make(counter: int, **changes: Any) -> Readings:
@@ -43,3 +113,21 @@ def readings() -> Callable[..., Readings]:
         return replace(usual, **values)
 
     return make
+
+
+@pytest.fixture
+def wire() -> Wire:
+    """A bus's end that takes frames (`taking`), keeps them (`sent`) and may be `off`."""
+    return Wire()
+
+
+@pytest.fixture
+def real_time(codec: Codec, readings: Make) -> Bench:
+    """A core in real time between a device and a controller."""
+    return Bench(codec, readings, lockstep=False)
+
+
+@pytest.fixture
+def lockstep(codec: Codec, readings: Make) -> Bench:
+    """A core in lockstep between a device and a controller."""
+    return Bench(codec, readings, lockstep=True)

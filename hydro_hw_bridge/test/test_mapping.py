@@ -15,8 +15,9 @@ from hydro_hw_bridge.calibration import (
     calibration_text,
     load_calibration,
 )
-from hydro_hw_bridge.codec import Codec, default_mapping
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 Edit = Callable[[dict[str, Any]], object]

@@ -23,6 +23,7 @@ from hydro_model.robot import (
     Robot,
 )
 from hydro_model.robot_files import datasheet_inertia
+from hydro_model.spatial import central_inertia
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,13 +277,9 @@ def central(parameters: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     com_m : (3,) array
     inertia_com_kg_m2 : (3, 3) array
     """
-    theta = [parameters[name] for name in STANDARD_PARAMETERS]
-    mass, com = theta[0], np.array(theta[1:4]) / theta[0]
-    inertia = np.zeros((3, 3))
-    upper = np.triu_indices(3)
-    inertia[upper] = theta[4:]
-    inertia.T[upper] = theta[4:]
-    about_com = inertia - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    theta = np.array([parameters[name] for name in STANDARD_PARAMETERS])
+    com, about_com = central_inertia(theta)
     # Differences of equal numbers, such as products of inertia in a plane of symmetry.
-    about_com[np.abs(about_com) < 1e-13 * np.trace(inertia)] = 0.0
+    trace = parameters["ixx"] + parameters["iyy"] + parameters["izz"]
+    about_com[np.abs(about_com) < 1e-13 * trace] = 0.0
     return com, about_com

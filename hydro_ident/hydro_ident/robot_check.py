@@ -15,8 +15,9 @@ import numpy as np
 from hydro_ident.robot_file_gaps import missing_fields
 from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses, limits
 from hydro_model.rigid_body import mass_matrix
-from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Robot
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia
+from hydro_model.spatial import central_inertia
 
 SCHEMA = "hydro_ident/robot_check/1"
 ERROR, WARNING, NOTE = "error", "warning", "note"
@@ -219,12 +220,7 @@ def _bodies(robot: Robot) -> Iterator[Remark]:
 
 def _impossible(values: FloatArray) -> str:
     """Why a body with these `STANDARD_PARAMETERS` cannot exist; empty where it can."""
-    given = dict(zip(STANDARD_PARAMETERS, values.tolist(), strict=True))
-    com = values[1:4] / given["mass"]
-    upper = np.zeros((3, 3))
-    upper[np.triu_indices(3)] = values[4:]
-    about_origin = upper + np.triu(upper, 1).T
-    central = about_origin - given["mass"] * (com @ com * np.eye(3) - np.outer(com, com))
+    _, central = central_inertia(values)
     a, b, c = np.linalg.eigvalsh(central).tolist()
     principal = f"principal inertias about the centre of mass {a:.3g}, {b:.3g}, {c:.3g} kg m^2"
     slack = 1e-9 * max(abs(c), 1e-12)

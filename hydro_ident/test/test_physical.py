@@ -19,55 +19,18 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.physical import BaseEstimate, PhysicalParameters, physical_parameters
 from hydro_ident.estimate.pseudo_inertia import bodies_of
 from hydro_ident.model_file import write_model
-from hydro_ident.study.consistency import table
+from hydro_ident.study.consistency import random_robot, table
 from hydro_ident.urdf_file import write_urdf
 from hydro_model.base_parameters import base_map
 from hydro_model.closed_chain import with_parameters
 from hydro_model.rigid_body import inverse_dynamics
-from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Joint, Robot
+from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia, load_robot
 from hydro_model.urdf import read_chain, standard_parameters
 
 
-def body(rng: np.random.Generator) -> FloatArray:
-    """Standard parameters of ten heavy points."""
-    masses, points = rng.uniform(0.5, 5.0, 10), rng.normal(0.2, 0.4, size=(10, 3))
-    mass, com = float(masses.sum()), masses @ points / masses.sum()
-    arms = points - com
-    inertia = np.einsum("k,kab->ab", masses, [a @ a * np.eye(3) - np.outer(a, a) for a in arms])
-    return standard_parameters(mass, com, inertia)
-
-
 def chain(seed: int, dof: int) -> Robot:
-    rng = np.random.default_rng([seed, dof])
-
-    def joint(i: int) -> Joint:
-        turn, axis = pin.Quaternion(*rng.normal(size=4)).normalized(), rng.normal(size=3)
-        return Joint(
-            name=f"joint{i}",
-            parent_link=f"link{i - 1}",
-            child_link=f"link{i}",
-            prismatic=bool(rng.random() < 0.25),
-            translation_m=rng.normal(size=3) * 0.6,
-            rotation=turn.matrix(),
-            axis=axis / np.linalg.norm(axis),
-            lower=-3.0,
-            upper=3.0,
-            velocity_limit=1.0,
-            effort_limit=1.0,
-        )
-
-    joints = tuple(joint(i) for i in range(dof))
-    return Robot(
-        name=f"chain{dof}",
-        joints=joints,
-        link_inertia=np.array([body(rng) for _ in joints]),
-        tip_link="tip",
-        tip_offset_m=rng.normal(size=3) * 0.5,
-        gravity_m_s2=np.array([0.0, 0.0, -9.81]),
-        cylinders=(),
-        valves=(),
-    )
+    return random_robot(np.random.default_rng([seed, dof]), dof)
 
 
 def identified(robot: Robot, inertia: FloatArray, std: float | None = None) -> Robot:

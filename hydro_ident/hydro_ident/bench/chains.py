@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from hydro_model.part_regrouping import point_mass
 from hydro_model.robot import FloatArray, Joint, Robot
-from hydro_model.urdf import standard_parameters
 
 #: Where pinocchio has our standard parameters: it puts Iyy before Ixz.
 PINOCCHIO_ORDER = (0, 1, 2, 3, 4, 5, 7, 6, 8, 9)
@@ -68,7 +68,4 @@ def _rotation(rng: np.random.Generator) -> FloatArray:
 def _link(rng: np.random.Generator) -> FloatArray:
     """Point masses, so that the body is physical."""
     masses, points = rng.uniform(1.0, 5.0, 6), rng.normal(size=(6, 3)) * 0.3
-    centre = masses @ points / masses.sum()
-    arms = points - centre
-    inertia = np.einsum("k,kab->ab", masses, [a @ a * np.eye(3) - np.outer(a, a) for a in arms])
-    return standard_parameters(float(masses.sum()), centre, inertia)
+    return np.asarray(masses @ [point_mass(at) for at in points])

@@ -133,12 +133,11 @@ def _say_if_not_secluded() -> None:
 def _into_docs(file: Path, summary: dict[str, Any]) -> None:
     from hydro_ident.study.conceal import write_json
     from hydro_ident.study.page import with_tables
+    from hydro_ident.study.placed import renewed
 
     write_json(file, summary)
-    page = file.resolve().parent.parent / PAGE
-    if page.is_file():
-        text = with_tables(page.read_text(encoding="utf-8"), file.parent)
-        page.write_text(text, encoding="utf-8")
+    page = renewed(file, PAGE, with_tables)
+    if page is not None:
         print(f"written: {page}")
 
 

@@ -24,9 +24,9 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.physical import PhysicalParameters
 from hydro_model.base_parameters import base_map
 from hydro_model.command import run_command
+from hydro_model.part_regrouping import point_mass
 from hydro_model.robot import BaseParameter, FloatArray, Joint, Robot
 from hydro_model.spatial import axis_rotation
-from hydro_model.urdf import standard_parameters
 
 MOST_JOINTS = 7
 #: Deviations of the base parameters, relative to the largest one.
@@ -102,10 +102,7 @@ def _joint(rng: np.random.Generator, index: int) -> Joint:
 
 def _body(rng: np.random.Generator) -> FloatArray:
     masses, points = rng.uniform(0.5, 5.0, 10), rng.normal(0.2, 0.4, size=(10, 3))
-    com = masses @ points / masses.sum()
-    arms = points - com
-    tensors = [a @ a * np.eye(3) - np.outer(a, a) for a in arms]
-    return standard_parameters(float(masses.sum()), com, np.einsum("k,kab->ab", masses, tensors))
+    return np.asarray(masses @ [point_mass(at) for at in points])
 
 
 def run_case(rng: np.random.Generator, truth: Robot, given: Robot, noise: float) -> Case:

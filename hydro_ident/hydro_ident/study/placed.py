@@ -1,6 +1,11 @@
-"""Text that is made anew between two marks of a page of the documentation."""
+"""Results of the documentation, and their tables between two marks of a page of it."""
 
 from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
 
 from hydro_ident.errors import IdentError
 
@@ -30,3 +35,58 @@ def placed(page: str, content: str, begin: str, end: str) -> str:
     if not found or not closed:
         raise IdentError(f"expected '{begin}' and '{end}' in the page, found neither")
     return f"{before}{begin}\n\n{content}\n{end}{after}"
+
+
+def write_result(
+    path: Path, result: Mapping[str, Any], page: str, made: Callable[[str, Path], str]
+) -> None:
+    """Write a run's result, and the tables of its page anew.
+
+    Parameters
+    ----------
+    path : Path
+        File of the result.
+    result : mapping
+        What JSON can say.
+    page : str
+        As `renewed`.
+    made : callable
+        As `renewed`.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for its tables.
+    """
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    renewed(path, page, made)
+
+
+def renewed(path: Path, page: str, made: Callable[[str, Path], str]) -> Path | None:
+    """Write the tables of the page beside the folder of a result, if there is one.
+
+    Parameters
+    ----------
+    path : Path
+        File of the result.
+    page : str
+        Name of the page, in the folder above that of the results.
+    made : callable
+        Gives the page's new text from the old one and the folder of the results.
+
+    Returns
+    -------
+    Path or None
+        The page; None where there is none.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for its tables.
+    """
+    folder = path.resolve().parent
+    file = folder.parent / page
+    if not file.is_file():
+        return None
+    file.write_text(made(file.read_text(encoding="utf-8"), folder), encoding="utf-8")
+    return file

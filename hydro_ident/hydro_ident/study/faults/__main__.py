@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import sys
@@ -16,6 +15,7 @@ from typing import Any
 from hydro_hw_bridge.endings import on_end
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults import device_time, page, wall_outcomes, wall_time
+from hydro_ident.study.placed import write_result
 from hydro_model.command import run_command
 from hydro_model.robot_files import load_robot
 
@@ -59,8 +59,7 @@ def run(arguments: Sequence[str]) -> int:
     if options.processes:
         result["wall_time"] = _in_wall_time(options.processes, options.seed)
     if options.json is not None:
-        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        page.renew(options.json)
+        write_result(options.json, result, page.PAGE, page.with_tables)
     print(page.told(result))
     broken = [result[key]["broken"] for key in ("device_time", "wall_time") if key in result]
     nothing = bool(options.processes) and not result["wall_time"]["injections"]

@@ -7,19 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hydro_ident.errors import IdentError
+from hydro_ident.study.placed import placed
 
 #: Of the results folder, and the page beside it.
 RESULT, PAGE = "faults.json", "safety_case.md"
 BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
-
-
-def renew(result: Path) -> None:
-    """Write the tables of the page beside the results folder, if there is one."""
-    page = result.resolve().parent.parent / PAGE
-    if page.is_file():
-        text = page.read_text(encoding="utf-8")
-        page.write_text(with_tables(text, result.resolve().parent), encoding="utf-8")
 
 
 def with_tables(text: str, folder: Path) -> str:
@@ -36,15 +28,11 @@ def with_tables(text: str, folder: Path) -> str:
     IdentError
         The page has no place for them.
     """
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise IdentError(f"expected '{BEGIN}' and '{END}' in {PAGE}, found neither")
     path = folder / RESULT
     tables = "No campaign has been published yet.\n"
     if path.is_file():
         tables = told(json.loads(path.read_text(encoding="utf-8")))
-    return f"{before}{BEGIN}\n\n{tables}\n{END}{after}"
+    return placed(text, tables, BEGIN, END)
 
 
 def told(result: Mapping[str, Any]) -> str:

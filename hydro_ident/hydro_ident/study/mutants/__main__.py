@@ -26,6 +26,7 @@ from hydro_ident.study.mutants.page import (
     with_table,
 )
 from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
+from hydro_ident.study.placed import write_result
 from hydro_model.command import run_command
 
 
@@ -110,12 +111,7 @@ def _write(path: Path, runs: Sequence[Run]) -> None:
     date = datetime.now(timezone.utc).date().isoformat()
     tool = f"cosmic-ray {metadata.version('cosmic-ray')}"
     before = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-    text = json.dumps(result_of(date, tool, runs, before), indent=1) + "\n"
-    path.write_text(text, encoding="utf-8")
-    page = path.parent.parent / PAGE
-    if page.is_file():
-        text = with_table(page.read_text(encoding="utf-8"), path.parent)
-        page.write_text(text, encoding="utf-8")
+    write_result(path, result_of(date, tool, runs, before), PAGE, with_table)
 
 
 if __name__ == "__main__":

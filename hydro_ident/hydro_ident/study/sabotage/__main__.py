@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from datetime import datetime, timezone
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from hydro_ident.errors import IdentError
 from hydro_ident.study.by_name import chosen
+from hydro_ident.study.placed import write_result
 from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.page import PAGE, result_of, with_table
 from hydro_ident.study.sabotage.trial import PACKAGE, outcomes
@@ -57,11 +57,7 @@ def run(arguments: Sequence[str]) -> int:
     print(f"{caught} of {len(found)} sabotages were caught")
     if options.json is not None:
         result = result_of(datetime.now(timezone.utc).date().isoformat(), found)
-        options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        page = options.json.resolve().parent.parent / PAGE
-        if page.is_file():
-            text = page.read_text(encoding="utf-8")
-            page.write_text(with_table(text, options.json.resolve().parent), encoding="utf-8")
+        write_result(options.json, result, PAGE, with_table)
     return 0 if caught == len(found) else 1
 
 

@@ -6,11 +6,9 @@ identification found. Either names its URDF relative to itself.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +27,7 @@ from hydro_model.robot import (
     Sensors,
     Valve,
 )
+from hydro_model.robot_checks import check_known, check_once, check_pistons, check_robot
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_model.urdf import Chain, read_chain
 
@@ -73,7 +72,7 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
         )
     found = _robot_from(read_yaml(path), path)
     if check_strokes:
-        _check_strokes(found, path)
+        check_pistons(found, path)
     return found
 
 
@@ -133,7 +132,7 @@ def _robot_from(top: Fields, path: Path) -> Robot:
         source=path,
         urdf=urdf,
     )
-    _check(robot, path)
+    check_robot(robot, path)
     return _with_base(robot, path) if base else robot
 
 
@@ -142,7 +141,7 @@ def _joints(top: Fields, chain: Chain, path: Path) -> tuple[Joint, ...]:
     friction = {f.text("name"): f.number("viscous_friction") for f in top.items("joints")}
     names = tuple(joint.name for joint in chain.joints)
     for name in friction:
-        _check_known("joints", "joint", name, names, path)
+        check_known("joints", "joint", name, names, path)
     return tuple(
         replace(j, viscous_friction=friction.get(j.name, j.viscous_friction)) for j in chain.joints
     )
@@ -203,7 +202,7 @@ def _with_base(robot: Robot, path: Path) -> Robot:
 
     names = robot.parameter_names
     values = np.zeros(len(names))
-    _check_once("base parameter", [parameter.name for parameter in robot.base_parameters], path)
+    check_once("base parameter", [parameter.name for parameter in robot.base_parameters], path)
     for parameter in robot.base_parameters:
         unknown = [n for n in (parameter.name, *parameter.combination) if n not in names]
         if unknown:
@@ -272,54 +271,3 @@ def _sensors(f: Fields) -> Sensors:
 
 def _effect(f: Fields) -> EffectSpec:
     return EffectSpec(f.text("name"), f.text("target"), f.mapping_of_numbers("parameters"))
-
-
-def _check(robot: Robot, path: Path) -> None:
-    _check_once("cylinder", [c.name for c in robot.cylinders], path)
-    _check_once("cylinder on joint", [c.joint for c in robot.cylinders], path)
-    _check_once("valve", [v.name for v in robot.valves], path)
-    _check_once("valve of cylinder", [v.cylinder for v in robot.valves], path)
-    cylinders = tuple(c.name for c in robot.cylinders)
-    for cylinder in robot.cylinders:
-        _check_known(
-            f"cylinder '{cylinder.name}'", "joint", cylinder.joint, robot.joint_names, path
-        )
-        joint = robot.joints[robot.joint_index(cylinder.joint)]
-        if cylinder.l1_m == 0.0 and not joint.prismatic:
-            raise RobotError(
-                f"{path}: cylinder '{cylinder.name}' on revolute joint '{joint.name}' needs"
-                " l1_m, l2_m, q0_rad and x0_m"
-            )
-        if not np.isfinite([joint.lower, joint.upper]).all():
-            raise RobotError(
-                f"{path}: cylinder '{cylinder.name}' needs joint '{joint.name}' to have finite"
-                f" limits, found {joint.lower} to {joint.upper}"
-            )
-    for valve in robot.valves:
-        _check_known(f"valve '{valve.name}'", "cylinder", valve.cylinder, cylinders, path)
-
-
-def _check_known(who: str, what: str, name: str, known: tuple[str, ...], path: Path) -> None:
-    if name not in known:
-        raise RobotError(
-            f"{path}: {who} has no {what} '{name}' (known: {', '.join(known) or 'none'})"
-        )
-
-
-def _check_once(what: str, names: list[str], path: Path) -> None:
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
-
-
-def _check_strokes(robot: Robot, path: Path) -> None:
-    from hydro_model.cylinder import stroke
-
-    for cylinder in robot.cylinders:
-        joint = robot.joints[robot.joint_index(cylinder.joint)]
-        x: Any = stroke(cylinder, np.linspace(joint.lower, joint.upper, 101))
-        if x.min() < 0.0 or x.max() > cylinder.stroke_m:
-            raise RobotError(
-                f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
-                f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
-            )

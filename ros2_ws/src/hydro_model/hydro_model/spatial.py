@@ -122,13 +122,36 @@ def spatial_inertia(parameters: FloatArray) -> FloatArray:
     (6, 6) array
     """
     matrix = np.zeros((6, 6))
-    upper = np.triu_indices(3)
-    matrix[:3, :3][upper] = parameters[4:]
-    matrix[:3, :3].T[upper] = parameters[4:]
+    matrix[:3, :3] = _about_origin(parameters)
     first = skew(parameters[1:4])
     matrix[:3, 3:], matrix[3:, :3] = first, -first
     matrix[3:, 3:] = parameters[0] * np.eye(3)
     return matrix
+
+
+def central_inertia(parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centre of mass and the inertia about it: `hydro_model.urdf.standard_parameters` undone.
+
+    Parameters
+    ----------
+    parameters : (10,) array
+        Standard parameters of eq. 28, the mass above 0.
+
+    Returns
+    -------
+    com_m : (3,) array
+    inertia_com_kg_m2 : (3, 3) array
+    """
+    mass, com = parameters[0], parameters[1:4] / parameters[0]
+    inertia = _about_origin(parameters)
+    return com, inertia - mass * (com @ com * np.eye(3) - np.outer(com, com))
+
+
+def _about_origin(parameters: FloatArray) -> FloatArray:
+    inertia, upper = np.zeros((3, 3)), np.triu_indices(3)
+    inertia[upper] = parameters[4:]
+    inertia.T[upper] = parameters[4:]
+    return inertia
 
 
 def body_regressor(acceleration: FloatArray, velocity: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hydro_model.part_regrouping import point_mass
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Joint, Robot, Valve
-from hydro_model.urdf import standard_parameters
 
 MakeChain = Callable[..., Robot]
 MakeSlider = Callable[..., Robot]
@@ -27,10 +27,7 @@ def _unit(rng: np.random.Generator) -> FloatArray:
 def _body(rng: np.random.Generator) -> FloatArray:
     """A physical body: positive masses at points, so that its pseudo-inertia is positive."""
     masses, points = rng.uniform(0.5, 5.0, 6), rng.normal(size=(6, 3)) * 0.4
-    mass, com = float(masses.sum()), masses @ points / masses.sum()
-    arms = points - com
-    inertia = np.einsum("k,kab->ab", masses, [a @ a * np.eye(3) - np.outer(a, a) for a in arms])
-    return standard_parameters(mass, com, inertia)
+    return np.asarray(masses @ [point_mass(at) for at in points])
 
 
 def _chain(seed: int, dof: int, prismatic_share: float = 0.3) -> Robot:

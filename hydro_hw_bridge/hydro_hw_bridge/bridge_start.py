@@ -1,0 +1,97 @@
+"""What the bridge's node starts from: its parameters, and the codec and gate that follow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.parameters import PARAMETERS, Settings, settings_from
+from hydro_model.robot import Robot
+
+
+def declared(node: Node) -> Settings:
+    """Declare the bridge's parameters and read what they are set to.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    Raises
+    ------
+    BridgeError
+        A value is of another type, out of range or none of the choices.
+    """
+    values = {}
+    for rule in PARAMETERS:
+        descriptor = ParameterDescriptor(description=rule.text, read_only=True)
+        if rule.low is not None and rule.high is not None:
+            span = FloatingPointRange(from_value=rule.low, to_value=rule.high, step=0.0)
+            descriptor.floating_point_range = [span]
+        try:
+            values[rule.name] = node.declare_parameter(rule.name, rule.default, descriptor).value
+        except ParameterException as error:
+            raise BridgeError(" ".join(str(error).split())) from error
+    return settings_from(values)
+
+
+def loaded_codec(settings: Settings, robot: Robot) -> tuple[Codec, dict[str, str]]:
+    """The codec that the parameters ask for, and the names to report it by.
+
+    Parameters
+    ----------
+    settings : Settings
+    robot : Robot
+
+    Returns
+    -------
+    codec : Codec
+    names : dict of str to str
+        Of robot, bus, mapping and calibration.
+
+    Raises
+    ------
+    BridgeError
+        A file is missing or malformed, or the supply's pressure is to be watched and not mapped.
+    """
+    path = settings.calibration
+    calibration = load_calibration(Path(path)) if path else None
+    codec = Codec.load(settings.dbc or None, settings.mapping or None, robot, calibration)
+    if settings.min_supply_pa > 0.0 and "supply" not in codec.pressure_names:
+        raise BridgeError(
+            f"{codec.mapping.source}: parameter 'min_supply_pa' needs a pressure 'supply',"
+            f" found {', '.join(codec.pressure_names)} (0 switches the check off)"
+        )
+    names = {
+        "robot": robot.name,
+        "can": settings.can,
+        "mapping": codec.mapping.name,
+        "calibration": calibration.name if calibration else "none",
+    }
+    return codec, names
+
+
+def gate_limits(settings: Settings, robot: Robot) -> GateLimits:
+    """The gate's limits for the robot's valves and cycle.
+
+    Parameters
+    ----------
+    settings : Settings
+    robot : Robot
+    """
+    period_s = 1.0 / robot.sensors.rate_hz
+    return GateLimits(
+        valve_names=robot.valve_names,
+        rated_voltage_v=tuple(valve.rated_voltage_v for valve in robot.valves),
+        period_s=period_s,
+        slew_v_s=settings.slew_limit_v_s,
+        max_age_cycles=int(1e-3 * settings.max_age_ms / period_s + 1e-6),
+        min_supply_pa=settings.min_supply_pa,
+        reenable_slew_v_s=settings.reenable_slew_v_s,
+    )
