@@ -233,3 +233,20 @@ def test_a_payload_is_told_against_a_fixed_base_alone(
     mass = names["payload_change"].named.first.term.parameters[0]
     assert mass == pytest.approx(50.0, rel=0.1)
     assert diagnose(known, [loaded]).verdict == "matches"
+
+
+def test_a_payload_is_confirmed_by_another_recording_of_a_minute(
+    make_run: tuple, matching: Diagnosis
+) -> None:
+    """What begins at an instant pays for every instant tried, and no refit takes it up."""
+    true_crane, simulated_run = make_run
+    assert matching.robot is not None
+    train, check = (
+        simulated_run(true_crane(50.0), seconds, seed=seed).recording()
+        for seconds, seed in ((SECONDS, 2), (60.0, 4))
+    )
+    fixed = DiagnosisSettings(fixed_base=True)
+    (finding,) = diagnose(matching.robot, [train], [check], fixed).findings
+    assert finding.named.names == ("payload_change",)
+    assert finding.verification.p_value < 0.01
+    assert not finding.verification.silent

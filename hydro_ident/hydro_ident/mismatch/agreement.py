@@ -11,6 +11,7 @@ import numpy as np
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.held_out import free_columns
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.settings import BLOCK_S, FORM_TOLERANCE
 from hydro_ident.mismatch.training import Training, layout_of
@@ -84,7 +85,7 @@ def agreements(
     )
 
 
-def alike(check: Check, there: Fitted, term: ActiveEffect) -> bool:
+def alike(check: Check, there: Fitted, term: ActiveEffect, fixed: bool = False) -> bool:
     """Whether an effect does much the same to other rows as it does when fitted to them.
 
     Stations of a curve, or a size and a slope, trade with each other; what they come to together
@@ -97,10 +98,14 @@ def alike(check: Check, there: Fitted, term: ActiveEffect) -> bool:
         As `fitted_there`.
     term : ActiveEffect
         As fitted to the training rows.
+    fixed : bool
+        As `HeldOut.of`.
     """
     used, own = check.mask & check.moving, f"{term.target}.{term.effect.name}."
-    others = [k for k, name in enumerate(there.names) if not name.startswith(own)]
-    rest = there.columns[used][:, others]
+    free = free_columns(check.predictor, len(there.names), fixed)
+    others = [k for k in free if not there.names[k].startswith(own)]
+    count = np.count_nonzero(used)
+    rest = there.columns[used][:, others] if others else np.zeros((count, 1))
     layout = layout_of(check.predictor).take(used)
     bench = Bench(layout, there.bench.noise, there.residual[used], rest, BLOCK_S)
     fresh = next(t for t in there.model.terms if same(t, term))

@@ -12,6 +12,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import linearised
 from hydro_ident.mismatch.modelled import Model
+from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.training import layout_of
@@ -55,7 +56,7 @@ class HeldOut:
     used: BoolArray
 
     @staticmethod
-    def of(check: Check, model: Model, noise: Noise, refit: bool) -> HeldOut:
+    def of(check: Check, model: Model, noise: Noise, refit: bool, fixed: bool = False) -> HeldOut:
         """Rows of a check beside a model.
 
         Parameters
@@ -67,10 +68,13 @@ class HeldOut:
             Of the check's channels.
         refit : bool
             Whether all that is in the model is refitted to these rows.
+        fixed : bool
+            A given base is kept as it is: no refit moves it.
         """
         used = check.mask & check.moving
         residual, columns, _ = linearised(check.predictor, model)
-        columns = columns if refit else np.zeros((residual.size, 1))
+        kept = free_columns(check.predictor, columns.shape[1], fixed)
+        columns = columns[:, kept] if refit and kept else np.zeros((residual.size, 1))
         layout = layout_of(check.predictor).take(used)
         bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S)
         return HeldOut(check, bench, columns, used)
@@ -95,6 +99,21 @@ class HeldOut:
         left = residual - self.columns @ self.bench.refit(residual[self.used])
         names = self.check.predictor.material.channels
         return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
+
+
+def free_columns(predictor: Predictor, count: int, fixed: bool) -> list[int]:
+    """Which columns of a model a refit may move.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    count : int
+        Columns: those of the base, then of effects.
+    fixed : bool
+        Of a base that is kept as it is, what the readings make of it alone.
+    """
+    held = set(range(len(predictor.names))) - set(predictor.ripple_columns.values())
+    return [k for k in range(count) if not (fixed and k in held)]
 
 
 def _each(layout: Layout) -> IndexArray:

@@ -106,10 +106,9 @@ def verify(
     plain, with_it = check.residual(without.model), check.residual(model)
     placebos = _placebos(training, without, check, plain, whole.model, terms)
     acting = shown or _acting(check.predictor, model, terms)
-    looks = [
-        looked(HeldOut.of(check, without.model, noise, refit), plain, with_it, placebos, acting)
-        for refit in (False, True)
-    ]
+    fixed = training.prior is not None
+    rows = [HeldOut.of(check, without.model, noise, refit, fixed) for refit in (False, True)]
+    looks = [looked(one, plain, with_it, placebos, acting) for one in rows]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
     least = STANDS * _FURTHER**named.refused
@@ -120,7 +119,7 @@ def verify(
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried)
     reason = reason or (_unexercised(best, named) if silent else objection(best, least))
     if not silent and there is not None:
-        alien = not all(alike(check, there, term) for term in terms)
+        alien = not all(alike(check, there, term, fixed) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
     sides = best.p_value, *best.sides, best.placebo
     return Verification(*sides, not reason, reason, agreement, silent)
