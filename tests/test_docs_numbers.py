@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from hydro_ident.bench.page import RESULT, with_table
 from hydro_ident.study.page import with_tables
 
 ROOT = Path(__file__).parents[1]
@@ -24,6 +25,13 @@ def demo() -> dict[str, dict[str, float]]:
 def test_the_study_tables_are_the_committed_results() -> None:
     text = (ROOT / "hydro_msgs_docs/study.md").read_text(encoding="utf-8")
     assert with_tables(text, RESULTS) == text
+
+
+def test_the_performance_table_is_the_committed_result() -> None:
+    if not (RESULTS / RESULT).is_file():
+        pytest.skip(f"{RESULT}: no run of scripts/bench.sh has been published yet")
+    text = (ROOT / "hydro_msgs_docs/performance.md").read_text(encoding="utf-8")
+    assert with_table(text, RESULTS) == text
 
 
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])
