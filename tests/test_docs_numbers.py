@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hydro_ident.bench.page import RESULT, with_table
 from hydro_ident.study.faults import page as faults
 from hydro_ident.study.mutants import page as mutants
 from hydro_ident.study.page import with_tables
@@ -55,6 +56,13 @@ def test_a_result_that_is_written_again_gives_the_committed_files(
     write_result(written, json.loads(result), of.PAGE, made)
     assert (tmp_path / of.PAGE).read_text(encoding="utf-8") == page
     assert written.read_text(encoding="utf-8") == result
+
+
+def test_the_performance_table_is_the_committed_result() -> None:
+    if not (RESULTS / RESULT).is_file():
+        pytest.skip(f"{RESULT}: no run of scripts/bench.sh has been published yet")
+    text = (ROOT / "hydro_msgs_docs/performance.md").read_text(encoding="utf-8")
+    assert with_table(text, RESULTS) == text
 
 
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])

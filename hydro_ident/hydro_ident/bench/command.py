@@ -1,10 +1,12 @@
 """`bench`: our work against what a user would take instead, in one process, in turns.
 
-    scripts/bench.sh [--json F] [--rounds 5] [--only TEXT] [--growth MINUTES MINUTES ...]
+    scripts/bench.sh [--json F] [--rounds 5] [--only GROUP ...] [--growth MINUTES MINUTES ...]
+    scripts/bench.sh --publish DIR
 
 Peers are optional (requirements-bench.in); those that are not installed are said and skipped.
 That results agree is checked before anything is timed. Ratios are those of medians over rounds;
-the absolute times of a shared machine mean little.
+the absolute times of a shared machine mean little. `--publish` measures nothing: it makes the
+table of performance.md in DIR anew from results/bench.json in it.
 """
 
 from __future__ import annotations
@@ -20,7 +22,16 @@ from dataclasses import asdict
 from pathlib import Path
 
 from hydro_ident.bag.metadata import write_atomically
-from hydro_ident.bench import bag_jobs, growth, limits, model_jobs
+from hydro_ident.bench import (
+    bag_jobs,
+    chain_jobs,
+    diagnose_jobs,
+    fit_jobs,
+    growth,
+    limits,
+    model_jobs,
+    page,
+)
 from hydro_ident.bench.job import Job, Row, run
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
@@ -45,7 +56,13 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         nargs="+",
         metavar="MINUTES",
-        help="also identify from bags of these lengths and print how time and memory grow",
+        help="also inspect and identify bags of these lengths and print how time and memory grow",
+    )
+    parser.add_argument(
+        "--publish",
+        type=Path,
+        metavar="DIR",
+        help="only make the table of the documentation in DIR anew from its results/bench.json",
     )
     return parser
 
@@ -54,21 +71,21 @@ def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     if options.rounds < 1 or (options.growth is not None and len(options.growth) < 2):
         raise IdentError("bench: expected --rounds of 1 or more and --growth of 2 lengths or more")
+    if options.publish is not None:
+        _publish(options.publish)
+        return 0
     threads = ", ".join(f"{name}={os.environ.get(name, 'unset')}" for name in _THREADS)
     _say(f"threads: {threads}")
-    _say(f"cores: {os.cpu_count()}, rounds: {options.rounds}")
-    _say("\n| job | against | ours, s | theirs, s | ratio | goal |\n|---|---|---|---|---|---|")
+    _say(f"cores: {os.cpu_count()}, rounds: {options.rounds}; seconds unless a job says otherwise")
+    _say(f"\n{page.HEAD}")
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:
         for name in options.only:
             for row in _GROUPS[name](Path(folder), options.rounds):
                 rows.append(row)
-                _say(_line(row))
+                _say(page.line(row))
         if options.growth is not None:
-            time, memory = growth.exponents(options.growth, Path(folder))
-            _say(
-                f"\nidentify over {options.growth} minutes: time ^{time:.2f}, memory ^{memory:.2f}"
-            )
+            _say_growth(options.growth, Path(folder))
     if options.json is not None:
         _write(options.json, rows)
     return 0
@@ -78,11 +95,19 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
-def _line(row: Row) -> str:
-    return (
-        f"| {row.job} | {row.peer} | {row.ours:.3g} | {row.theirs:.3g} | {row.ratio:.2f}"
-        f" | {row.goal:g} |"
-    )
+def _say_growth(minutes: Sequence[float], folder: Path) -> None:
+    for command in growth.COMMANDS:
+        time, memory = growth.exponents(minutes, folder, command)
+        _say(f"\n{command} over {minutes} minutes: time ^{time:.2f}, memory ^{memory:.2f}")
+
+
+def _publish(folder: Path) -> None:
+    path = folder / page.PAGE
+    try:
+        text = path.read_text(encoding="utf-8")
+        write_atomically(path, page.with_table(text, folder / "results"))
+    except OSError as error:
+        raise IdentError(f"{path}: cannot be published: {error.strerror}") from error
 
 
 def _write(path: Path, rows: Sequence[Row]) -> None:
@@ -129,10 +154,30 @@ def _start(folder: Path, rounds: int) -> Iterator[Row]:
     yield from limits.command_starts(bag_jobs.write_small(folder), rounds)
 
 
+def _fit(folder: Path, rounds: int) -> Iterator[Row]:
+    missing = fit_jobs.missing_peer()
+    if missing:
+        print(missing, file=sys.stderr)
+        return
+    yield from _timed(fit_jobs.fit_jobs(), rounds)
+    yield fit_jobs.memory_row(folder)
+
+
+def _diagnose(folder: Path, rounds: int) -> Iterator[Row]:
+    yield from diagnose_jobs.diagnose_rows(folder)
+
+
+def _chain(folder: Path, rounds: int) -> Iterator[Row]:
+    yield from chain_jobs.chain_rows(rounds)
+
+
 _GROUPS: dict[str, Callable[[Path, int], Iterator[Row]]] = {
     "dynamics": _dynamics,
     "simulation": _simulation,
+    "fit": _fit,
     "bag": _bag,
+    "diagnose": _diagnose,
     "control": _control,
+    "chain": _chain,
     "start": _start,
 }

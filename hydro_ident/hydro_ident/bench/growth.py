@@ -1,4 +1,4 @@
-"""How time and memory of reading and of identifying grow with the length of a bag."""
+"""How time and memory of the streaming commands grow with the length of a bag."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import numpy as np
 
 from hydro_ident.study.long_bag import measure
 
+#: Commands that take a bag of any length.
+COMMANDS = ("inspect", "identify")
 
-def exponents(minutes: Sequence[float], folder: Path) -> tuple[float, float]:
-    """Exponents of time and of peak memory of `identify` over the length of its bag.
+
+def exponents(minutes: Sequence[float], folder: Path, command: str) -> tuple[float, float]:
+    """Exponents of time and of peak memory of a command over the length of its bag.
 
     Parameters
     ----------
@@ -19,6 +22,8 @@ def exponents(minutes: Sequence[float], folder: Path) -> tuple[float, float]:
         At least two lengths.
     folder : Path
         Where the bags go for a while.
+    command : str
+        One of `COMMANDS`.
 
     Returns
     -------
@@ -27,7 +32,7 @@ def exponents(minutes: Sequence[float], folder: Path) -> tuple[float, float]:
     float
         That of peak memory: 0 is flat.
     """
-    runs = [measure(length, folder) for length in minutes]
+    runs = [measure(length, folder, command) for length in minutes]
     length = np.log([one.minutes for one in runs])
     time, memory = np.log([one.seconds for one in runs]), np.log([one.peak_mb for one in runs])
     return float(np.polyfit(length, time, 1)[0]), float(np.polyfit(length, memory, 1)[0])

@@ -40,7 +40,8 @@ class Row:
     ----------
     job, peer : str
     ours, theirs : float
-        Seconds: medians of the rounds; with a limit as peer, the limit.
+        Seconds, or the unit that the job's name ends in: medians of the rounds; with a limit as
+        peer, the limit.
     ratio, goal : float
         Theirs by ours, measured and wanted.
     """
@@ -83,10 +84,20 @@ def run(job: Job, rounds: int) -> Row:
     return Row(job.name, job.peer, ours, theirs, theirs / ours, job.goal)
 
 
-def against_limit(name: str, limit: str, seconds: float, limit_s: float, goal: float = 1.0) -> Row:
-    """A row for work that has no peer but a time to keep.
+def against_limit(
+    name: str, limit: str, measured: float, allowed: float, goal: float = 1.0
+) -> Row:
+    """A row for work that has no peer but a limit to keep.
 
-    `limit` says in words what has to be kept, `limit_s` in seconds; `seconds` were measured,
-    `goal` is how many times faster is aimed at.
+    Parameters
+    ----------
+    name : str
+        Of the job.
+    limit : str
+        In words.
+    measured, allowed : float
+        Seconds, or the unit that the name ends in.
+    goal : float
+        How many times below the limit is aimed at.
     """
-    return Row(name, limit, seconds, limit_s, limit_s / seconds, goal)
+    return Row(name, limit, measured, allowed, allowed / measured, goal)

@@ -1,7 +1,7 @@
-"""Memory and time of `identify` or `diagnose` against the length of a bag.
+"""Memory and time of `identify`, `diagnose` or `inspect` against the length of a bag.
 
     python -m hydro_ident.study.long_bag [--minutes 10 40 160] [--folder DIR]
-        [--command diagnose] [--repeat BAG]
+        [--command diagnose|inspect] [--repeat BAG]
 
 Writes a bag of each length (a 40 s run of the crane xs031, or another bag of it, repeated, 500 Hz,
 four topics), runs the command on it in a process of its own and prints that process's peak memory
@@ -12,10 +12,8 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,14 +22,14 @@ import numpy as np
 
 from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.writer import BagWriter
-from hydro_ident.errors import IdentError
+from hydro_ident.study.peak import spent
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
 from hydro_model.command import run_command
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 
 ROBOT, RUN_S, PERIOD_NS = "xs031", 40.0, 2_000_000
-_POLL_S = 0.1
+COMMANDS = ("identify", "diagnose", "inspect")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def measure(
     ----------
     minutes : float
     folder : Path
-    command : {"identify", "diagnose"}
+    command : {"identify", "diagnose", "inspect"}
     recording : Recording, optional
         To repeat; by default a synthetic one.
 
@@ -113,39 +111,18 @@ def measure(
     run_s = len(recording) * PERIOD_NS / 1e9
     write_repeated(bag, recording, max(1, round(60.0 * minutes / (run_s + 1.0))))
     size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
-    words = [sys.executable, "-m", f"hydro_ident.commands.{command}", str(bag)]
-    words += ["--robot", ROBOT, "--out", str(out)]
-    began = time.monotonic()
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    peak_kb = 0
-    while process.poll() is None:
-        peak_kb = max(peak_kb, _peak_kb(process.pid))
-        time.sleep(_POLL_S)
-    seconds = time.monotonic() - began
-    if process.returncode:
-        text = "" if process.stderr is None else process.stderr.read().decode()
-        raise IdentError(f"{command} ended with {process.returncode}: {text}")
+    words = [str(bag), "--robot", ROBOT]
+    words += [] if command == "inspect" else ["--out", str(out)]
+    one = spent(f"hydro_ident.commands.{command}", words)
     shutil.rmtree(bag)
-    return Measured(minutes, peak_kb / 1024.0, seconds, size)
-
-
-def _peak_kb(pid: int) -> int:
-    """Largest resident memory of a process so far; 0 once it has ended.
-
-    The usage that `wait` reports would begin with the memory of the process that forked it.
-    """
-    try:
-        lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return 0
-    return next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
+    return Measured(minutes, one.peak_mb, one.seconds, size)
 
 
 def _run(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="long_bag", description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[10.0, 40.0, 160.0])
     parser.add_argument("--folder", type=Path, help="where the bags go for a while")
-    parser.add_argument("--command", choices=("identify", "diagnose"), default="identify")
+    parser.add_argument("--command", choices=COMMANDS, default="identify")
     parser.add_argument("--repeat", type=Path, help=f"a bag of {ROBOT} at 500 Hz to repeat")
     options = parser.parse_args(arguments)
     recording = options.repeat and read_recording(options.repeat, load_robot(ROBOT))

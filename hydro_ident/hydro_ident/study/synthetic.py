@@ -58,11 +58,16 @@ def references(time_s: ArrayLike) -> FloatArray:
     return np.asarray(np.array([0.55, -1.2]) + fade[..., None] * np.stack([lift, tilt], axis=-1))
 
 
+_Driven = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
+
 @lru_cache(maxsize=8)
-def _driven(
-    name: str, seconds: float, encoder_rad: float, seed: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    robot, rng = load_robot(name), np.random.default_rng(seed)
+def _driven(name: str, seconds: float, encoder_rad: float, seed: int) -> _Driven:
+    return _closed_loop(load_robot(name), seconds, encoder_rad, seed)
+
+
+def _closed_loop(robot: Robot, seconds: float, encoder_rad: float, seed: int) -> _Driven:
+    rng = np.random.default_rng(seed)
     time = np.arange(round(seconds / STEP_S) + 1) * STEP_S
     jitter = encoder_rad * rng.normal(size=(time.size, robot.dof))
     voltage = np.zeros((time.size, len(robot.valves)))
@@ -93,7 +98,8 @@ def synthetic_recording(
     Parameters
     ----------
     robot : Robot
-        A shipped one with two joints; its command delay is taken as zero.
+        A shipped one with two joints, other effects than its own allowed; its command delay is
+        taken as zero.
     seconds : float
     seed : int
         Of the noise.
@@ -107,7 +113,11 @@ def synthetic_recording(
     from scipy.signal import lfilter
 
     noise, rng = noise or Noise(), np.random.default_rng(seed + 1000)
-    q, p_a, p_b, voltage, jitter = _driven(robot.name, seconds, noise.encoder_rad, seed)
+    q, p_a, p_b, voltage, jitter = (
+        _closed_loop(robot, seconds, noise.encoder_rad, seed)
+        if robot.effects
+        else _driven(robot.name, seconds, noise.encoder_rad, seed)
+    )
     count, cylinders = p_a.shape
     white = rng.normal(size=(count + 1000, cylinders)) * np.sqrt(1.0 - noise.phi**2)
     slow = noise.force_n * lfilter([1.0], [1.0, -noise.phi], white, axis=0)[1000:]

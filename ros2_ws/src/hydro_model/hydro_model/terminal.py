@@ -10,7 +10,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
@@ -76,7 +76,34 @@ class _Bar:
         self._stream.flush()
 
 
-_bar: _Bar | None = None
+class _Listener:
+    """In the place of a bar: somebody who wants to know when."""
+
+    def __init__(self, hear: Callable[[str, int, int], None]) -> None:
+        self.draw = hear
+
+    def clear(self) -> None:
+        """Nothing is on the screen."""
+
+
+_bar: _Bar | _Listener | None = None
+
+
+@contextmanager
+def progress_heard(hear: Callable[[str, int, int], None]) -> Iterator[None]:
+    """Tell a function what the work inside says of its progress, instead of showing it.
+
+    Parameters
+    ----------
+    hear : callable
+        Takes what `advance` takes.
+    """
+    global _bar
+    before, _bar = _bar, _Listener(hear)
+    try:
+        yield
+    finally:
+        _bar = before
 
 
 @contextmanager

@@ -1,0 +1,209 @@
+"""Rig, bridge and controller, or the echo in the place of these two, in real time.
+
+The rig is the simulated one in a thread of this process, its bus a `TimedBus`; the others are
+processes as an installation starts them, in a ROS domain and on a multicast port of their own.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from hydro_hw_bridge.bus import open_multicast, parse_bus, quiet_python_can
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.device import Device
+from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_ident.bench.timed_bus import TimedBus
+from hydro_ident.errors import IdentError
+from hydro_model.robot_files import load_robot
+
+ROBOT, TRUTH, TIP_M = "xs031", "realistic", (2.0, 0.0, -1.2)
+#: Executables as their set-up files name them.
+BRIDGE = "hydro_hw_bridge.bridge_node"
+CONTROLLER = "hydro_control.node"
+LIFECYCLE = "hydro_control.lifecycle_command"
+#: Of the bridge, ms: what it takes at most, and what it has unless told otherwise.
+LARGEST_AGE_MS, MAX_AGE_MS = 50.0, 10.0
+TRIPPED = "tripped"
+#: How long to wait for the first answers and for an end, and how many make a beginning.
+_PATIENCE_S, _END_S, _ANSWERS = 120.0, 10.0, 100
+_STROKE_S, _STROKE_M = 3.0, 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """A chain that answers.
+
+    Attributes
+    ----------
+    bus : TimedBus
+    processes : mapping from name to process
+    device : Thread
+        Of the rig.
+    """
+
+    bus: TimedBus
+    processes: Mapping[str, subprocess.Popen[bytes]]
+    device: threading.Thread
+
+    def check(self) -> None:
+        """Raise IdentError where a part has ended before its time."""
+        ended = [name for name, one in self.processes.items() if one.poll() is not None]
+        ended += [] if self.device.is_alive() else ["rig"]
+        if ended:
+            raise IdentError(f"chain: {', '.join(ended)} ended before its time")
+
+
+class _Processes:
+    """Processes with a log each."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.by_name: dict[str, subprocess.Popen[bytes]] = {}
+        domain = str(10 + os.getpid() % 90)
+        self.environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": domain,
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+
+    def start(self, name: str, words: Sequence[str]) -> None:
+        with (self.folder / f"{name}.log").open("wb") as log:
+            self.by_name[name] = subprocess.Popen(
+                [sys.executable, *words], stdout=log, stderr=log, env=self.environment
+            )
+
+    def transition(self, what: str, node: str) -> None:
+        words = [sys.executable, *_entry(LIFECYCLE), what, f"/{node}", "--timeout", "120"]
+        done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
+        if done.returncode:
+            raise IdentError(f"chain: {done.stderr.decode(errors='replace').strip()}")
+
+    def stop(self) -> None:
+        for one in reversed(self.by_name.values()):
+            one.terminate()
+        for one in self.by_name.values():
+            try:
+                one.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                one.kill()
+                one.wait()
+
+    def last_words(self) -> str:
+        lines = [
+            f"{path.stem}: {text.splitlines()[-1]}"
+            for path in sorted(self.folder.glob("*.log"))
+            if (text := path.read_text(encoding="utf-8", errors="replace").strip())
+        ]
+        return "; ".join(lines)
+
+
+def _entry(module: str) -> list[str]:
+    """As the installed executables do it."""
+    return ["-c", f"import sys; from {module} import main; sys.exit(main())"]
+
+
+@contextmanager
+def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]:
+    """Bridge and controller, the tip going to and fro.
+
+    Parameters
+    ----------
+    minutes : float
+        How long the path is at least.
+    max_age_ms : float
+        The bridge's parameter: an older command makes it trip, and ends the answers.
+    """
+    with ExitStack() as stack:
+        bus_name, bus, device, folder = _rig(stack)
+        path = folder / "path.yaml"
+        path.write_text(_path(minutes), encoding="utf-8")
+        processes = _started(stack, folder)
+        for name, module, given in (
+            ("bridge", BRIDGE, {"can": bus_name, "max_age_ms": f"{max_age_ms:.1f}"}),
+            ("controller", CONTROLLER, {"path": str(path)}),
+        ):
+            parameters = {"robot": ROBOT, **given}
+            words = [w for key, value in parameters.items() for w in ("-p", f"{key}:={value}")]
+            processes.start(name, [*_entry(module), "--ros-args", *words])
+        for what in ("configure", "activate"):
+            processes.transition(what, "can_bridge")
+            processes.transition(what, "controller")
+        yield _answering(Running(bus, processes.by_name, device), processes)
+
+
+@contextmanager
+def floor() -> Iterator[Running]:
+    """The echo in the place of bridge and controller."""
+    with ExitStack() as stack:
+        bus_name, bus, device, folder = _rig(stack)
+        processes = _started(stack, folder)
+        for part in ("commands", "frames"):
+            processes.start(part, ["-m", "hydro_ident.bench.echo", part, bus_name])
+        yield _answering(Running(bus, processes.by_name, device), processes)
+
+
+def _rig(stack: ExitStack) -> tuple[str, TimedBus, threading.Thread, Path]:
+    """The rig on a bus of its own, running until the stack ends."""
+    quiet_python_can()
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    robot = load_robot(ROBOT)
+    codec = Codec.load(None, None, robot)
+    bus_name = f"udp_multicast:239.74.163.2:{45200 + os.getpid() % 2000}"
+    name = parse_bus(bus_name)
+    filters = [{"can_id": i, "can_mask": 0x1FFFFFFF} for i in codec.bridge_ids]
+    bus = TimedBus(name, open_multicast(name, filters), codec)
+    stack.callback(bus.close)
+    core = RigCore(robot, load_truth(TRUTH, robot), seed=1, tip_m=TIP_M)
+    device = Device(core, codec, bus, lockstep=False)
+    thread = threading.Thread(target=device.run, name="rig", daemon=True)
+
+    def end() -> None:
+        device.stopping = True
+        thread.join()
+
+    thread.start()
+    stack.callback(end)
+    return bus_name, bus, thread, folder
+
+
+def _started(stack: ExitStack, folder: Path) -> _Processes:
+    processes = _Processes(folder)
+    stack.callback(processes.stop)
+    return processes
+
+
+def _answering(running: Running, processes: _Processes) -> Running:
+    """Wait until the chain answers; what its parts said last where it does not."""
+    end = time.monotonic() + _PATIENCE_S
+    running.bus.begin()
+    while len(running.bus.latencies_s) < _ANSWERS:
+        try:
+            running.check()
+        except IdentError as error:
+            raise IdentError(f"{error}: {processes.last_words()}") from None
+        said = processes.last_words()
+        if time.monotonic() > end or TRIPPED in said:
+            raise IdentError(f"chain: fewer than {_ANSWERS} cycles were answered: {said}")
+        time.sleep(0.2)
+    return running
+
+
+def _path(minutes: float) -> str:
+    """A tip path to and fro along x."""
+    strokes = int(60.0 * minutes / _STROKE_S) + 2
+    x, y, z = TIP_M
+    corners = [[x + _STROKE_M * (k % 2), y, z] for k in range(strokes + 1)]
+    durations = [_STROKE_S] * strokes
+    return (
+        f"frame: base_link\ntip_link: tip_link\ncorners_m: {corners}\ndurations_s: {durations}\n"
+    )

@@ -1,0 +1,114 @@
+"""From sensor frame to valve frame: bridge and controller against the echo of their messages."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
+from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.errors import IdentError
+
+SECONDS, _SETTLE_S = 20.0, 1.0
+_FLOOR_GOAL, _CPU_LIMIT = 1.0 / 1.5, 0.30
+#: With more of the cycles unanswered than this the machine cannot keep the rate.
+_LOST_SHARE = 0.02
+QUANTILES = {"p50": 50.0, "p99.9": 99.9}
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """One chain for a while.
+
+    Attributes
+    ----------
+    latency_s : dict of str to float
+        By `QUANTILES`.
+    core_share : dict of str to float
+        CPU time of each process by wall time.
+    """
+
+    latency_s: dict[str, float]
+    core_share: dict[str, float]
+
+
+def measured(chain: AbstractContextManager[Running], seconds: float) -> Round:
+    """Run a chain, then take its measure.
+
+    Parameters
+    ----------
+    chain : context manager of Running
+    seconds : float
+        How long it is measured.
+
+    Raises
+    ------
+    IdentError
+        It does not answer, or leaves too many cycles unanswered.
+    """
+    with chain as running:
+        time.sleep(_SETTLE_S)
+        running.bus.begin()
+        began = time.perf_counter()
+        before = _cpu_s(running)
+        time.sleep(seconds)
+        after, wall = _cpu_s(running), time.perf_counter() - began
+        lost, cycles = running.bus.lost, running.bus.cycles
+        times = np.array(running.bus.latencies_s)
+        running.check()
+    if not times.size or lost > _LOST_SHARE * cycles:
+        raise IdentError(
+            f"chain: {lost} of {cycles} cycles were not answered, expected at most"
+            f" {_LOST_SHARE:.0%}: the machine is too busy to measure it"
+        )
+    shares = {name: (after[name] - before[name]) / wall for name in after}
+    return Round({q: float(np.percentile(times, at)) for q, at in QUANTILES.items()}, shares)
+
+
+def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
+    """Latencies against the floor and CPU against its limit, in turns.
+
+    Parameters
+    ----------
+    rounds : int
+        Of both.
+    seconds : float
+        Of each.
+    """
+    pairs = [
+        (measured(_patient(seconds), seconds), measured(floor(), seconds)) for _ in range(rounds)
+    ]
+    rows = []
+    for name in QUANTILES:
+        ours = statistics.median(one.latency_s[name] for one, _ in pairs)
+        theirs = statistics.median(one.latency_s[name] for _, one in pairs)
+        job = f"bridge and controller, sensor frame to valve frame, {name}"
+        peer = "rclpy echo over the same bus (floor)"
+        rows.append(Row(job, peer, ours, theirs, theirs / ours, _FLOOR_GOAL))
+    for name in ("bridge", "controller"):
+        share = statistics.median(one.core_share[name] for one, _ in pairs)
+        job = f"{name} at 500 Hz: share of a core"
+        rows.append(against_limit(job, "30 % of a core", share, _CPU_LIMIT))
+    return rows
+
+
+def _patient(seconds: float) -> AbstractContextManager[Running]:
+    """The product with a gate that forgives: one late command shall not end the measurement."""
+    return product(seconds / 60.0, LARGEST_AGE_MS)
+
+
+def _cpu_s(running: Running) -> dict[str, float]:
+    """CPU time of every process so far, s."""
+    tick = os.sysconf("SC_CLK_TCK")
+    used: dict[str, float] = {}
+    for name, process in running.processes.items():
+        text = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii")
+        fields = text.rpartition(")")[2].split()
+        used[name] = (int(fields[11]) + int(fields[12])) / tick
+    return used

@@ -1,0 +1,65 @@
+"""The table of the performance page, made from the committed results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydro_ident.bench.job import Row
+from hydro_ident.study.placed import placed
+
+#: Of the results folder, and the page beside it.
+RESULT, PAGE = "bench.json", "performance.md"
+BEGIN, END = "<!-- bench: begin -->", "<!-- bench: end -->"
+HEAD = "| job | against | ours | theirs | ratio | goal |\n|---|---|---|---|---|---|"
+#: Within so much a goal is met: it is a rounded number itself.
+_CLOSE = 0.995
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    return (
+        f"| {row.job} | {row.peer} | {row.ours:.3g} | {row.theirs:.3g} | {row.ratio:.2f}"
+        f" | {row.goal:.3g} |"
+    )
+
+
+def table(folder: Path) -> str:
+    """The table as Markdown, with whether each goal is met.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    """
+    path = folder / RESULT
+    if not path.is_file():
+        return "Nothing has been published yet.\n"
+    found: Sequence[Mapping[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    head, rule = HEAD.splitlines()
+    lines = [f"{head} met |", f"{rule}---|"]
+    for one in found:
+        row = Row(**one)
+        met = "yes" if row.ratio >= _CLOSE * row.goal else "no"
+        lines.append(f"{line(row)} {met} |")
+    return "\n".join(lines) + "\n"
+
+
+def with_table(text: str, folder: Path) -> str:
+    """A page with its table made anew.
+
+    Parameters
+    ----------
+    text : str
+        The page.
+    folder : Path
+        Of the results.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for it.
+    """
+    return placed(text, table(folder), BEGIN, END)

@@ -1,0 +1,164 @@
+"""`soak`: the whole chain in real time, with its latencies, lost cycles and memory.
+
+    scripts/soak.sh [--minutes 10] [--json F]
+
+Rig, bridge and controller with the tip going to and fro. Prints a histogram of the times from
+sensor frame to valve frame, the cycles that were not answered, and how the memory of every
+process grew after the first tenth of the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hydro_ident.bag.metadata import write_atomically
+from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
+from hydro_ident.errors import IdentError
+from hydro_ident.study.peak import status_kb
+from hydro_model.command import run_command
+
+#: Upper ends of the histogram's bins, ms; the last bin has none.
+EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)
+QUANTILES = (50.0, 99.0, 99.9, 100.0)
+_SAMPLES, _BAR = 50, 40
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Resident memory of a process, MiB.
+
+    Attributes
+    ----------
+    begin, end, peak : float
+        After the first tenth of the time, at the end, and the largest from the one to the other.
+    """
+
+    begin: float
+    end: float
+    peak: float
+
+
+@dataclass(frozen=True, slots=True)
+class Soaked:
+    """What a soak measured.
+
+    Attributes
+    ----------
+    minutes : float
+    cycles, lost : int
+        All, and those not answered.
+    latency_ms : mapping
+        By percentile.
+    histogram : list of int
+        Counts by `EDGES_MS`, then those above.
+    memory : mapping from process to Memory
+        The rig's is that of this process, with what it notes.
+    """
+
+    minutes: float
+    cycles: int
+    lost: int
+    latency_ms: Mapping[str, float]
+    histogram: Sequence[int]
+    memory: Mapping[str, Memory]
+
+
+def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
+    """Run the chain.
+
+    Parameters
+    ----------
+    minutes : float
+        How long.
+    max_age_ms : float
+        Of the bridge (`hydro_ident.bench.chain.product`).
+
+    Raises
+    ------
+    IdentError
+        It does not start, or a part ends before its time.
+    """
+    sizes: dict[str, list[float]] = {}
+    # Long enough for the path to go on until the end.
+    with product(minutes + 2.0, max_age_ms) as running:
+        running.bus.begin()
+        began = time.monotonic()
+        for k in range(1, _SAMPLES + 1):
+            time.sleep(max(0.0, began + 60.0 * minutes * k / _SAMPLES - time.monotonic()))
+            running.check()
+            _take_sizes(running, sizes)
+        cycles, lost = running.bus.cycles, running.bus.lost
+        times_ms = 1e3 * np.array(running.bus.latencies_s)
+    if not times_ms.size:
+        raise IdentError("soak: no cycle was answered")
+    edges = [-np.inf, *EDGES_MS, np.inf]
+    kept = {name: values[_SAMPLES // 10 :] for name, values in sizes.items()}
+    return Soaked(
+        minutes,
+        cycles,
+        lost,
+        {f"p{q:g}": float(np.percentile(times_ms, q)) for q in QUANTILES},
+        np.histogram(times_ms, edges)[0].tolist(),
+        {name: Memory(v[0], v[-1], max(v)) for name, v in kept.items()},
+    )
+
+
+def _take_sizes(running: Running, sizes: dict[str, list[float]]) -> None:
+    pids = {"rig": os.getpid()} | {name: one.pid for name, one in running.processes.items()}
+    for name, pid in pids.items():
+        sizes.setdefault(name, []).append(status_kb(pid, "VmRSS") / 1024.0)
+
+
+def text_of(found: Soaked) -> str:
+    """A soak as lines for a person."""
+    lines = [f"{found.minutes:g} minutes: {found.cycles} cycles, {found.lost} not answered", ""]
+    lines += ["sensor frame to valve frame:"]
+    lines += [f"  {name:6} {value:8.3f} ms" for name, value in found.latency_ms.items()]
+    most = max(found.histogram) or 1
+    ends = [f"up to {edge:g} ms" for edge in EDGES_MS] + [f"above {EDGES_MS[-1]:g} ms"]
+    for end, count in zip(ends, found.histogram, strict=True):
+        if count:
+            # A log scale: single late cycles must be seen beside hundreds of thousands.
+            bar = "#" * max(1, round(_BAR * np.log1p(count) / np.log1p(most)))
+            lines.append(f"  {end:>14} {count:9d} {bar}")
+    lines += ["", "memory, MiB, after the first tenth, at the end, growth, largest:"]
+    for name, m in found.memory.items():
+        lines.append(
+            f"  {name:10} {m.begin:8.1f} {m.end:8.1f} {m.end - m.begin:+8.2f} {m.peak:8.1f}"
+        )
+    return "\n".join(lines)
+
+
+def _run(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n\n")[2])
+    parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
+    parser.add_argument("--json", type=Path, metavar="F", help="write the result as JSON")
+    options = parser.parse_args(arguments)
+    if not 0.0 < options.minutes <= 500.0:
+        raise IdentError(f"--minutes: expected more than 0, at most 500, found {options.minutes}")
+    found = soak(options.minutes)
+    print(text_of(found), flush=True)
+    if options.json is not None:
+        try:
+            write_atomically(options.json, json.dumps(asdict(found), indent=2) + "\n")
+        except OSError as error:
+            raise IdentError(f"{options.json}: cannot be written: {error.strerror}") from error
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of `python -m hydro_ident.bench.soak`."""
+    return run_command("soak", _run, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

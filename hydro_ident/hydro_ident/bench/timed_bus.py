@@ -1,0 +1,85 @@
+"""A bus that notes how long every cycle's valve frame was in coming."""
+
+from __future__ import annotations
+
+import time
+from array import array
+from collections import OrderedDict
+
+import can
+
+from hydro_hw_bridge.bus import Bus, BusName
+from hydro_hw_bridge.codec import Codec
+
+#: Cycles that may still be answered.
+_OPEN = 500
+
+
+class TimedBus(Bus):
+    """The device's end of a bus; frames pass as they are.
+
+    A cycle's time is from just before its last sensor frame is sent until the first valve frame
+    that answers it with the valves enabled has been received.
+
+    Parameters
+    ----------
+    name : BusName
+    bus : can.BusABC
+    codec : Codec
+
+    Attributes
+    ----------
+    cycles : int
+        Sent since the last `begin`.
+    latencies_s : array of float
+        Of those that were answered.
+    """
+
+    def __init__(self, name: BusName, bus: can.BusABC, codec: Codec) -> None:
+        super().__init__(name, bus)
+        self._codec = codec
+        self._last = codec.device_ids[-1]
+        self._counter = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget what was noted."""
+        self.cycles = 0
+        self.latencies_s = array("d")
+        self._open: OrderedDict[int, float] = OrderedDict()
+
+    def send(self, message: can.Message) -> bool:
+        """As `Bus.send`; notes the cycle.
+
+        `message` is a sensor frame.
+        """
+        frame = self._codec.receive(message)
+        if frame is not None and frame.role == "sync":
+            self._counter = self._codec.sample_counter(frame)
+        if message.arbitration_id == self._last:
+            self.cycles += 1
+            self._open[self._counter] = time.perf_counter()
+            if len(self._open) > _OPEN:
+                self._open.popitem(last=False)
+        return super().send(message)
+
+    def receive(self, timeout_s: float) -> can.Message | None:
+        """As `Bus.receive`; notes the answer.
+
+        `timeout_s` is how long to wait.
+        """
+        message = super().receive(timeout_s)
+        now = time.perf_counter()
+        frame = None if message is None else self._codec.receive(message)
+        if frame is not None and frame.role == "command" and frame.intact:
+            command = self._codec.decode_command(frame)
+            if command.enable:
+                newest = next((c for c in reversed(self._open) if command.answers(c)), None)
+                if newest is not None:
+                    self.latencies_s.append(now - self._open.pop(newest))
+        return message
+
+    @property
+    def lost(self) -> int:
+        """Cycles that nobody has answered, the newest two left out: theirs may be on the way."""
+        return max(self.cycles - len(self.latencies_s) - 2, 0)

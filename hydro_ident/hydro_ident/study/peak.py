@@ -1,0 +1,88 @@
+"""Commands as processes of their own, with the time they take and the memory they need."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hydro_ident.errors import IdentError
+
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Spent:
+    """What a process took.
+
+    Attributes
+    ----------
+    seconds : float
+        From before its start until it was seen to have ended.
+    peak_mb : float
+        Largest resident memory, MiB.
+    begun_s : float
+        `time.monotonic` at its start, the same clock in every process.
+    """
+
+    seconds: float
+    peak_mb: float
+    begun_s: float
+
+
+def spent(module: str, arguments: Sequence[str]) -> Spent:
+    """Run a module of ours as a process and watch it.
+
+    Parameters
+    ----------
+    module : str
+        As for `python -m`.
+    arguments : sequence of str
+
+    Returns
+    -------
+    Spent
+
+    Raises
+    ------
+    IdentError
+        It failed.
+    """
+    with tempfile.TemporaryFile() as said:
+        began = time.monotonic()
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments], stdout=subprocess.DEVNULL, stderr=said
+        )
+        peak_kb = 0
+        while process.poll() is None:
+            peak_kb = max(peak_kb, status_kb(process.pid, "VmHWM"))
+            time.sleep(_POLL_S)
+        seconds = time.monotonic() - began
+        if process.returncode:
+            said.seek(0)
+            text = said.read().decode(errors="replace").strip()
+            raise IdentError(f"{module} ended with {process.returncode}: {text}")
+    return Spent(seconds, peak_kb / 1024.0, began)
+
+
+def status_kb(pid: int, key: str) -> int:
+    """A size that the kernel states of a process; 0 once it has ended.
+
+    The usage that `wait` reports would begin with the memory of the process that forked it.
+
+    Parameters
+    ----------
+    pid : int
+        Of the process.
+    key : {"VmHWM", "VmRSS"}
+        Largest resident memory so far, and the present one.
+    """
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) for line in lines if line.startswith(f"{key}:")), 0)

@@ -1,0 +1,171 @@
+"""The benchmark's jobs at tiny sizes: the same work, real processes, no times asserted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from hydro_hw_bridge.bus import BusName
+from hydro_hw_bridge.codec import Codec, Readings, Status
+from hydro_ident.bench import fit, fit_jobs, growth
+from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
+from hydro_ident.bench.chain_jobs import QUANTILES, measured
+from hydro_ident.bench.command import main
+from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
+from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.bench.page import BEGIN, END, line, with_table
+from hydro_ident.bench.soak import EDGES_MS, soak, text_of
+from hydro_ident.bench.timed_bus import TimedBus
+from hydro_ident.errors import IdentError
+from hydro_model.robot_files import load_robot
+
+SAMPLES = 600
+
+
+@pytest.fixture(scope="module")
+def task() -> fit.Task:
+    return fit.make_task(SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def ours(task: fit.Task) -> fit.Fit:
+    return fit.fit_ours(task)
+
+
+def test_the_fit_finds_the_chain_that_made_the_torques(task: fit.Task, ours: fit.Fit) -> None:
+    x = fit._columns(fit.chain(fit.DOF), task, slice(None), fit.base_map(fit.chain(6)).leading)
+    left = task.torque - x @ ours.theta
+    assert ours.rows == SAMPLES * fit.DOF
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(fit.NOISE_N_M, rel=0.1)
+
+
+def test_the_peer_finds_the_same(task: fit.Task, ours: fit.Fit) -> None:
+    if reason := fit_jobs.missing_peer():
+        pytest.skip(reason)
+    theirs = fit.fit_theirs(task)
+    fit.compare(ours, theirs)
+    with pytest.raises(AssertionError, match="parameters differ"):
+        fit.compare(ours, replace(theirs, values=1.01 * theirs.values))
+    with pytest.raises(AssertionError, match="deviations differ"):
+        fit.compare(ours, replace(theirs, std=3.0 * theirs.std))
+
+
+def test_memory_is_that_of_processes_which_do_the_fit(tmp_path: Path) -> None:
+    if reason := fit_jobs.missing_peer():
+        pytest.skip(reason)
+    row = fit_jobs.memory_row(tmp_path, SAMPLES)
+    assert row.job.endswith("MiB")
+    assert min(row.ours, row.theirs) > 30.0
+    assert row.ratio == row.theirs / row.ours
+
+
+def test_a_diagnosis_says_when_it_had_named(tmp_path: Path) -> None:
+    one = diagnosed(tmp_path, 0.4)
+    assert 0.0 < one.named_s < one.seconds
+    assert one.peak_mb > 30.0
+    assert EFFECTS[0].effect in one.names
+
+
+def test_every_streaming_command_is_measured(tmp_path: Path) -> None:
+    time, memory = growth.exponents([0.2, 0.7], tmp_path, "inspect")
+    assert np.isfinite([time, memory]).all()
+    assert list(tmp_path.glob("run_*")) == []
+
+
+class _Wire(can.BusABC):
+    """A wire that gives back what was put on it."""
+
+    def __init__(self) -> None:
+        super().__init__("wire")
+        self.waiting: list[can.Message] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """The device's own frames go nowhere."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        return self.waiting.pop(0) if self.waiting else None
+
+
+def test_a_cycle_ends_with_its_first_enabled_answer() -> None:
+    codec, wire = Codec.load(None, None, load_robot("xs031")), _Wire()
+    bus = TimedBus(BusName("test", "wire"), wire, codec)
+    for counter in range(7):
+        readings = Readings(counter, Status(), (0.5, -1.0), (1e6,) * 6, (0.0, 0.0))
+        for message in codec.encode_cycle(readings):
+            bus.send(message)
+    answers = [(0, True), (0, True), (3, False), (2, True), (99, True)]
+    wire.waiting = [codec.encode_command(c, (0.0, 0.0), enable=e) for c, e in answers]
+    for _ in answers:
+        assert bus.receive(0.0) is not None
+    assert bus.receive(0.0) is None
+    # Of seven, 0 and 2 have been answered, and the newest two may be yet.
+    assert (bus.cycles, len(bus.latencies_s), bus.lost) == (7, 2, 3)
+    assert 0.0 < bus.latencies_s[1] < bus.latencies_s[0]
+    bus.begin()
+    assert (bus.cycles, len(bus.latencies_s), bus.lost) == (0, 0, 0)
+    bus.close()
+
+
+@contextmanager
+def unless_too_busy() -> Iterator[None]:
+    """Skip where the machine cannot keep 500 Hz: then the benchmark refuses to measure."""
+    try:
+        yield
+    except IdentError as error:
+        if "answered" not in str(error):
+            raise
+        pytest.skip(str(error))
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    "chain", [floor(), product(0.1, LARGEST_AGE_MS)], ids=["floor", "product"]
+)
+def test_a_chain_answers_the_rig(chain: AbstractContextManager[Running]) -> None:
+    with unless_too_busy():
+        one = measured(chain, 1.0)
+    assert set(one.latency_s) == set(QUANTILES)
+    assert 0.0 < one.latency_s["p50"] <= one.latency_s["p99.9"]
+    assert len(one.core_share) == 2
+    assert all(0.0 <= share < 2.0 for share in one.core_share.values())
+
+
+@pytest.mark.ros
+def test_a_soak_counts_every_cycle_and_watches_every_process() -> None:
+    with unless_too_busy():
+        one = soak(0.1, LARGEST_AGE_MS)
+    assert sum(one.histogram) + one.lost <= one.cycles
+    assert len(one.histogram) == len(EDGES_MS) + 1
+    assert set(one.memory) == {"rig", "bridge", "controller"}
+    assert all(0.0 < m.begin <= m.peak for m in one.memory.values())
+    said = text_of(one)
+    assert f"{one.cycles} cycles, {one.lost} not answered" in said
+    assert "p99.9" in said
+
+
+def test_the_page_is_made_from_the_results(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, results = tmp_path / "performance.md", tmp_path / "results"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nbehind\n")
+    assert "Nothing has been published" in with_table(page.read_text(), results)
+    rows = [Row("a job", "a peer", 0.5, 2.0, 4.0, 3.0), against_limit("slow", "1 s", 2.0, 1.0)]
+    results.mkdir()
+    (results / "bench.json").write_text(json.dumps([asdict(row) for row in rows]))
+    assert main(["--publish", str(tmp_path)]) == 0
+    text = page.read_text()
+    assert f"{line(rows[0])} yes |" in text
+    assert f"{line(rows[1])} no |" in text
+    assert text.startswith("before\n")
+    assert text.endswith("behind\n")
+    assert "old" not in text
+    assert with_table(text, results) == text
+    assert main(["--publish", str(tmp_path / "absent")]) == 2
+    assert "cannot be published" in capsys.readouterr().err
