@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -77,3 +78,21 @@ def pytest_configure(config: pytest.Config) -> None:
     """Register what workers do."""
     if hasattr(config, "workerinput"):
         config.pluginmanager.register(_Worker())
+
+
+#: Runs a command that may neither ask for real-time priorities nor lock memory, whoever starts it.
+_WITHOUT_RIGHTS = """
+import ctypes, os, resource, sys
+resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+PR_CAPBSET_DROP, CAP_IPC_LOCK, CAP_SYS_NICE = 24, 14, 23
+for capability in (CAP_IPC_LOCK, CAP_SYS_NICE):
+    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+
+@pytest.fixture
+def without_rights() -> list[str]:
+    """To stand before a command."""
+    return [sys.executable, "-c", _WITHOUT_RIGHTS]

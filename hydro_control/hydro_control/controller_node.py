@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -24,6 +23,7 @@ from hydro_model.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
 
 _DIAGNOSTICS_S = 1.0
 _LOOK_S = 0.1
@@ -43,6 +43,7 @@ class ControllerNode(LifecycleNode):
         parameters.declare(self)
         self.failure: BaseException | None = None
         self._hot: HotPath | None = None
+        self._real_time = RealTime(RealTimeOptions(), self.get_logger().warn)
         self._active = False
         self._core = self._make_core()
         self._diagnostics = Diagnostics(self, self._core.robot.name)
@@ -77,7 +78,10 @@ class ControllerNode(LifecycleNode):
     def _configure(self) -> None:
         settings = parameters.read(self)
         self._core = self._make_core()
-        self._hot = HotPath(self, self._core, settings.required_recorders, self._failed)
+        self._real_time = RealTime(settings.real_time, self.get_logger().warn)
+        self._hot = HotPath(
+            self, self._core, settings.required_recorders, self._real_time, self._failed
+        )
         options = QoSOverridingOptions.with_default_policies()
         for message_type, topic, callback in (
             (JointTrajectory, topics.JOINT_TRAJECTORY, self._on_joints),
@@ -96,9 +100,7 @@ class ControllerNode(LifecycleNode):
     def _activate(self) -> None:
         if self._hot is None:
             raise ControlError("the controller is not configured")
-        # What is alive now stays; collections while driving then have little to walk.
-        gc.collect()
-        gc.freeze()
+        self._real_time.prepare()
         self._active = True
         self._hot.start()
 
@@ -125,7 +127,7 @@ class ControllerNode(LifecycleNode):
         self._active = False
         if self._hot is not None:
             self._hot.stop()
-            gc.unfreeze()
+            self._real_time.leave()
 
     def close(self) -> None:
         """Give everything back, valves at 0 V first."""
@@ -221,11 +223,8 @@ class ControllerNode(LifecycleNode):
         adaptation = self._core.law.adaptation
         values |= {"adaptation": "off"} if adaptation is None else adaptation.report()
         if self._hot is not None:
-            p50, p99, worst = self._hot.loop_times_us()
             values["malformed"] = self._hot.malformed[0]
-            values["loop_p50_us"] = f"{p50:.0f}"
-            values["loop_p99_us"] = f"{p99:.0f}"
-            values["loop_max_us"] = f"{worst:.0f}"
+            values |= self._hot.times.values() | self._real_time.values()
         return values
 
 

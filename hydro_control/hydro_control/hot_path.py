@@ -18,7 +18,9 @@ from hydro_control.sample_join import SampleJoin
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.loop_times import LoopTimes
 from hydro_msgs_docs.messages import by_name, joint_state, set_stamp, stamp_ns
+from hydro_msgs_docs.real_time import RealTime
 
 #: Longest sleep without a message, after which the loop looks whether it should end.
 _IDLE_S = 0.1
@@ -27,8 +29,6 @@ _PARTNER_S = 0.02
 #: How long the ramp to 0 V waits for another sample, and the whole of it may last.
 _LAST_SAMPLE_S = 0.05
 _RAMP_S = 0.5
-#: Loop times kept for the percentiles in `/diagnostics`: 10 s of them.
-_KEPT_TIMES = 5000
 
 
 class HotPath:
@@ -41,6 +41,8 @@ class HotPath:
     required_recorders : int
         Subscribers to wait for before the first answer: this many on the reference topics,
         and one more, the bridge, on `/valve_command`.
+    real_time : RealTime
+        Prepared before `start`.
     on_error : callable
         Told of the exception that ended the thread, from that thread, after the last 0 V.
     """
@@ -50,9 +52,11 @@ class HotPath:
         node: Any,
         core: ControllerCore,
         required_recorders: int,
+        real_time: RealTime,
         on_error: Callable[[BaseException], None],
     ) -> None:
         self._node, self._core, self._on_error = node, core, on_error
+        self._real_time = real_time
         qos = topics.reliable()
         self._joints = HotSubscription(node, JointState, topics.JOINT_STATES, qos)
         self._pressures = HotSubscription(node, JointState, topics.CHAMBER_PRESSURES, qos)
@@ -73,8 +77,8 @@ class HotPath:
         self._thread: threading.Thread | None = None
         self._matched = False
         self._driven = False
-        self._times_s = np.zeros(_KEPT_TIMES)
-        self._ticks = 0
+        #: Lateness of samples, and time from wake-up to command.
+        self.times = LoopTimes(1.0 / core.robot.sensors.rate_hz)
 
     def _publisher(self, message_type: Any, topic: str) -> Any:
         options = QoSOverridingOptions.with_default_policies()
@@ -97,7 +101,7 @@ class HotPath:
         self._pressures.take_newest()
         self._applied.take_newest()
         self._matched = self._driven = False
-        self._ticks = 0
+        self.times = LoopTimes(1.0 / self._core.robot.sensors.rate_hz)
         self._stop.clear()
         self._thread = threading.Thread(target=self._main, name="hot_path")
         self._thread.start()
@@ -126,20 +130,14 @@ class HotPath:
         """Number of messages without a needed name, and what the newest lacked."""
         return self._join.malformed, self._join.message
 
-    def loop_times_us(self) -> tuple[float, float, float]:
-        """p50, p99 and maximum of the time from wake-up to command, over the last 10 s."""
-        times = self._times_s[: min(self._ticks, _KEPT_TIMES)]
-        if times.size == 0:
-            return 0.0, 0.0, 0.0
-        p50, p99 = np.percentile(times, [50.0, 99.0])
-        return float(p50 * 1e6), float(p99 * 1e6), float(times.max() * 1e6)
-
     def _main(self) -> None:
         failure: BaseException | None = None
         try:
+            self._real_time.enter()
             while not self._stop.is_set():
                 if self._wait.wait(_IDLE_S):
                     self._tick()
+                self._real_time.idle()
         # Whatever went wrong, the valves go to zero first and the node is told after.
         except Exception as error:  # noqa: BLE001
             failure = error
@@ -151,7 +149,7 @@ class HotPath:
             self._on_error(failure)
 
     def _tick(self) -> None:
-        begin = time.perf_counter()
+        begin_ns = time.monotonic_ns()
         sample = self._sample()
         if sample is None or not self._all_matched():
             return
@@ -164,8 +162,7 @@ class HotPath:
             self._messages.fill(answer)
         self._driven = True
         self._command.publish(self._messages.command)
-        self._times_s[self._ticks % _KEPT_TIMES] = time.perf_counter() - begin
-        self._ticks += 1
+        self.times.work.add(time.monotonic_ns() - begin_ns)
         self._joint_reference.publish(self._messages.joint_reference)
         self._tip_reference.publish(self._messages.tip_reference)
 
@@ -182,6 +179,7 @@ class HotPath:
         while (message := self._joints.take()) is not None:
             self._join.add_joints(message)
         while (message := self._pressures.take()) is not None:
+            self.times.took(stamp_ns(message), time.monotonic_ns())
             self._join.add_pressures(message)
 
     def _take_applied(self) -> None:

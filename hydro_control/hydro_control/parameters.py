@@ -9,8 +9,9 @@ from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_o
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.motion_limits import TIP_SPEED_M_S
+from hydro_msgs_docs.real_time import OPTIONS, RealTimeOptions
 
-Value = str | int | float
+Value = str | int | float | bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +21,7 @@ class Parameter:
     Attributes
     ----------
     name : str
-    default : str, int or float
+    default : str, int, float or bool
         Its type is the parameter's.
     unit : str
     text : str
@@ -146,6 +147,12 @@ PARAMETERS = (
         0,
         1e5,
     ),
+    *(
+        Parameter(o.name, o.default, "", o.text)
+        if o.low is None or o.high is None
+        else Parameter(o.name, o.default, "", o.text, o.low, o.high)
+        for o in OPTIONS
+    ),
 )
 
 
@@ -154,8 +161,10 @@ def markdown_table() -> str:
     lines = ["| parameter | type | default | range | unit | what |", "|---|---|---|---|---|---|"]
     for p in PARAMETERS:
         span = "" if p.lower != p.lower else f"{p.lower:g} to {p.upper:g}"
-        default = f"`{p.default}`" if p.default != "" else "(empty)"
-        kind = {str: "string", int: "integer", float: "double"}[type(p.default)]
+        text = str(p.default)
+        text = text.lower() if isinstance(p.default, bool) else text
+        default = f"`{text}`" if text else "(empty)"
+        kind = {str: "string", int: "integer", float: "double", bool: "boolean"}[type(p.default)]
         lines.append(f"| `{p.name}` | {kind} | {default} | {span} | {p.unit} | {p.text} |")
     return "\n".join(lines) + "\n"
 
@@ -182,7 +191,7 @@ def declare(node: Any) -> None:
     for p in PARAMETERS:
         unit = f" [{p.unit}]" if p.unit else ""
         descriptor = ParameterDescriptor(name=p.name, description=p.text + unit)
-        if isinstance(p.default, int):
+        if type(p.default) is int:
             span = IntegerRange(from_value=int(p.lower), to_value=int(p.upper), step=1)
             descriptor.integer_range = [span]
         elif isinstance(p.default, float):
@@ -205,6 +214,8 @@ def declare(node: Any) -> None:
 def _expected(p: Parameter) -> str:
     if isinstance(p.default, str):
         return "a text"
+    if isinstance(p.default, bool):
+        return "true or false"
     kind = "an integer" if isinstance(p.default, int) else "a number with a decimal point"
     return f"{kind} from {p.lower:g} to {p.upper:g}"
 
@@ -221,6 +232,7 @@ class Settings:
     gains : Gains
     tip_speed_limit_m_s : float
     adaptation : AdaptationSettings
+    real_time : RealTimeOptions
     """
 
     robot: str
@@ -230,6 +242,7 @@ class Settings:
     gains: Gains
     tip_speed_limit_m_s: float
     adaptation: AdaptationSettings
+    real_time: RealTimeOptions
 
 
 def read(node: Any) -> Settings:
@@ -250,4 +263,5 @@ def read(node: Any) -> Settings:
                 if f.name != "kinds"
             },
         ),
+        real_time=RealTimeOptions.of(values),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from hydro_hw_bridge import bridge_report
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_start import declared, gate_limits, loaded_codec
 from hydro_hw_bridge.bridge_step import NOTHING, Step
+from hydro_hw_bridge.bridge_times import BridgeTimes
 from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.errors import BridgeError
@@ -28,6 +28,7 @@ from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 from hydro_msgs_docs.messages import stamp_ns
 from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from hydro_msgs_docs.real_time import RealTime
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
 NAME = "can_bridge"
@@ -74,6 +75,8 @@ class CanBridge(LifecycleNode):
         robot = load_robot(self._settings.robot)
         self._codec, self._names = loaded_codec(self._settings, robot)
         self._limits = gate_limits(self._settings, robot)
+        self._real_time = RealTime(self._settings.real_time, self.get_logger().warn)
+        self._times = self._new_times()
         bus_name = self._settings.can
         ids = (*self._codec.device_ids, *self._codec.bridge_ids)
         self._bus: Bus = open_bus(bus_name, ids)
@@ -107,6 +110,9 @@ class CanBridge(LifecycleNode):
         lockstep = self._settings.clock == LOCKSTEP
         return BridgeCore(self._codec, self._limits, lockstep=lockstep, send=self._link.send)
 
+    def _new_times(self) -> BridgeTimes:
+        return BridgeTimes(self._limits.period_s, lockstep=self._settings.clock == LOCKSTEP)
+
     # -- lifecycle
 
     def _configure(self) -> None:
@@ -124,8 +130,8 @@ class CanBridge(LifecycleNode):
             threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
             for name, body in (("can", self._receive_loop), ("command", self._command_loop))
         ]
-        gc.collect()
-        gc.freeze()
+        self._times = self._new_times()
+        self._real_time.prepare()
         for thread in self._threads:
             thread.start()
 
@@ -153,6 +159,7 @@ class CanBridge(LifecycleNode):
             if thread is not threading.current_thread():
                 thread.join(JOIN_S)
         self._threads = []
+        self._real_time.leave()
         # Now nobody else sends: whatever was lost before, this is the last that is heard.
         if self._core.spoke:
             self._send_zero(LAST_FRAMES)
@@ -199,6 +206,7 @@ class CanBridge(LifecycleNode):
 
     def _guarded(self, body: Callable[[], None]) -> None:
         try:
+            self._real_time.enter()
             body()
         except Exception as error:  # noqa: BLE001 - whatever ends a thread must stop the valves
             self.fail(error)
@@ -207,6 +215,7 @@ class CanBridge(LifecycleNode):
         clock = self.get_clock()
         while self._running.is_set():
             message = self._bus.receive(RECEIVE_TIMEOUT_S)
+            begin_ns = time.monotonic_ns()
             frame = None if message is None else self._codec.receive(message)
             now_ns = 0
             if frame is not None and frame.role == "sync" and frame.intact:
@@ -224,7 +233,11 @@ class CanBridge(LifecycleNode):
                     else self._core.receive(frame, now_ns)
                 )
                 steps = (first, self._core.silence(silence_s), *self._look_at_bus())
+            self._times.arrived(first.sample, begin_ns)
             self._publish(*steps)
+            self._times.published(first.sample, begin_ns)
+            if message is None or first.sample is not None:
+                self._real_time.idle()
 
     def _command_loop(self) -> None:
         while self._running.is_set():
@@ -236,6 +249,7 @@ class CanBridge(LifecycleNode):
                         stamp_ns(message), message.name, message.effort.tolist()
                     )
                     steps = (step, *self._look_at_bus())
+                self._times.commanded(step, stamp_ns(message))
                 self._publish(*steps)
 
     def _look_at_bus(self) -> list[Step]:
@@ -307,7 +321,8 @@ class CanBridge(LifecycleNode):
         )
         with self._lock:
             level, text = bridge_report.summary(self._core, missing, silent=silent)
-            return level, text, bridge_report.values(self._core, self._bus, self._names)
+            values = bridge_report.values(self._core, self._bus, self._names)
+        return level, text, values | self._times.values() | self._real_time.values()
 
     def _publish_diagnostics(self) -> None:
         # One at a time: the states that threads report keep their order.

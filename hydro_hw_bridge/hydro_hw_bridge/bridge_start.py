@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
@@ -31,7 +31,10 @@ def declared(node: Node) -> Settings:
     values = {}
     for rule in PARAMETERS:
         descriptor = ParameterDescriptor(description=rule.text, read_only=True)
-        if rule.low is not None and rule.high is not None:
+        if type(rule.default) is int and rule.low is not None and rule.high is not None:
+            steps = IntegerRange(from_value=int(rule.low), to_value=int(rule.high), step=1)
+            descriptor.integer_range = [steps]
+        elif rule.low is not None and rule.high is not None:
             span = FloatingPointRange(from_value=rule.low, to_value=rule.high, step=0.0)
             descriptor.floating_point_range = [span]
         try:

@@ -8,6 +8,7 @@ from typing import Any
 
 from hydro_hw_bridge.bus import DEFAULT_BUS
 from hydro_hw_bridge.errors import BridgeError
+from hydro_msgs_docs.real_time import OPTIONS, RealTimeOptions
 from hydro_msgs_docs.topics import CYCLE_TOPICS
 
 REAL_TIME, LOCKSTEP = "real_time", "lockstep"
@@ -21,7 +22,8 @@ class ParameterRule:
     Attributes
     ----------
     name, text : str
-    default : str or float
+    default : str, float, int or bool
+        Its type is the parameter's.
     low, high : float or None
         Range of a number.
     choices : tuple of str
@@ -30,7 +32,7 @@ class ParameterRule:
 
     name: str
     text: str
-    default: str | float
+    default: str | float | int | bool
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
@@ -85,6 +87,10 @@ PARAMETERS = (
         0.1,
         50.0,
     ),
+    *(
+        ParameterRule(o.name, f"{o.text[0].upper()}{o.text[1:]}.", o.default, o.low, o.high)
+        for o in OPTIONS
+    ),
 )
 
 
@@ -92,6 +98,7 @@ PARAMETERS = (
 class Settings:
     """The checked values of `PARAMETERS`, same names; `required_subscribers` by topic.
 
+    `real_time` holds the values of `hydro_msgs_docs.real_time.OPTIONS`.
     `dbc`, `mapping`, `calibration`, `slew_limit_v_s`, `reenable_slew_v_s`, `max_age_ms`,
     `min_supply_pa` and `slow_rate_hz` are as the texts of `PARAMETERS` say, which `can_bridge
     --help` prints.
@@ -109,6 +116,7 @@ class Settings:
     max_age_ms: float
     min_supply_pa: float
     slow_rate_hz: float
+    real_time: RealTimeOptions
 
 
 def settings_from(values: Mapping[str, Any]) -> Settings:
@@ -124,8 +132,9 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
 
     Raises
     ------
-    BridgeError
-        A value is none of the choices or not what `required_subscribers` expects.
+    BridgeError, RealTimeError
+        A value is none of the choices, or not what `required_subscribers` or `cpu_affinity`
+        expects.
     """
     for rule in PARAMETERS:
         if rule.choices and values[rule.name] not in rule.choices:
@@ -134,7 +143,10 @@ def settings_from(values: Mapping[str, Any]) -> Settings:
                 f" found '{values[rule.name]}'"
             )
     required = _required(str(values["required_subscribers"]))
-    return Settings(**{**values, "required_subscribers": required})
+    shared = {option.name for option in OPTIONS}
+    own = {name: value for name, value in values.items() if name not in shared}
+    real_time = RealTimeOptions.of(values)
+    return Settings(**own | {"required_subscribers": required, "real_time": real_time})
 
 
 def _required(text: str) -> dict[str, int]:
@@ -158,7 +170,9 @@ def parameter_table() -> str:
         span = " / ".join(rule.choices)
         if rule.low is not None and rule.high is not None:
             span = f"{rule.low:g} to {rule.high:g}"
-        default = f"`{rule.default}`" if rule.default != "" else ""
+        text = str(rule.default)
+        text = text.lower() if isinstance(rule.default, bool) else text
+        default = f"`{text}`" if text else ""
         lines.append(f"| `{rule.name}` | {default} | {span} | {rule.text} |")
     return "\n".join(lines) + "\n"
 

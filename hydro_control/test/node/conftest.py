@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -168,9 +168,11 @@ def controller(machine: Machine) -> Iterator[Callable[..., subprocess.Popen[str]
     """Starts an active controller with parameters; kills what is left at the end."""
     started: list[subprocess.Popen[str]] = []
 
-    def start(*parameters: str, activate: bool = True) -> subprocess.Popen[str]:
+    def start(
+        *parameters: str, activate: bool = True, before: Sequence[str] = ()
+    ) -> subprocess.Popen[str]:
         ros = [part for p in parameters for part in ("-p", p)]
-        command = [sys.executable, "-m", "hydro_control.node", "--ros-args", *ros]
+        command = [*before, sys.executable, "-m", "hydro_control.node", "--ros-args", *ros]
         process = subprocess.Popen(
             command, env=ENVIRONMENT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )

@@ -24,8 +24,11 @@ from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_control import hot_path  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
+from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
 pytestmark = pytest.mark.ros
+
+QUIET = RealTime(RealTimeOptions(), print)
 
 
 def test_one_command_per_stamp_and_repeats_are_identical(
@@ -82,7 +85,7 @@ def test_it_ends_on_a_ramp_to_zero_while_samples_come(
         monkeypatch.setattr(hot_path, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     core = ControllerCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
-    hot = HotPath(node, core, 0, lambda error: None)
+    hot = HotPath(node, core, 0, QUIET, lambda error: None)
     hot.start()
     cycle = 0
     while (
@@ -131,7 +134,7 @@ def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
 ) -> None:
     node = rclpy.create_node("hot", context=machine.context)
     told: list[BaseException] = []
-    hot = HotPath(node, FailingCore(machine.robot, Gains()), 0, told.append)
+    hot = HotPath(node, FailingCore(machine.robot, Gains()), 0, QUIET, told.append)
     hot.start()
     for k in range(9):
         last = machine.answer(k, machine.pose - 0.001 * k)

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,11 @@ sys.exit(bridge_node.main())
 
 
 def _start(
-    can_name: str, *parameters: str, log: Any = subprocess.PIPE, asleep: bool = False
+    can_name: str,
+    *parameters: str,
+    log: Any = subprocess.PIPE,
+    asleep: bool = False,
+    before: Sequence[str] = (),
 ) -> subprocess.Popen[str]:
     environment = os.environ | {
         "ROS_DOMAIN_ID": str(DOMAIN),
@@ -52,7 +56,7 @@ def _start(
     arguments = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
     program = [sys.executable, "-c", _ASLEEP] if asleep else [_executable()]
     return subprocess.Popen(
-        [*program, "--ros-args", *arguments],
+        [*before, *program, "--ros-args", *arguments],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=log,
@@ -106,9 +110,9 @@ class Processes:
         self.log = log
         self.started: list[subprocess.Popen[str]] = []
 
-    def start(self, can_name: str, *parameters: str, asleep: bool = False) -> None:
+    def start(self, can_name: str, *parameters: str, **how: Any) -> None:
         with self.log.open("a", encoding="utf-8") as log:
-            self.started.append(_start(can_name, *parameters, log=log, asleep=asleep))
+            self.started.append(_start(can_name, *parameters, log=log, **how))
 
     def wait(self, index: int) -> int:
         """Until a bridge has ended; its exit code."""
@@ -223,11 +227,9 @@ class Ros:
 
         return stamp_ns(message)
 
-    def bring_up(
-        self, processes: Processes, can_name: str, *parameters: str, asleep: bool = False
-    ) -> None:
+    def bring_up(self, processes: Processes, can_name: str, *parameters: str, **how: Any) -> None:
         """Start a bridge, configure it and wait until both ends know each other."""
-        processes.start(can_name, *parameters, asleep=asleep)
+        processes.start(can_name, *parameters, **how)
         self.transition(CONFIGURE)
         # The bridge knows all of this end: it answered a service that was made last.
         self.until(lambda: all(self.publishers.values()))

@@ -1,0 +1,114 @@
+"""Real-time options of the controller: asked for, refused, and what the loop says about time."""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.gains import Gains
+from hydro_msgs_docs import topics
+
+rclpy = pytest.importorskip("rclpy")
+from hydro_control.hot_path import HotPath  # noqa: E402
+from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+def values_of(machine: Any) -> dict[str, str]:
+    heard = machine.heard[topics.DIAGNOSTICS]
+    return {v.key: v.value for v in heard[-1].status[0].values} if heard else {}
+
+
+def test_without_the_rights_it_warns_and_answers(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    wait_for: Callable[..., bool],
+    without_rights: list[str],
+) -> None:
+    process = controller(
+        "rt_priority:=40", "lock_memory:=true", "cpu_affinity:='4000'", before=without_rights
+    )
+    for k in range(20):
+        machine.answer(k)
+    refused = {"memory lock", "SCHED_FIFO 40", "core 4000"}
+    assert wait_for(
+        lambda: set(values_of(machine).get("real_time_refused", "").split("; ")) == refused
+    )
+    assert values_of(machine)["real_time"] == "off"
+    process.terminate()
+    out, error = process.communicate(timeout=60.0)
+    for name in refused:
+        assert (out + error).count(f"{name} refused, going on without: ") == 1
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text"),
+    [
+        ("rt_priority:=99", "parameter rt_priority should be an integer from 0 to 98, found 99"),
+        ("lock_memory:=2", "parameter lock_memory should be true or false, found 2"),
+        ("cpu_affinity:='2 to 4'", "parameter 'cpu_affinity' should be cores such as '2 4-5'"),
+    ],
+)
+def test_values_that_cannot_be_are_refused_at_start(
+    controller: Callable[..., subprocess.Popen[str]], parameter: str, text: str
+) -> None:
+    process = controller(parameter, activate=False)
+    _, error = process.communicate(timeout=60.0)
+    assert process.returncode == 2
+    assert text in error
+
+
+class BlockedCore(ControllerCore):
+    """A controller whose law takes until it is let go, at the sixth sample."""
+
+    go: threading.Event
+    collecting: list[bool]
+
+    def answer(self, sample: Sample) -> Answer | None:
+        self.collecting.append(gc.isenabled())
+        if self.counts.answered == 5:
+            assert self.go.wait(60.0)
+        return super().answer(sample)
+
+
+def test_a_blocked_loop_counts_late_cycles_and_collects_no_garbage_meanwhile(
+    machine: Any, wait_for: Callable[..., bool]
+) -> None:
+    node = rclpy.create_node("hot", context=machine.context)
+    core = BlockedCore(machine.robot, Gains())
+    core.go, core.collecting = threading.Event(), []
+    measures = RealTime(RealTimeOptions(), print)
+    hot = HotPath(node, core, 0, measures, lambda error: None)
+    measures.prepare()
+    hot.start()
+    try:
+        for k in range(5):
+            machine.answer(k)
+        before = hot.times.late_cycles
+        blocked = machine.publish(5)
+        assert wait_for(lambda: len(core.collecting) > 5 and hot.times.work.worst_ns > 0)
+        for k in range(6, 9):
+            machine.publish(k)
+        time.sleep(0.2)  # a hundred periods
+        core.go.set()
+        assert wait_for(lambda: core.last is not None and core.last.stamp_ns > blocked)
+        assert wait_for(lambda: hot.times.late_cycles >= before + 3)
+        assert hot.times.lateness.worst_ns > 150_000_000
+        assert wait_for(lambda: hot.times.work.worst_ns > 150_000_000)
+    finally:
+        core.go.set()
+        hot.stop()
+        measures.leave()
+        hot.destroy()
+        node.destroy_node()
+    assert not any(core.collecting)
+    assert gc.isenabled()
