@@ -147,8 +147,11 @@ class LagSums:
         now = past.copy()
         now[:before] = 0.0
         for k in range(self.channels):
+            # A joint's row is zero for what lies nearer to the base, and for others' friction.
+            used = np.flatnonzero(past[:, k].any(axis=0))
             if np.any(now[:, k]):
-                self._sums[k] += _node_sums(now[:, k], past[:, k], self.stride)
+                own = _node_sums(now[:, k][:, used], past[:, k][:, used], self.stride)
+                self._sums[k][:, used[:, None], used] += own
         keep = (LONGEST - 1) * self.stride
         self._tail = past[max(past.shape[0] - keep, 0) :]
 
