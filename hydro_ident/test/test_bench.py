@@ -70,7 +70,7 @@ def test_a_diagnosis_says_when_it_had_named(tmp_path: Path) -> None:
     one = diagnosed(tmp_path, 0.4)
     assert 0.0 < one.named_s < one.seconds
     assert one.peak_mb > 30.0
-    assert EFFECTS[0].effect in one.names
+    assert EFFECTS[0].name in one.names
 
 
 def test_every_streaming_command_is_measured(tmp_path: Path) -> None:
