@@ -71,6 +71,11 @@ def expected_sizes(robot: Robot, base: BaseMap) -> FloatArray:
     return np.asarray(sizes)
 
 
+def steel_masses(cylinder: Cylinder) -> tuple[float, float]:
+    """Masses of a steel barrel and rod of a cylinder's size, kg."""
+    return _tube(cylinder)[0], _bar(cylinder)[0]
+
+
 def _tube(c: Cylinder) -> tuple[float, float, float]:
     mass = _STEEL_KG_M3 * np.pi / 4.0 * (_OUTER**2 - 1.0) * c.bore_m**2 * c.x0_m
     return mass, mass * c.x0_m / 2.0, mass * c.x0_m**2 / 3.0

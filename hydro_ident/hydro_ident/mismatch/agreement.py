@@ -11,8 +11,8 @@ import numpy as np
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.held_out import free_columns
 from hydro_ident.mismatch.modelled import same
+from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.settings import BLOCK_S, FORM_TOLERANCE
 from hydro_ident.mismatch.training import Training, layout_of
 from hydro_model.effects.targets import ActiveEffect
@@ -56,7 +56,7 @@ def fitted_there(training: Training, check: Check, whole: Fitted) -> Fitted | No
     rows = check.mask & check.moving
     if np.count_nonzero(rows) < 10 * whole.columns.shape[1]:
         return None
-    there = check.training(training.prior, training.predictor.names)
+    there = check.training(training)
     return fit(there, whole.model, passes=_PASSES)
 
 
@@ -85,7 +85,7 @@ def agreements(
     )
 
 
-def alike(check: Check, there: Fitted, term: ActiveEffect, fixed: bool = False) -> bool:
+def alike(check: Check, there: Fitted, term: ActiveEffect, prior: Prior | None = None) -> bool:
     """Whether an effect does much the same to other rows as it does when fitted to them.
 
     Stations of a curve, or a size and a slope, trade with each other; what they come to together
@@ -98,16 +98,16 @@ def alike(check: Check, there: Fitted, term: ActiveEffect, fixed: bool = False) 
         As `fitted_there`.
     term : ActiveEffect
         As fitted to the training rows.
-    fixed : bool
+    prior : Prior, optional
         As `HeldOut.of`.
     """
     used, own = check.mask & check.moving, f"{term.target}.{term.effect.name}."
-    free = free_columns(check.predictor, len(there.names), fixed)
-    others = [k for k in free if not there.names[k].startswith(own)]
-    count = np.count_nonzero(used)
-    rest = there.columns[used][:, others] if others else np.zeros((count, 1))
-    layout = layout_of(check.predictor).take(used)
-    bench = Bench(layout, there.bench.noise, there.residual[used], rest, BLOCK_S)
+    others = [k for k, name in enumerate(there.names) if not name.startswith(own)]
+    known = None
+    if prior is not None:
+        known = prior.rows(len(there.names))[:, others], np.zeros(prior.root.shape[0])
+    layout, rest = layout_of(check.predictor).take(used), there.columns[used][:, others]
+    bench = Bench(layout, there.bench.noise, there.residual[used], rest, BLOCK_S, known)
     fresh = next(t for t in there.model.terms if same(t, term))
     both = [check.predictor.contribution(there.model, t)[used] for t in (term, fresh)]
     left = bench.beyond(np.stack(both, axis=1))

@@ -109,10 +109,23 @@ class Bench:
         """Directions that the base fits."""
         return int(self.basis.shape[1])
 
-    def solve(self) -> FloatArray:
-        """Least-squares coefficients of the columns; zero where others say the same."""
-        theta = np.zeros(self._x.shape[1])
-        theta[self._pivot] = np.linalg.solve(self._r, self.basis.T @ self._y)
+    def solve(self, reach: FloatArray | None = None) -> FloatArray:
+        """Least-squares coefficients of the columns; zero where others say the same.
+
+        Parameters
+        ----------
+        reach : (p,) array, optional
+            Coefficients that cost as much as a deviation of the noise, infinite where they cost
+            nothing: what the rows tell stays as it is, and what they do not tell stays small.
+        """
+        theta, wanted = np.zeros(self._x.shape[1]), self.basis.T @ self._y
+        if reach is None:
+            theta[self._pivot] = np.linalg.solve(self._r, wanted)
+        else:
+            cost = np.diag(1.0 / (reach * self.scale)[self._pivot])
+            rows = np.concatenate([self._r, cost])
+            wanted = np.concatenate([wanted, np.zeros(self.rank)])
+            theta[self._pivot] = np.linalg.lstsq(rows, wanted, rcond=None)[0]
         return np.asarray(theta / self.scale)
 
     def refit(self, column: FloatArray) -> FloatArray:

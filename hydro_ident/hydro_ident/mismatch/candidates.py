@@ -16,6 +16,7 @@ import numpy as np
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
+    bounded_bodies,
     instants_of,
     pilots,
     quantiles,
@@ -141,6 +142,8 @@ def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
         for target in targets(robot, effect)
         for p in places(robot, effect, target, robot.name)
     ]
+    if effect.name == "cylinder_inertia":
+        result = [bounded_bodies(robot, one) for one in result]
     if effect.shared:
         everywhere = ActiveEffect(effect, None, effect.typical.copy(), target=robot.name)
         result.append(replace(everywhere, index=EVERY_CHAMBER))

@@ -9,7 +9,8 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.training import Prior, Training
+from hydro_ident.mismatch.prior import Prior
+from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.robot import FloatArray
 
@@ -45,19 +46,16 @@ class Check:
     mask: BoolArray
     moving: BoolArray
 
-    def training(self, prior: Prior | None, names: Sequence[str]) -> Training:
-        """The rows as if they were to be fitted.
+    def known(self, training: Training) -> Prior | None:
+        """What the training's fits know of the base beforehand, by these rows' parameters."""
+        if training.prior is None:
+            return None
+        return training.prior.taken(training.predictor.names, self.predictor.names)
 
-        Parameters
-        ----------
-        prior : Prior or None
-            What is known of the base, by the parameters `names`: of those of these rows.
-        names : sequence of str
-        """
-        if prior is not None and tuple(names) != self.predictor.names:
-            own = [list(names).index(n) for n in self.predictor.names if n in names]
-            prior = Prior(prior.root[:, own], prior.values[own]) if own else None
-        return Training.of(self.predictor, self.mask & self.moving, prior)
+    def training(self, training: Training) -> Training:
+        """The rows as if they were to be fitted, with what is known of the base as there."""
+        rows = self.mask & self.moving
+        return Training.of(self.predictor, rows, self.known(training))
 
     def residual(self, model: Model) -> FloatArray:
         """Residual of a model on all rows of the material."""

@@ -44,7 +44,7 @@ class Confirmer:
 
     def __init__(self, training: Training, check: Check, whole: Fitted) -> None:
         self._channels = training.predictor.material.channels
-        self.training = check.training(training.prior, training.predictor.names)
+        self.training = check.training(training)
         self.fitted = fitted(self.training, whole.model, None)
 
     def holds(self, found: Dependence) -> bool | None:

@@ -126,11 +126,24 @@ class Contest:
 
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
-        free = sum(is_free(term, i) for i in range(len(term.effect.parameters)))
         held = before - self._held_out(whole)
-        cost = 0.5 * free * np.log(max(without.bench.measured, 3))
+        cost = 0.5 * self._told(without, whole) * np.log(max(without.bench.measured, 3))
         gain = without.squares - whole.squares
         return Contender(term, whole, gain, held, float(cost))
+
+    def _told(self, without: Fitted, whole: Fitted) -> int:
+        """How many numbers of the last term the rows tell: those beyond them cost nothing.
+
+        What a refit makes of all but one number of a law leaves it no freedom beside a law that
+        has that number alone.
+        """
+        term, mask = whole.model.terms[-1], self.training.mask
+        free = [i for i in range(term.parameters.size) if is_free(term, i)]
+        typical = np.array([spec.typical for spec in term.effect.parameters])
+        reach = np.maximum(np.abs(term.parameters), np.abs(typical))[free]
+        columns = whole.columns[mask, len(whole.names) - len(free) :] * reach
+        told = np.linalg.svd(without.bench.beyond(columns), compute_uv=False) > 1.0
+        return max(1, int(np.count_nonzero(told)))
 
     def _held_out(self, one: Fitted) -> float:
         # Around held-out blocks, as far as the filters reach.

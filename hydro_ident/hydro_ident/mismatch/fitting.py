@@ -84,7 +84,7 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     """
     current = _at(training, model, noise)
     for _ in range(passes):
-        step, factor, better = current.bench.solve(), 1.0, False
+        step, factor, better = current.bench.solve(_reach(current)), 1.0, False
         for _ in range(_HALVINGS):
             further = moved(training, current.model, factor * step)
             # A step is judged by the weights that it was found with.
@@ -128,7 +128,8 @@ def fit_term(
     """
     current = _with_term(training, without, term, noise)
     for _ in range(passes):
-        step, factor, better = current.bench.solve()[without.columns.shape[1] :], 1.0, False
+        step, factor, better = current.bench.solve(_reach(current)), 1.0, False
+        step = step[without.columns.shape[1] :]
         for _ in range(_HALVINGS):
             moved = stepped(current.model.terms[-1], factor * step)
             fresh = _with_term(training, without, moved, noise)
@@ -142,6 +143,21 @@ def fit_term(
         if gained < _SETTLED * max(current.squares, 1.0):
             break
     return current
+
+
+def _reach(one: Fitted) -> FloatArray:
+    """How far a step goes in what the rows do not tell: an effect's own size, or a usual one.
+
+    A spring beside links of unknown weight is told by what its force at one place comes to; the
+    numbers that would come to the same run off to where a step of them means nothing.
+    """
+    sizes = [
+        max(abs(float(term.parameters[i])), abs(spec.typical)) or np.inf
+        for term in one.model.terms
+        for i, spec in enumerate(term.effect.parameters)
+        if is_free(term, i)
+    ]
+    return np.array([*[np.inf] * (one.columns.shape[1] - len(sizes)), *sizes])
 
 
 def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: Noise) -> Fitted:

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import linearised
 from hydro_ident.mismatch.modelled import Model
-from hydro_ident.mismatch.prediction import Predictor
+from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.training import layout_of
@@ -26,6 +27,8 @@ STANDS = 0.025
 VERIFIED = 0.1
 #: Nor does one with which a channel's held-out rows are predicted worse than this, rms.
 WORSE = 1.05
+#: Deviations that are exceeded on one side once in forty times.
+_ONE_IN_FORTY = 1.96
 #: What a finding has to be able to gain on held-out rows before these can tell: two deviations.
 SHOWN = 4.0
 #: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.
@@ -56,7 +59,9 @@ class HeldOut:
     used: BoolArray
 
     @staticmethod
-    def of(check: Check, model: Model, noise: Noise, refit: bool, fixed: bool = False) -> HeldOut:
+    def of(
+        check: Check, model: Model, noise: Noise, refit: bool, prior: Prior | None = None
+    ) -> HeldOut:
         """Rows of a check beside a model.
 
         Parameters
@@ -68,20 +73,23 @@ class HeldOut:
             Of the check's channels.
         refit : bool
             Whether all that is in the model is refitted to these rows.
-        fixed : bool
-            A given base is kept as it is: no refit moves it.
+        prior : Prior, optional
+            What is known of the check's base before: how far a refit moves it.
         """
         used = check.mask & check.moving
         residual, columns, _ = linearised(check.predictor, model)
-        kept = free_columns(check.predictor, columns.shape[1], fixed)
-        columns = columns[:, kept] if refit and kept else np.zeros((residual.size, 1))
+        known = None
+        if not refit:
+            columns = np.zeros((residual.size, 1))
+        elif prior is not None:
+            known = prior.rows(columns.shape[1]), np.zeros(prior.root.shape[0])
         layout = layout_of(check.predictor).take(used)
-        bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S)
+        bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S, known)
         return HeldOut(check, bench, columns, used)
 
     def left(self, residual: FloatArray) -> FloatArray:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
-        return self.bench.beyond(residual[self.used][:, None])[:, 0]
+        return self.bench.beyond(residual[self.used][:, None])[: self.bench.measured, 0]
 
     def by_block(self, values: FloatArray) -> FloatArray:
         """Sums of whitened rows' values (M,) by block of time, (B,); blocks of zeros left out."""
@@ -99,21 +107,6 @@ class HeldOut:
         left = residual - self.columns @ self.bench.refit(residual[self.used])
         names = self.check.predictor.material.channels
         return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
-
-
-def free_columns(predictor: Predictor, count: int, fixed: bool) -> list[int]:
-    """Which columns of a model a refit may move.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    count : int
-        Columns: those of the base, then of effects.
-    fixed : bool
-        Of a base that is kept as it is, what the readings make of it alone.
-    """
-    held = set(range(len(predictor.names))) - set(predictor.ripple_columns.values())
-    return [k for k in range(count) if not (fixed and k in held)]
 
 
 def _each(layout: Layout) -> IndexArray:
@@ -201,6 +194,18 @@ def looked(
 def _gain(before: FloatArray, change: FloatArray) -> float:
     """What a change takes off the sum of squares."""
     return float(2.0 * before @ change - change @ change)
+
+
+def missed(shown: float) -> float:
+    """Chance of held-out rows that a true finding stays above once in forty times.
+
+    Parameters
+    ----------
+    shown : float
+        As `Look`, over the sums' overdispersion: the mean of its product with what is left, whose
+        deviation is the root.
+    """
+    return float(norm.sf(np.sqrt(max(shown, 0.0)) - _ONE_IN_FORTY))
 
 
 def objection(one: Look, least: float) -> str:

@@ -14,13 +14,9 @@ from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY, Predictor
 from hydro_ident.mismatch.stepping import with_edges
-from hydro_ident.mismatch.training import Prior
 from hydro_model.closed_chain import with_parameters
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
-
-#: Parameters without a known deviation are held to this share of their size.
-_HELD = 1.0e-6
 
 #: Difference between valves' delays that is worth a note.
 _SAME_DELAY_S = 3.0e-4
@@ -169,39 +165,6 @@ def _with_base(
         "the refitted base parameters make no positive definite mass matrix: the given ones stay"
     )
     return given, (text,)
-
-
-#: Far beyond any ripple, Pa s: stiff oil read a second off.
-_ANY_RIPPLE = 1.0e10
-
-
-def prior_of(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
-    """What a frozen base is known to: its covariance where its file has one.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    given : Robot
-    values : (p,) array
-        Its numbers by `Predictor.names`.
-    """
-    forces, names = predictor.material.forces, predictor.names
-    variance = np.diag((_HELD * np.maximum(np.abs(values), 1e-12)) ** 2)
-    count = len(forces.base.names)
-    there = bool(names) and names[0] in forces.names
-    if there and given.base_covariance is not None and len(given.base_covariance) == count:
-        variance[:count, :count] += given.base_covariance
-    for i, name in enumerate(names):
-        plain = name.replace(INVERSE_BULK, "bulk_modulus")
-        std = float(given.standard_deviations.get(plain, 0.0))
-        variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
-    for at in predictor.ripple_columns.values():
-        # Of the readings, not of the machine: no file knows it.
-        variance[at, at] = _ANY_RIPPLE**2
-    scale = np.sqrt(np.diag(variance))
-    scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
-    root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
-    return Prior(root, values)
 
 
 def summary_of(terms: Sequence[ActiveEffect]) -> str:

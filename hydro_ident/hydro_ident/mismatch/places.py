@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from hydro_ident.estimate.closed_chain import LARGEST_SHARE, steel_masses
 from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.catalogue import ActiveEffect
+from hydro_model.robot import Robot
 from hydro_model.signals import (
     PISTON_POSITION,
     PRESSURE_A,
@@ -62,6 +65,18 @@ def pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[
             span = max(end - begin, one.effect.parameters[2].lower)
             shapes.append((restriction, max(begin, 0.0), span, factor * ratio))
     return shapes
+
+
+def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
+    """Barrel and rod with masses of no more than such a cylinder's can be."""
+    if one.cylinder is None:
+        return one
+    steel = steel_masses(robot.cylinders[one.cylinder])
+    specs = tuple(
+        replace(spec, upper=min(spec.upper, LARGEST_SHARE * mass_kg))
+        for spec, mass_kg in zip(one.effect.parameters, steel, strict=True)
+    )
+    return replace(one, effect=replace(one.effect, parameters=specs))
 
 
 def instants_of(material: Material) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.model import prior_of
 from hydro_ident.mismatch.parts import partly, spread_parts
 from hydro_ident.mismatch.prediction import Predictor
+from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import (
     LONGEST_SCAN_S,
@@ -167,11 +167,14 @@ def residuals(
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
     start = start_model(robot, predictor, resolve(robot))
-    prior = None
-    if settings.fixed_base:
-        prior = prior_of(predictor, robot, predictor.parameters(start))
+    known = fixed_prior if settings.fixed_base else parts_prior
+    prior = known(predictor, robot, predictor.parameters(start))
     training = Training.of(predictor, fit_rows & moving, prior)
     base = fit(training, start)
+    std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)
+    training = replace(training, prior=prior)
+    base = fit(training, base.model)
     scan, parts = training, spread_parts(whole, LONGEST_SCAN_S)
     if parts is not whole:
         seen = _material(robot, forces, parts, choices, still)
@@ -184,11 +187,10 @@ def residuals(
         there = _material(robot, forces, check_traces, choices, still)
         if not there.size:
             return None
-        known = within(material, training.mask, there)
-        check = Check(Predictor(there), known, telling(there, signals))
+        seen_there = within(material, training.mask, there)
+        check = Check(Predictor(there), seen_there, telling(there, signals))
     else:
-        known = within(material, training.mask, material)
-        check = Check(predictor, check_rows & known, moving)
+        check = Check(predictor, check_rows & within(material, training.mask, material), moving)
     bank = Bank(scan.predictor)
     return Residuals(
         robot, training, base, scan, check, check_traces, split, signals, notes, bank

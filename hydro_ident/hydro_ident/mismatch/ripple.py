@@ -8,8 +8,14 @@ signal q', fills the chamber's volume V, so that the pressure swings about its m
 
 and a sensor that reads at one phase of every interval (that of the stamps, in step with the
 commands) is off by as much, B / V q' D times a time of up to h / 12. The mass does not feel it: it
-is far too quick. Read at any phase, or slower than the interval, the time is another one: what
-multiplies the column below is fitted, cylinder by cylinder, with the base.
+is far too quick. What multiplies the column below is fitted, cylinder by cylinder, with the base.
+
+In a motion of few frequencies the column looks like what depends on the position, gravity in a
+tilted base say, and free to be anything it would take that. Stamps and commands in step, the
+phase is the command's delay within its interval, and the coefficient follows from B: where the
+fit does not speak against that it is known beforehand. Where it speaks for no ripple at all
+(a signal that is not held, a sensor that averages) that is known. Another possible one stays
+free, as the reading's phase is not known then; an impossible one is something else's doing.
 """
 
 from __future__ import annotations
@@ -25,6 +31,10 @@ from hydro_model.valve import edge_flows
 _LEAST_VOLUME = 0.02
 #: No oil is stiffer.
 _STIFFEST_PA = 2.5e9
+#: A fitted coefficient speaks against one that is further than so many deviations.
+_DEVIATIONS = 3.0
+#: What the phase is known to, as a share of the largest ripple.
+_KNOWN = 0.1
 
 
 def ripple_name(cylinder: str) -> str:
@@ -35,6 +45,42 @@ def ripple_name(cylinder: str) -> str:
 def largest_ripple(cycle_s: float) -> float:
     """Bound of a ripple's coefficient for commands at such an interval, Pa s."""
     return _STIFFEST_PA * cycle_s / 12.0
+
+
+def held_ripple(modulus_pa: float, delay_s: float, cycle_s: float) -> float:
+    """Coefficient of readings in step with the commands, Pa s.
+
+    Parameters
+    ----------
+    modulus_pa : float
+    delay_s : float
+        Of the command; the phase is what is left of it within an interval.
+    cycle_s : float
+        Interval of commands and readings.
+    """
+    phase = delay_s % cycle_s
+    return modulus_pa * (phase / 2.0 - phase**2 / (2.0 * cycle_s) - cycle_s / 12.0)
+
+
+def known_ripple(
+    fitted: float, std: float, modulus_pa: float, delay_s: float, cycle_s: float
+) -> tuple[float, float] | None:
+    """A ripple's coefficient and its deviation beforehand, Pa s; None where nothing is known.
+
+    Parameters
+    ----------
+    fitted, std : float
+        Coefficient of a fit that is free to choose it, and its deviation.
+    modulus_pa, delay_s, cycle_s : float
+        As `held_ripple`.
+    """
+    unit = modulus_pa * cycle_s / 12.0
+    held = held_ripple(modulus_pa, delay_s, cycle_s)
+    nearer = min((held, 0.0), key=lambda value: abs(fitted - value))
+    if abs(fitted - nearer) <= _DEVIATIONS * std:
+        return nearer, _KNOWN * unit
+    possible = -unit <= fitted <= 0.5 * unit
+    return None if possible else (held, _KNOWN * unit)
 
 
 def ripple_force(robot: Robot, index: int, trace: Trace) -> FloatArray:

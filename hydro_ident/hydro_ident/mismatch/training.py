@@ -10,26 +10,12 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.settings import BLOCK_S, LEAST_BLOCKS, SHORTEST_BLOCK_S
 from hydro_ident.mismatch.state_space import smooth_basis
 from hydro_ident.mismatch.whitening import LEAST_NOISE, Layout, Noise, noise_of
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What is known of the base before: values and an inverse square root of the covariance.
-
-    Attributes
-    ----------
-    root : (m, p) array
-        ``root (theta - values)`` has unit variance.
-    values : (p,) array
-    """
-
-    root: FloatArray
-    values: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +98,7 @@ class Training:
         """Whitened training rows of a residual."""
         prior = None
         if self.prior is not None:
-            extra = columns.shape[1] - self.prior.values.size
-            root = np.pad(self.prior.root, ((0, 0), (0, extra)))
+            root = self.prior.rows(columns.shape[1])
             prior = root, np.zeros(root.shape[0]) if offset is None else offset
         return Bench(
             self.layout, noise, residual[self.mask], columns[self.mask], self.block_s, prior

@@ -1,0 +1,149 @@
+"""What is known of the base before any fit: a base that is kept, or bodies of cylinders.
+
+The moments of a barrel or rod are small beside a link's, and a fit that is free to choose them
+takes whatever the robot file lacks for them: a barrel of 10 kg m came out as 1200 where a spring
+in a counterbalance valve was left out. The file, or steel of the cylinder's size, says about how
+large they can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.closed_chain import expected_sizes
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.ripple import known_ripple
+from hydro_model.robot import FloatArray, Robot
+
+#: Parameters without a known deviation are held to this share of their size.
+_HELD = 1.0e-6
+#: Far beyond any ripple, Pa s: stiff oil read a second off.
+_ANY_RIPPLE = 1.0e10
+#: Deviation of a barrel's or rod's parameter as a share of what the file or its steel says.
+_PARTS = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of the base before: values and an inverse square root of the covariance.
+
+    Attributes
+    ----------
+    root : (m, p) array
+        ``root (theta - values)`` has unit variance.
+    values : (p,) array
+    """
+
+    root: FloatArray
+    values: FloatArray
+
+    def rows(self, columns: int) -> FloatArray:
+        """The root for a fit of so many columns, those of the base first, (m, columns)."""
+        return np.pad(self.root, ((0, 0), (0, columns - self.values.size)))
+
+    def taken(self, names: Sequence[str], own: Sequence[str]) -> Prior:
+        """What of it is of some parameters, in their order; nothing of those it lacks.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of its own parameters.
+        own : sequence of str
+        """
+        root, values = np.zeros((self.root.shape[0], len(own))), np.zeros(len(own))
+        for k, name in enumerate(own):
+            if name in names:
+                at = list(names).index(name)
+                root[:, k], values[k] = self.root[:, at], self.values[at]
+        return Prior(root[root.any(axis=1)], values)
+
+
+def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
+    """What a base that is kept as given is known to: its covariance where its file has one.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    values : (p,) array
+        Its numbers by `Predictor.names`.
+    """
+    forces, names = predictor.material.forces, predictor.names
+    variance = np.diag((_HELD * np.maximum(np.abs(values), 1e-12)) ** 2)
+    count, known = len(forces.base.names), given.base_covariance
+    if _has_forces(predictor) and known is not None and len(known) == count:
+        variance[:count, :count] += known
+    for i, name in enumerate(names):
+        plain = name.replace(INVERSE_BULK, "bulk_modulus")
+        std = float(given.standard_deviations.get(plain, 0.0))
+        variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
+    for at in predictor.ripple_columns.values():
+        # Of the readings, not of the machine: no file knows it.
+        variance[at, at] = _ANY_RIPPLE**2
+    scale = np.sqrt(np.diag(variance))
+    scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
+    root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
+    return Prior(root, values)
+
+
+def parts_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior | None:
+    """What bodies of cylinders are known to: about the size of what the file or their steel says.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    values : (p,) array
+        Its numbers by `Predictor.names`.
+
+    Returns
+    -------
+    Prior or None
+        None where the base has no parameter of such a body alone.
+    """
+    base = predictor.material.forces.base
+    if not _has_forces(predictor) or base.link_count == len(base.names):
+        return None
+    sizes = expected_sizes(given, base)
+    known = np.flatnonzero(np.isfinite(sizes) & (sizes > 0.0))
+    root = np.zeros((known.size, values.size))
+    root[np.arange(known.size), known] = 1.0 / (_PARTS * sizes[known])
+    return Prior(root, values) if known.size else None
+
+
+def with_ripples(
+    prior: Prior | None, predictor: Predictor, model: Model, std: FloatArray, cycle_s: float
+) -> Prior | None:
+    """What is known before, with the readings' ripples where a first fit tells what they are.
+
+    Parameters
+    ----------
+    prior : Prior or None
+    predictor : Predictor
+    model : Model
+        Of the first fit.
+    std : (p,) array
+        Its numbers' deviations by `Predictor.names`.
+    cycle_s : float
+        Interval of commands and readings.
+    """
+    count, now = len(predictor.names), predictor.parameters(model)
+    rows, values = [], np.zeros(count) if prior is None else prior.values.copy()
+    for index, at in predictor.ripple_columns.items():
+        modulus, delay_s = model.robot.cylinders[index].bulk_modulus_pa, model.delays_s[index]
+        known = known_ripple(float(now[at]), float(std[at]), modulus, delay_s, cycle_s)
+        if known is not None:
+            values[at] = known[0]
+            rows.append(np.eye(count)[at] / known[1])
+    if not rows:
+        return prior
+    roots = [] if prior is None else [prior.root]
+    return Prior(np.concatenate([*roots, np.array(rows)]), values)
+
+
+def _has_forces(predictor: Predictor) -> bool:
+    return bool(predictor.names) and predictor.names[0] in predictor.material.forces.names
