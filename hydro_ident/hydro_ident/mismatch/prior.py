@@ -16,7 +16,7 @@ import numpy as np
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.ripple import known_ripple
+from hydro_ident.mismatch.ripple import in_step, known_ripple
 from hydro_model.robot import FloatArray, Robot
 
 #: Parameters without a known deviation are held to this share of their size.
@@ -134,6 +134,8 @@ def with_ripples(
     count, now = len(predictor.names), predictor.parameters(model)
     rows, values = [], np.zeros(count) if prior is None else prior.values.copy()
     for index, at in predictor.ripple_columns.items():
+        if not in_step([s.trace.valve_signal[:, index] for s in predictor.material.stretches]):
+            continue
         modulus, delay_s = model.robot.cylinders[index].bulk_modulus_pa, model.delays_s[index]
         known = known_ripple(float(now[at]), float(std[at]), modulus, delay_s, cycle_s)
         if known is not None:

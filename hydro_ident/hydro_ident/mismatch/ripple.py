@@ -20,6 +20,8 @@ free, as the reading's phase is not known then; an impossible one is something e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hydro_ident.estimate.traces import Trace
@@ -60,6 +62,16 @@ def held_ripple(modulus_pa: float, delay_s: float, cycle_s: float) -> float:
     """
     phase = delay_s % cycle_s
     return modulus_pa * (phase / 2.0 - phase**2 / (2.0 * cycle_s) - cycle_s / 12.0)
+
+
+def in_step(valve_signals: Sequence[FloatArray]) -> bool:
+    """Whether commands change with every reading, where they do; each (N,).
+
+    Of commands that are held over several readings the phase differs from one to the next.
+    """
+    changes = [np.flatnonzero(np.diff(u[np.isfinite(u)])) for u in valve_signals]
+    gaps = np.concatenate([np.diff(at) for at in changes]) if changes else np.zeros(0)
+    return bool(gaps.size and np.median(gaps) == 1.0)
 
 
 def known_ripple(

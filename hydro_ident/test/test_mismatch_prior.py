@@ -1,0 +1,180 @@
+"""What is known of the base before a fit, and what that leaves for effects to be told by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.closed_chain import expected_sizes
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.candidates import trials
+from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.fitting import fit, fitted
+from hydro_ident.mismatch.prior import Prior, parts_prior
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+CYCLE_S, MODULUS_PA = 0.002, 1.2e9
+UNIT = MODULUS_PA * CYCLE_S / 12.0
+SPRING = EffectSpec("counterbalance_spring", "lift_cylinder", {"force": -2e3, "stiffness": 5e3})
+OFFSET = EffectSpec("constant_force_offset", "lift_cylinder", {"force": 2e3})
+MakeRun = tuple[Callable[..., Robot], Callable[..., Any]]
+
+
+@pytest.fixture(scope="module")
+def work(make_run: MakeRun) -> Residuals:
+    """A machine with a spring in its lift cylinder that the datasheet lacks."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), effects=(SPRING,)), 18.0)
+    robot = load_robot("xs031")
+    sources = sources_of([run.recording()])
+    surveys = [survey_source(source, robot) for source in sources]
+    found = residuals(robot, sources, [], surveys, DiagnosisSettings())
+    assert found is not None
+    return found
+
+
+# Bodies of cylinders --------------------------------------------------------------------------
+
+
+def test_barrels_and_rods_keep_about_their_size(work: Residuals) -> None:
+    """Free they would take a spring up, at many times what steel of that size weighs."""
+    base = work.training.predictor.material.forces.base
+    sizes = expected_sizes(work.robot, base)
+    own = np.flatnonzero(np.isfinite(sizes))
+    given = base.combination @ work.robot.parameter_vector
+    free = fit(replace(work.training, prior=None), work.base.model)
+    assert own.size
+    off = {
+        name: np.max(np.abs(one.model.theta[own] - given[own]) / sizes[own])
+        for name, one in (("known", work.base), ("free", free))
+    }
+    assert off["free"] > 8.0 * off["known"]
+
+
+def test_a_spring_is_not_taken_up_by_a_barrel(work: Residuals) -> None:
+    """What a refit leaves of its force, with what is known of the base and without."""
+    term = resolve(replace(load_robot("xs031"), effects=(SPRING,)))[0]
+    column = work.training.predictor.contribution(work.base.model, term)[work.training.mask]
+    left = {}
+    for name, training in (("known", work.training), ("free", replace(work.training, prior=None))):
+        bench = fitted(training, work.base.model, work.base.bench.noise).bench
+        left[name] = float(np.linalg.norm(bench.beyond(column[:, None])))
+    assert left["known"] > 3.0 * left["free"]
+
+
+def test_links_alone_have_no_prior(work: Residuals) -> None:
+    base = work.training.predictor.material.forces.base
+    values = work.training.predictor.parameters(work.base.model)
+    prior = parts_prior(work.training.predictor, work.robot, values)
+    assert prior is not None
+    assert set(np.flatnonzero(prior.root.any(axis=0))) == set(
+        range(base.link_count, len(base.names))
+    )
+
+
+def test_a_prior_is_taken_over_by_name() -> None:
+    prior = Prior(np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 5.0]]), np.array([1.0, 2.0, 3.0]))
+    there = prior.taken(("a", "b", "c"), ("c", "x"))
+    assert there.root == pytest.approx(np.array([[5.0, 0.0]]))
+    assert there.values == pytest.approx([3.0, 0.0])
+
+
+# Ripples --------------------------------------------------------------------------------------
+
+
+def test_a_held_ripple_has_its_mean_taken_off() -> None:
+    """Over all phases of an interval it is zero; least at its ends, largest in its middle."""
+    phases = np.linspace(0.0, CYCLE_S, 2001)[:-1]
+    values = np.array([held_ripple(MODULUS_PA, p, CYCLE_S) for p in phases])
+    assert values.mean() == pytest.approx(0.0, abs=1e-3 * UNIT)
+    assert values[0] == pytest.approx(-UNIT)
+    assert values[1000] == pytest.approx(0.5 * UNIT)
+    assert held_ripple(MODULUS_PA, 3.25 * CYCLE_S, CYCLE_S) == pytest.approx(values[500])
+
+
+@pytest.mark.parametrize(
+    ("fitted_units", "std_units", "known_units"),
+    [
+        (-0.9, 0.1, -1.0),  # near the phase that the delay says
+        (0.1, 0.1, 0.0),  # near none
+        (-0.45, 0.01, None),  # neither, and possible at another phase
+        (6.0, 0.01, -1.0),  # no phase makes this
+    ],
+)
+def test_what_is_known_of_a_ripple(
+    fitted_units: float, std_units: float, known_units: float | None
+) -> None:
+    known = known_ripple(fitted_units * UNIT, std_units * UNIT, MODULUS_PA, 0.0, CYCLE_S)
+    if known_units is None:
+        assert known is None
+    else:
+        assert known is not None
+        assert known[0] == pytest.approx(known_units * UNIT)
+
+
+def test_commands_held_over_several_readings_are_not_in_step() -> None:
+    u = np.sin(0.01 * np.arange(4000))
+    assert in_step([u])
+    assert not in_step([np.repeat(u[::5], 5)])
+    assert not in_step([np.full(50, np.nan), np.zeros(50)])
+
+
+# What rows do not tell ------------------------------------------------------------------------
+
+
+def _bench(x: np.ndarray, y: np.ndarray) -> Bench:
+    zeros = np.zeros(len(y), dtype=int)
+    linked = np.arange(len(y)) > 0
+    layout = Layout(zeros, zeros, 0.01 * np.arange(len(y)), linked)
+    return Bench(layout, Noise((np.zeros(0),), np.ones(1)), y, x, 1.0)
+
+
+def test_steps_stay_small_where_rows_tell_nothing() -> None:
+    """What is told keeps its least-squares value, in whatever combination it is told."""
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 400))
+    x = np.stack([a, a + 1e-5 * b], axis=1)
+    y = 50.0 * a + rng.normal(size=400)
+    bench = _bench(x, y)
+    wild, tame = bench.solve(), bench.solve(np.full(2, 50.0))
+    assert np.abs(wild).max() > 1e3
+    assert np.abs(tame).max() < 100.0
+    assert tame.sum() == pytest.approx(wild.sum(), rel=1e-3)
+
+
+def test_a_number_that_rows_do_not_tell_costs_nothing(work: Residuals) -> None:
+    """A boom of unknown weight does what a spring's slope does; nothing a curve's stations."""
+    training, noise = work.training, work.base.bench.noise
+    without = fitted(training, work.base.model, noise)
+    (curve, *_) = trials(training.predictor, work.base.model, ("position_dependent_friction",))
+    terms = [
+        *(resolve(replace(load_robot("xs031"), effects=(s,)))[0] for s in (SPRING, OFFSET)),
+        curve.at(np.ones(5)),
+    ]
+    contenders = Contest(training, 1.0).fitted(without, terms, noise)
+    costs = {c.term.effect.name: c.cost for c in contenders}
+    plain = costs["constant_force_offset"]
+    assert plain == pytest.approx(0.5 * np.log(without.bench.measured))
+    assert costs["counterbalance_spring"] == pytest.approx(plain)
+    assert costs["position_dependent_friction"] > 4.5 * plain
+
+
+def test_no_barrel_is_heavier_than_its_steel_can_be(work: Residuals) -> None:
+    predictor, model = work.training.predictor, work.base.model
+    found = list(trials(predictor, model, ("cylinder_inertia",)))
+    assert found
+    for trial in found:
+        for spec in trial.active.effect.parameters:
+            assert 10.0 * spec.typical < spec.upper < 1000.0
