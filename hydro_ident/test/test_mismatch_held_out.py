@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.diagnosis import _silent_notes, _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, objection
+from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.outcome import PARTLY, Diagnosis, Finding
 from hydro_ident.mismatch.residuals import Residuals, residuals
@@ -49,7 +50,9 @@ def rows(work: Residuals) -> HeldOut:
     """Held-out rows of white noise of unit size, as they are predicted."""
     count = len(work.check.predictor.material.channels)
     white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
-    return HeldOut.of(work.check, work.base.model, white, False)
+    found = HeldOut.predicted(work.check, work.base, white)
+    # The base's own error is put in where a test is about it.
+    return replace(found, doubt=np.zeros((found.bench.measured, 0)))
 
 
 def _drawn(rows: HeldOut, rng: np.random.Generator, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -96,6 +99,38 @@ def test_what_changes_nothing_is_silent_and_not_confirmed(rows: HeldOut) -> None
     noise, column = _drawn(rows, np.random.default_rng(4), 1.0)
     one = _seen(rows, noise, 0.0 * column)
     assert (one.shown, one.p_value, one.placebo) == (0.0, 1.0, 0.0)
+
+
+def test_what_the_models_own_error_makes_is_not_confirmed(rows: HeldOut) -> None:
+    """A change along what the base is off by has one draw behind it, and no block another."""
+    rng, wrong, draws = np.random.default_rng(6), 0, 60
+    direction = rng.normal(size=rows.used.size)
+    direction /= np.linalg.norm(direction[rows.used])
+    doubting = replace(rows, doubt=rows.left(30.0 * direction)[:, None])
+    plain_wrong = 0
+    for _ in range(draws):
+        noise = rng.normal(size=rows.used.size)
+        off = noise + 30.0 * rng.normal() * direction
+        change = 5.0 * direction
+        plain_wrong += not objection(_seen(rows, off, change), 0.1)
+        wrong += not objection(_seen(doubting, off, change), 0.1)
+    assert plain_wrong > 0.3 * draws
+    assert wrong <= 0.1 * draws + 3.0 * np.sqrt(0.1 * 0.9 * draws)
+    other = rng.normal(size=rows.used.size)
+    other *= 6.0 / np.linalg.norm(other[rows.used])
+    noise = rng.normal(size=rows.used.size)
+    assert not objection(_seen(doubting, noise + other, other), STANDS)
+
+
+def test_a_faint_finding_needs_no_more_than_a_true_one_gives() -> None:
+    """A true finding of so many units falls short of it once in forty times."""
+    rng = np.random.default_rng(7)
+    for shown in (4.0, 9.0, 14.0):
+        products = shown + np.sqrt(shown) * rng.standard_normal(40000)
+        chances = norm.sf(products / np.sqrt(shown))
+        assert np.mean(chances > missed(shown)) == pytest.approx(0.025, abs=0.004)
+    assert missed(0.0) > 0.9
+    assert missed(16.0) < STANDS
 
 
 def test_few_rows_are_cut_into_blocks_enough_for_a_small_chance(rows: HeldOut) -> None:

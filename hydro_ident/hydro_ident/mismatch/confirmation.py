@@ -114,7 +114,9 @@ def withdrawn(
         acts = VARIABLES.get(finding.named.term.effect.name)
         doubted = [u.confirmed and u.dependence.variable != acts for u in own]
         most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
-        if any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
+        # What held-out rows cannot show is no name beside what they show to be something else.
+        silent = finding.verification.silent and any(doubted)
+        if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
     if taken:
         whole = _without(work, whole, [f.named for f in taken])

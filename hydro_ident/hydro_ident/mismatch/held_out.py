@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -11,7 +11,7 @@ from scipy.stats import norm
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import linearised
+from hydro_ident.mismatch.fitting import Fitted, linearised
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.scoring import signs
@@ -51,18 +51,38 @@ class HeldOut:
     columns : (N, p) array
         What a refit may move, on all rows; zeros for none.
     used : (N,) bool array
+    doubt : (M, k) array
+        What the model may be off by on the whitened rows: columns of unit variance each.
     """
 
     check: Check
     bench: Bench
     columns: FloatArray
     used: BoolArray
+    doubt: FloatArray
 
     @staticmethod
-    def of(
-        check: Check, model: Model, noise: Noise, refit: bool, prior: Prior | None = None
-    ) -> HeldOut:
-        """Rows of a check beside a model.
+    def predicted(check: Check, without: Fitted, noise: Noise) -> HeldOut:
+        """Rows of a check as a model predicts them.
+
+        Parameters
+        ----------
+        check : Check
+        without : Fitted
+            The model without the finding, fitted to other rows.
+        noise : Noise
+            Of the check's channels.
+        """
+        used = check.mask & check.moving
+        residual, columns, names = linearised(check.predictor, without.model)
+        layout = layout_of(check.predictor).take(used)
+        bench = Bench(layout, noise, residual[used], np.zeros((int(used.sum()), 1)), BLOCK_S)
+        doubt = bench.beyond(columns[used] @ _root(without, names))
+        return HeldOut(check, bench, np.zeros((residual.size, 1)), used, doubt)
+
+    @staticmethod
+    def refitted(check: Check, model: Model, noise: Noise, prior: Prior | None = None) -> HeldOut:
+        """Rows of a check behind a refit of all that is in a model to them.
 
         Parameters
         ----------
@@ -71,21 +91,32 @@ class HeldOut:
             Without the finding.
         noise : Noise
             Of the check's channels.
-        refit : bool
-            Whether all that is in the model is refitted to these rows.
         prior : Prior, optional
             What is known of the check's base before: how far a refit moves it.
         """
         used = check.mask & check.moving
         residual, columns, _ = linearised(check.predictor, model)
         known = None
-        if not refit:
-            columns = np.zeros((residual.size, 1))
-        elif prior is not None:
+        if prior is not None:
             known = prior.rows(columns.shape[1]), np.zeros(prior.root.shape[0])
         layout = layout_of(check.predictor).take(used)
         bench = Bench(layout, noise, residual[used], columns[used], BLOCK_S, known)
-        return HeldOut(check, bench, columns, used)
+        return HeldOut(check, bench, columns, used, np.zeros((bench.measured, 0)))
+
+    def doubted(self, refitted: HeldOut, whole: FloatArray) -> HeldOut:
+        """Rows as predicted, whose model is off by what a refit gains, not by what fits say alone.
+
+        Parameters
+        ----------
+        refitted : HeldOut
+            The same rows behind a refit.
+        whole : (N,) array
+            Residual with all that was found: none of it is the model's error.
+        """
+        gained = float(np.sum(self.left(whole) ** 2) - np.sum(refitted.left(whole) ** 2))
+        expected = refitted.bench.rank + float(np.sum(self.doubt**2))
+        factor = np.sqrt(max(1.0, gained / max(expected, 1.0)))
+        return replace(self, doubt=factor * self.doubt)
 
     def left(self, residual: FloatArray) -> FloatArray:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
@@ -107,6 +138,17 @@ class HeldOut:
         left = residual - self.columns @ self.bench.refit(residual[self.used])
         names = self.check.predictor.material.channels
         return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
+
+
+def _root(without: Fitted, names: Sequence[str]) -> FloatArray:
+    """Square root of a fit's covariance, (p, k), of the numbers `names`; none of unknown ones."""
+    at = [without.names.index(name) if name in without.names else -1 for name in names]
+    own = np.where(np.outer(np.array(at) >= 0, np.array(at) >= 0), 1.0, 0.0)
+    covariance = own * without.covariance[np.ix_(at, at)]
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(size > 0.0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _each(layout: Layout) -> IndexArray:
@@ -184,11 +226,20 @@ def looked(
     # Products with what is left without the finding: those of a false one are as often negative,
     # whereas its gain is negative by itself, and asks twice the size of a true one.
     p = chance(rows.by_block(before * change)) if real > 0.0 else 1.0
+    p = max(p, _by_error(rows, before, change))
     against = [chance(rows.by_block(before * (change - other))) for other in others]
     sides = rows.rmse(plain), rows.rmse(with_it)
     median = float(np.median(against or [0.0]))
     shown = float(change @ change)
     return Look(p, share, median, shown, sides, _worse(sides, acting))
+
+
+def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
+    """Chance that the model's own error goes with a change: one draw for all blocks, no flip's."""
+    if not rows.doubt.size:
+        return 0.0
+    error = np.hypot(np.linalg.norm(change), np.linalg.norm(rows.doubt.T @ change))
+    return float(norm.sf(float(before @ change) / error)) if error > 0.0 else 1.0
 
 
 def _gain(before: FloatArray, change: FloatArray) -> float:

@@ -107,8 +107,9 @@ def verify(
     placebos = _placebos(training, without, check, plain, whole.model, terms)
     acting = shown or _acting(check.predictor, model, terms)
     prior = check.known(training)
-    rows = [HeldOut.of(check, without.model, noise, refit, prior) for refit in (False, True)]
-    looks = [looked(one, plain, with_it, placebos, acting) for one in rows]
+    behind = HeldOut.refitted(check, without.model, noise, prior)
+    ahead = HeldOut.predicted(check, without, noise).doubted(behind, with_it)
+    looks = [looked(one, plain, with_it, placebos, acting) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
     best, silent, against = _judged(looks, named, _met(check, acting))
