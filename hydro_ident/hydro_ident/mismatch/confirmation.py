@@ -110,12 +110,13 @@ def withdrawn(
         channel = finding.channels[0]
         total = _gains(work, whole, finding.named)[material.channels.index(channel)]
         own = [u for u in significant if u.channel == channel]
-        # What follows the law's own variable is its form: that takes it away later, too.
-        acts = VARIABLES.get(finding.named.term.effect.name)
-        doubted = [u.confirmed and u.dependence.variable != acts for u in own]
+        # What follows the variable of a law that was found there is its form: later, too.
+        beside = [f for f in findings if channel in f.channels]
+        acts = {VARIABLES.get(f.named.term.effect.name) for f in beside}
+        doubted = [u.confirmed and u.dependence.variable not in acts for u in own]
         most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
         # What held-out rows cannot show is no name beside what they show to be something else.
-        silent = finding.verification.silent and any(doubted)
+        silent = finding.verification.silent and any(u.confirmed for u in own)
         if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
     if taken:

@@ -48,8 +48,12 @@ class Contest:
         told : bool
             Whether what fits best is more than sampling can tell.
         """
+        # What acts on other rows altogether is another cause, not another name for this one.
         chosen = [
-            s for s in firsts(scores) if CONTENDER_SHARE * best.value <= s.value <= best.value
+            s
+            for s in firsts(scores)
+            if CONTENDER_SHARE * best.value <= s.value <= best.value
+            and (s.entry.rows & best.entry.rows).any()
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
         terms = [self._start(without, s) for s in chosen]

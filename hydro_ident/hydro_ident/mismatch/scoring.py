@@ -24,6 +24,8 @@ _COLLINEAR = 1.0e-6
 _TOLD_BY_FORCES = ("pressure_delay",)
 #: Trials whose columns are taken at a time, and the least share of noise that fits leave.
 _TOGETHER, _LEAST_LEFT = 40, 0.05
+#: Gain of a block that tells an effect by itself: three deviations and a bit.
+_TELLING = 10.0
 #: What a further coefficient gains by chance, in a maximum over many.
 _PER_COEFFICIENT = 2.0
 
@@ -220,10 +222,18 @@ def signs(blocks: int, flips: int = FLIPS) -> FloatArray:
 
 
 def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:
-    """How many blocks of equal weight a trial's strongest column is worth."""
+    """How many blocks a trial's strongest column is worth: of equal weight, or that stand out.
+
+    Where one block holds most of it, others may still each tell it by themselves; of those one is
+    left out, since an event may lie in two.
+    """
     used = int(np.argmax(np.abs(one.coefficients) / one.std))
     left = bench.beyond(one.entry.columns(mask.size)[mask][:, used : used + 1])
-    return bench.spread(left[:, 0])
+    scores = bench.by_block(left * bench.residual[:, None])[:, 0]
+    squares = bench.by_block(left**2)[:, 0]
+    size = scores.sum() / max(float(squares.sum()), 1e-300)
+    telling = np.count_nonzero(2.0 * size * scores - size**2 * squares >= _TELLING)
+    return max(bench.spread(left[:, 0]), float(telling - 1))
 
 
 def lost_by_fits(

@@ -68,6 +68,10 @@ class Verification:
     silent: bool = False
 
 
+#: Share of an effect's mean square on the training rows below which held-out rows miss it.
+_EXERCISED = 0.02
+
+
 def verify(
     training: Training,
     whole: Fitted,
@@ -112,7 +116,8 @@ def verify(
     looks = [looked(one, plain, with_it, placebos, acting) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
-    best, silent, against = _judged(looks, named, _met(check, acting))
+    met = _met(check, acting) and _exercised(training, ahead, whole, terms)
+    best, silent, against = _judged(looks, named, met)
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
     if not silent and there is not None:
@@ -144,6 +149,19 @@ def _met(check: Check, acting: Sequence[str]) -> bool:
     used = check.mask & check.moving
     channels = enumerate(check.predictor.material.channels)
     return any((check.rows(k, n) & used).any() for k, n in channels if n in acting)
+
+
+def _exercised(
+    training: Training, rows: HeldOut, whole: Fitted, terms: Sequence[ActiveEffect]
+) -> bool:
+    """Whether effects themselves, whatever the base does, are at work on held-out rows, too."""
+    there, here = (
+        np.sum([p.contribution(whole.model, term) for term in terms], axis=0)
+        for p in (rows.check.predictor, training.predictor)
+    )
+    layout, noise = training.layout, whole.bench.noise
+    own = noise.whitened(layout, here[training.mask])[noise.settled(layout)]
+    return bool(np.mean(rows.left(there) ** 2) >= _EXERCISED * np.mean(own**2))
 
 
 def _unexercised(look: Look, named: Named) -> str:

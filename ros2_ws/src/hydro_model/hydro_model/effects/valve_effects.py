@@ -76,7 +76,7 @@ RATE_LIMIT = Effect(
     equation="du/dt = r tanh((u_in - u) / (r tau))",
     source="slew limit of spool actuators; tau is the small lag that rounds it",
     parameters=(
-        ParameterSpec("rate", "1/s", "r, fastest change of the opening", 1.0, 1e4, 80.0),
+        ParameterSpec("rate", "1/s", "r, fastest change of the opening", 0.1, 1e4, 80.0),
         ParameterSpec(
             "time_constant", "s", "tau, lag far from the limit", 1e-4, 0.05, 5e-4, optional=True
         ),
