@@ -44,16 +44,16 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 class Required(NamedTuple):
     """The rows that `required_kernel` fills, (n,) each; kernels take an array of these."""
 
-    q_d: Array  # desired positions and velocities, without feedback
-    qd_d: Array
-    qd_r: Array  # required velocities and accelerations
-    qdd_r: Array
+    q_d: Array  # `q_d`: desired positions, without feedback
+    qd_d: Array  # `qd_d`: desired velocities
+    qd_r: Array  # `qd_r`: required velocities
+    qdd_r: Array  # `qdd_r`: and accelerations
     arm: Array  # lever arms
-    xd: Array  # piston velocities, and those required
-    xd_r: Array
-    length_a: Array  # oil columns of the chambers
-    length_b: Array
-    force_d: Array  # required piston forces
+    xd: Array  # `xd`: piston velocities
+    xd_r: Array  # `xd_r`: and those required
+    length_a: Array  # `length_a`: oil column of chamber A
+    length_b: Array  # `length_b`: and of chamber B
+    force_d: Array  # `force_d`: required piston forces
 
 
 ROWS = len(Required._fields)
@@ -85,8 +85,9 @@ def required_kernel(
 ) -> int:
     """Rows of `out` (ROWS, n): motion, levers, piston velocities, oil columns, force of eq. 22.
 
-    `reference` has position, velocity and acceleration as rows, of the tip or of the joints.
-    Returns what limited the motion, as bits of `hydro_control.motion_kernels`.
+    `reference` has position, velocity and acceleration as rows, of the tip where `in_tip`, else of
+    the joints; `tip_d` (3,) receives the tip's desired position. Returns what limited the motion,
+    as bits of `hydro_control.motion_kernels`.
     """
     limited = motion_kernel(arrays, work, in_tip, q, qd, reference, out[QD_R], out[QDD_R])
     desired_kernel(arrays, work, in_tip, q, reference, out, tip_d)

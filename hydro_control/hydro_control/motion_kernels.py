@@ -6,7 +6,8 @@ law finds them at its end.
 
 Arguments shared by all kernels: `arrays` and `work` as of `hydro_control.law_arrays`, `q` and `qd`
 (n,) the joints' positions and velocities, `reference` position, velocity and acceleration as
-three rows, `qd_r` and `qdd_r` (n,) the required motion, changed in place.
+three rows, of the tip where `in_tip`, else of the joints, `qd_r` and `qdd_r` (n,) the required
+motion, changed in place, `tip_d` (3,) where the tip's desired position goes.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def limit_notes(limited: int) -> tuple[str, ...]:
 
 @inlined
 def clipped(value: float, low: float, high: float) -> float:
-    """`value` within limits; what is no number stays none."""
+    """`value` from `low` to `high`; what is no number stays none."""
     if value < low:
         return low
     return high if value > high else value
