@@ -33,7 +33,7 @@ def not_finite(
         "stamp, supply or tank pressure": np.array([stamp_s, p_s, p_t]),
     }
     # A sum is finite only where every part is; finding out which is for the rare case.
-    if math.isfinite(sum(float(part.sum()) for part in parts.values())):
+    if math.isfinite(sum(sum(part.tolist()) for part in parts.values())):
         return ""
     names = [name for name, part in parts.items() if not np.all(np.isfinite(part))]
     found = "; ".join(f"{name} {parts[name].tolist()}" for name in names)

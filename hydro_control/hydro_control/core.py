@@ -6,6 +6,7 @@ to it again gives the same answers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -213,7 +214,7 @@ class ControllerCore:
         now_s = 0.0 if self._run is None else self._run.now_s
         output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead(now_s))
         self._count(sample.stamp_ns, output)
-        moving = bool(np.any(reference.velocity))
+        moving = any(reference.velocity.tolist())
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
@@ -247,14 +248,14 @@ class ControllerCore:
 
     def _reference(self, sample: Sample) -> Reference:
         """The reference at a sample; a pose that is not finite starts nothing."""
-        run = self._run
+        run, finite = self._run, math.isfinite(sum(sample.q.tolist()))
         if run is None:
-            if not np.all(np.isfinite(sample.q)):
+            if not finite:
                 still = np.zeros_like(sample.q)
                 return Reference("joint", sample.q, still, still)
             run = self._run = self._first(sample)
         run.now_s = (sample.stamp_ns - run.first_ns) / _SECOND_NS
-        if np.all(np.isfinite(sample.q)):
+        if finite:
             run.q = sample.q
         if self._watch.withheld:
             self._follow(run)

@@ -64,6 +64,7 @@ class HotPath:
         self._wait = HotWait(node, self._pressures)
         self._partner = HotWait(node, self._joints)
         self._join = SampleJoin(core.robot)
+        self._valve_names = core.robot.valve_names
         self._command = self._publisher(JointState, topics.VALVE_COMMAND)
         self._joint_reference = self._publisher(JointState, topics.JOINT_REFERENCE)
         self._tip_reference = self._publisher(PointStamped, topics.TIP_REFERENCE)
@@ -184,7 +185,7 @@ class HotPath:
 
     def _take_applied(self) -> None:
         while (message := self._applied.take()) is not None:
-            voltage_v = by_name(message, "effort", self._core.robot.valve_names)
+            voltage_v = by_name(message, "effort", self._valve_names)
             if voltage_v is not None:
                 self._core.applied(stamp_ns(message), np.array(voltage_v))
 
@@ -219,8 +220,7 @@ class HotPath:
         self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
-        names = self._core.robot.valve_names
-        self._command.publish(joint_state(stamp, names, effort=voltage_v.tolist()))
+        self._command.publish(joint_state(stamp, self._valve_names, effort=voltage_v.tolist()))
 
 
 class _Messages:

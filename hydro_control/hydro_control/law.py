@@ -4,8 +4,9 @@ Corrected against print: eq. 22 takes the **required** piston velocity for frict
 one would remove damping), and eq. 23 is
 ``Q_d = (-A1/x - A2/(S - x)) xd_r - fdot_d/beta - k_f (f_d - f) - k_x (xd_r - xd)``.
 Effects that the robot lists are compensated (`hydro_control.compensation`); with none listed
-nothing differs from the equations. Pure: one object per run, one `step` per sample, no clock and
-no ROS.
+nothing differs from the equations. They run compiled (`hydro_control.law_kernels`); the same,
+readable and in numpy, is in `hydro_control.law_reference`. Pure: one object per run, one `step`
+per sample, no clock and no ROS.
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
 from hydro_control.filters import FilteredDifference, difference_lag_s
 from hydro_control.gains import Gains
-from hydro_control.motion_limits import TIP_SPEED_M_S, limited, limits_of, relieved
-from hydro_control.oil_columns import OilColumns, swept_columns
-from hydro_control.output import Output, stopped
-from hydro_control.required_motion import (
-    JointMotion,
-    Reference,
-    desired_at,
-    required_motion,
+from hydro_control.law_arrays import SLEW, law_arrays, law_work
+from hydro_control.law_kernels import (
+    ROWS,
+    Required,
+    flow_kernel,
+    required_kernel,
+    voltage_kernel,
 )
+from hydro_control.motion_kernels import desired_kernel, limit_notes
+from hydro_control.motion_limits import TIP_SPEED_M_S, limits_of
+from hydro_control.oil_columns import OilColumns
+from hydro_control.output import Output, stopped
+from hydro_control.required_motion import Reference
 from hydro_control.state import State, StateFilter
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import required_torque
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.valve import signal_at_lengths
 
 __all__ = ["ControlLaw", "Output"]
 
@@ -104,7 +106,10 @@ class ControlLaw:
             # The rate of the required force is as late as its filter: it is asked for earlier.
             self.lead_s = self.compensation.delay_s + difference_lag_s(gains.alpha_fd, self.dt_s)
             force_lag_s = self.compensation.force_lag_s
-        self._rated_v = np.array([valve.rated_voltage_v for valve in robot.valves])
+        self._arrays = law_arrays(robot, self._axes, self.limits, gains, self.dt_s)
+        self._work = law_work(self._arrays)
+        self._references = {"tip": np.empty((3, 3)), "joint": np.empty((3, robot.dof))}
+        self._no_leak = np.zeros(robot.dof)
         self._state = StateFilter(self._axes, gains, self.dt_s, force_lag_s)
         self._force_rate = FilteredDifference(gains.alpha_fd, self.dt_s)
         self._last_s: float | None = None
@@ -134,7 +139,9 @@ class ControlLaw:
     def wind_down(self) -> FloatArray:
         """The next voltage on the way to 0 V within the slew limit, (m,)."""
         self._forget()
-        return self._slewed(np.zeros_like(self._voltage_v))
+        most = self._arrays.gains[SLEW]
+        self._voltage_v = self._voltage_v - np.clip(self._voltage_v, -most, most)
+        return self._voltage_v.copy()
 
     def step(
         self,
@@ -176,34 +183,21 @@ class ControlLaw:
         """
         fault = not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
         if fault:
-            self.reset()
-            return stopped(q, reference, len(self._voltage_v), fault)
+            return self._stopped(q, reference, fault)
         steps, notes = self._advance(stamp_s)
         now = state = self._state.measured(q, np.array([p_a, p_b]), p_s, p_t, steps)
         if ahead is not None:
             rates = self._asked_acceleration, self._asked_force_rate
             state = self._state.predicted(now, self.lead_s, *rates)
-        aim = reference if ahead is None else ahead
-        asked = required_motion(self.robot, state.q, state.qd, aim, self.gains.k_p_1_s)
-        asked = limited(self.robot, self.limits, state.q, state.qd, asked)
+        rows, tip_d, limits = self._require(now, state, reference, ahead)
+        asked = Required(*rows)
         self._asked_acceleration = asked.qdd_r
-        motion = asked if ahead is None else desired_at(self.robot, now.q, reference, asked)
-        arm = np.array(
-            [float(lever(a.cylinder, x)) for a, x in zip(self._axes, state.q, strict=True)]
-        )
-        xd, xd_r = arm * state.qd, arm * asked.qd_r
-        columns = self._columns(
-            Motion(
-                stamp_s, state.q, asked.qd_r, asked.qdd_r, arm, now.pressures, p_s, p_t, now.force
-            )
-        )
-        force_d = self._required_force(state, asked, arm, xd_r)
-        flow_term = self._flow_term(columns, xd, xd_r, state.force, force_d, steps)
-        signal = self._signals(flow_term, columns, state, steps)
-        if not math.isfinite(float(signal.sum())):
-            self.reset()
+        leak = self._add_listed(stamp_s, now, state, asked)
+        rate = self._asked_force_rate = self._force_rate.update(asked.force_d, steps)
+        flow_term, signal = self._signals(state, rows, rate, leak, steps)
+        if not math.isfinite(sum(signal.tolist())):
             fault = f"expected finite valve signals, found {signal.tolist()}"
-            return stopped(q, reference, len(self._voltage_v), fault)
+            return self._stopped(q, reference, fault)
         voltage_v = self._driven(signal, now.pressures)
         if self.adaptation is not None:
             self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
@@ -211,39 +205,56 @@ class ControlLaw:
             voltage_v=voltage_v,
             valve_signal=signal,
             flow_term=flow_term,
-            required_force_n=force_d,
+            required_force_n=asked.force_d,
             force_n=now.force,
-            required_piston_velocity_m_s=xd_r,
-            piston_velocity_m_s=xd if state is now else arm * now.qd,
-            q_d=motion.q_d,
-            qd_d=motion.qd_d,
-            tip_d_m=motion.tip_d_m,
-            notes=(*notes, *motion.notes),
+            required_piston_velocity_m_s=asked.xd_r,
+            piston_velocity_m_s=asked.xd if state is now else asked.arm * now.qd,
+            q_d=asked.q_d,
+            qd_d=asked.qd_d,
+            tip_d_m=tip_d,
+            notes=notes + limit_notes(limits),
         )
 
-    def _columns(self, seen: Motion) -> OilColumns:
-        """Oil columns at the required motion, as the listed effects have them."""
-        columns = swept_columns(self._axes, seen.q)
-        if self.compensation is None:
-            return columns
-        self.compensation.observe(seen, columns)
-        return self.compensation.columns(columns)
+    def _stopped(self, q: FloatArray, reference: Reference, fault: str) -> Output:
+        self.reset()
+        return stopped(q, reference, len(self._voltage_v), fault)
 
-    def _required_force(
-        self, state: State, asked: JointMotion, arm: FloatArray, xd_r: FloatArray
-    ) -> FloatArray:
-        """Required piston force of eq. 22, N."""
-        torque = required_torque(
-            self.robot, state.q, state.qd, asked.qd_r, asked.qdd_r, self.gains.k_v
-        )
-        force_d = torque / arm + self._friction(xd_r)
+    def _rows(self, reference: Reference) -> FloatArray:
+        """A reference as the kernels take it."""
+        rows = self._references[reference.space]
+        rows[0], rows[1], rows[2] = reference.position, reference.velocity, reference.acceleration
+        return rows
+
+    def _require(
+        self, now: State, state: State, reference: Reference, ahead: Reference | None
+    ) -> tuple[FloatArray, FloatArray, int]:
+        """Required motion and force of the model (eqs. 19 to 22); desired tip; what limited it."""
+        aim = reference if ahead is None else ahead
+        in_tip, model = aim.space == "tip", (self._arrays, self._work)
+        out = np.empty((ROWS, len(now.q))), np.empty(3)
+        limits = required_kernel(*model, in_tip, state.q, state.qd, self._rows(aim), *out)
+        if ahead is not None:
+            # What is published as desired belongs to the sample itself.
+            desired_kernel(*model, in_tip, now.q, self._rows(reference), *out)
+        return *out, limits
+
+    def _add_listed(self, stamp_s: float, now: State, state: State, asked: Required) -> FloatArray:
+        """What listed effects and estimates add to force and oil columns; flow past the valve."""
+        leak: FloatArray | None = None
         if self.compensation is not None:
-            force_d += self.compensation.friction()
+            motion = state.q, asked.qd_r, asked.qdd_r, asked.arm
+            seen = Motion(stamp_s, *motion, now.pressures, now.p_s, now.p_t, now.force)
+            plain = OilColumns(asked.length_a, asked.length_b)
+            self.compensation.observe(seen, plain)
+            columns = self.compensation.columns(plain)
+            asked.length_a[:], asked.length_b[:] = columns.a_m, columns.b_m
+            asked.force_d[:] += self.compensation.friction()
+            leak = columns.leak
         if self.adaptation is not None:
-            force_d += self.adaptation.required_force(
-                state.q, state.qd, asked.qd_r, asked.qdd_r, arm
+            asked.force_d[:] += self.adaptation.required_force(
+                state.q, state.qd, asked.qd_r, asked.qdd_r, asked.arm
             )
-        return np.asarray(force_d)
+        return self._no_leak if leak is None else leak
 
     def _advance(self, stamp_s: float) -> tuple[int, tuple[str, ...]]:
         """Sample times since the last sample, 1 at the start and after a gap."""
@@ -259,64 +270,23 @@ class ControlLaw:
         self._last_s = stamp_s
         return 1, (f"gap of {stamp_s - last:.3f} s, filters start anew",)
 
-    def _friction(self, xd_r: FloatArray) -> FloatArray:
-        """Piston friction at the required velocity (last term of eq. 22), N."""
-        return np.array(
-            [a.cylinder.viscous_friction * v for a, v in zip(self._axes, xd_r, strict=True)]
-        )
-
-    def _flow_term(
-        self,
-        columns: OilColumns,
-        xd: FloatArray,
-        xd_r: FloatArray,
-        force: FloatArray,
-        force_d: FloatArray,
-        steps: int,
-    ) -> FloatArray:
-        """Q_d of eq. 23 (corrected), m^2/s."""
-        gains = self.gains
-        rate = self._asked_force_rate = self._force_rate.update(force_d, steps)
-        feedback = gains.k_f_m2_ns * (force_d - force) + gains.k_x_m * (xd_r - xd)
-        forward = np.empty_like(xd)
-        for i, axis in enumerate(self._axes):
-            c = axis.cylinder
-            area = c.area_a_m2 / columns.a_m[i] + c.area_b_m2 / columns.b_m[i]
-            forward[i] = -area * xd_r[i] - rate[i] / c.bulk_modulus_pa
-        if columns.leak is not None:
-            forward += columns.leak
-        return forward - feedback
-
     def _signals(
-        self, flow_term: FloatArray, columns: OilColumns, state: State, steps: int
-    ) -> FloatArray:
-        """Normalised valve signals of eq. 24, for the edges and then for the valve."""
-        opening = np.empty_like(flow_term)
-        for i, axis in enumerate(self._axes):
-            p_a, p_b = state.pressures[:, axis.cylinder_index]
-            lengths = columns.a_m[i], columns.b_m[i]
-            u = signal_at_lengths(
-                axis.valve, flow_term[i], *lengths, p_a, p_b, state.p_s, state.p_t
-            )
-            opening[i] = float(u)
+        self, state: State, rows: FloatArray, rate: FloatArray, leak: FloatArray, steps: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Q_d of eq. 23, and signals of eq. 24, for the edges and then for the valve."""
+        flow_term, opening = out = np.empty((2, len(rate)))
+        oil = state.pressures, float(state.p_s), float(state.p_t)
+        flow_kernel(self._arrays, rows, state.force, rate, leak, *oil, *out)
         if self.adaptation is not None:
             opening -= self.adaptation.null_bias
         if self.compensation is None:
-            return opening
-        return self.compensation.signals(opening, steps)
+            return flow_term, opening
+        return flow_term, self.compensation.signals(opening, steps)
 
     def _driven(self, signal: FloatArray, pressures: FloatArray) -> FloatArray:
         """Voltages in the robot's order of valves: relieved, saturated and slewed."""
-        wanted = np.zeros_like(self._rated_v)
-        for i, axis in enumerate(self._axes):
-            p_a, p_b = pressures[:, axis.cylinder_index].tolist()
-            u = relieved(float(signal[i]), p_a, p_b, self.limits.pressure_pa)
-            wanted[axis.valve_index] = u * axis.valve.rated_voltage_v
-        return self._slewed(np.clip(wanted, -self._rated_v, self._rated_v))
-
-    def _slewed(self, wanted_v: FloatArray) -> FloatArray:
+        before_v, self._voltage_v = self._voltage_v, np.zeros_like(self._voltage_v)
         # One sample time's worth even after lost samples: whoever checks the rate downstream
         # may not have lost them.
-        most = self.gains.slew_limit_v_s * self.dt_s
-        self._voltage_v = np.clip(wanted_v, self._voltage_v - most, self._voltage_v + most)
+        voltage_kernel(self._arrays, signal, pressures, before_v, self._voltage_v)
         return self._voltage_v.copy()

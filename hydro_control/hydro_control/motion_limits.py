@@ -29,6 +29,10 @@ _STEP_S = 0.01
 #: A valve stops feeding a chamber over this share of pressure below the limit.
 RELIEF_BAND = 0.1
 
+#: What a motion was limited by, in words.
+TIP_SPEED_NOTE = "tip speed is at its limit"
+END_NOTE = "braking before the end of a joint or stroke"
+
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
@@ -120,7 +124,7 @@ def _slower_tip(
         motion,
         qd_r=scale * motion.qd_r,
         qdd_r=scale * motion.qdd_r,
-        notes=(*motion.notes, "tip speed is at its limit"),
+        notes=(*motion.notes, TIP_SPEED_NOTE),
     )
 
 
@@ -141,7 +145,7 @@ def _before_the_ends(
         motion,
         qd_r=kept,
         qdd_r=np.where(changed, slowing, motion.qdd_r),
-        notes=(*motion.notes, "braking before the end of a joint or stroke"),
+        notes=(*motion.notes, END_NOTE),
     )
 
 

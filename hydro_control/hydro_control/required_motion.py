@@ -18,6 +18,10 @@ RANK_RATIO = 1e-9
 #: Required joint acceleration is kept within this many velocity limits per second.
 ACCELERATION_PER_VELOCITY_1_S = 20.0
 
+#: What a motion was limited by, in words.
+DAMPED_NOTE = "near a singular pose, tip motion is damped"
+SPEED_NOTE = "required joint velocity is at its limit"
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -156,7 +160,7 @@ def _from_tip(
     error = ref.position - position
     qd_r = inverse @ (ref.velocity + k_p * error)
     qdd_r = inverse @ (ref.acceleration + k_p * (ref.velocity - jacobian @ qd) - rate @ qd_r)
-    notes = ("near a singular pose, tip motion is damped",) if damped else ()
+    notes = (DAMPED_NOTE,) if damped else ()
     q_d, qd_d = q + inverse @ error, inverse @ ref.velocity
     return JointMotion(q_d, qd_d, qd_r, qdd_r, ref.position, notes, inverse)
 
@@ -180,7 +184,7 @@ def _within_limits(robot: Robot, motion: JointMotion) -> JointMotion:
     if excess <= 1.0:
         scale, notes = 1.0, motion.notes
     else:
-        scale, notes = 1.0 / excess, (*motion.notes, "required joint velocity is at its limit")
+        scale, notes = 1.0 / excess, (*motion.notes, SPEED_NOTE)
     rate_limit = ACCELERATION_PER_VELOCITY_1_S * limit
     return replace(
         motion,

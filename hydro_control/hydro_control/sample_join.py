@@ -31,7 +31,7 @@ class SampleJoin:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
+        self._joint_names, self._pressure_names = robot.joint_names, robot.pressure_names
         self._chambers = [n for n in robot.pressure_names if "/" in n]
         self._joints: deque[tuple[int, FloatArray]] = deque(maxlen=_KEPT)
         self._pressures: deque[tuple[int, FloatArray]] = deque(maxlen=_KEPT)
@@ -45,15 +45,15 @@ class SampleJoin:
 
     def add_joints(self, message: Any) -> None:
         """Take a `/joint_states` message."""
-        values = by_name(message, "position", self._robot.joint_names)
+        values = by_name(message, "position", self._joint_names)
         if values is None:
-            self._lacks("/joint_states", self._robot.joint_names, message)
+            self._lacks("/joint_states", self._joint_names, message)
         else:
             self._joints.append((stamp_ns(message), np.array(values)))
 
     def add_pressures(self, message: Any) -> None:
         """Take a `/chamber_pressures` message; supply and tank may be absent."""
-        values = by_name(message, "effort", self._robot.pressure_names)
+        values = by_name(message, "effort", self._pressure_names)
         if values is None:
             values = by_name(message, "effort", self._chambers)
         if values is None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from hydro_control.axes import Axis
 from hydro_control.filters import Ewma, FilteredDifference, average_lag_s, difference_lag_s
 from hydro_control.gains import Gains
-from hydro_model.cylinder import piston_force
 from hydro_model.robot import FloatArray
 
 
@@ -51,7 +50,9 @@ class StateFilter:
     def __init__(
         self, axes: Sequence[Axis], gains: Gains, dt_s: float, force_lag_s: FloatArray
     ) -> None:
-        self._axes = tuple(axes)
+        self._cylinders = [a.cylinder_index for a in axes]
+        self._area_a_m2 = np.array([a.cylinder.area_a_m2 for a in axes])
+        self._area_b_m2 = np.array([a.cylinder.area_b_m2 for a in axes])
         self._position = Ewma(gains.alpha_q)
         self._velocity = FilteredDifference(gains.alpha_qd, dt_s)
         self._pressure = Ewma(gains.alpha_p)
@@ -71,10 +72,9 @@ class StateFilter:
         position = self._position.update(q, steps)
         velocity = self._velocity.update(q, steps)
         filtered = self._pressure.update(pressures, steps)
-        force = [
-            float(piston_force(a.cylinder, *filtered[:, a.cylinder_index])) for a in self._axes
-        ]
-        return State(position, velocity, np.array(force), filtered, p_s, p_t)
+        at = filtered[:, self._cylinders]
+        force = at[0] * self._area_a_m2 - at[1] * self._area_b_m2  # eq. 9
+        return State(position, velocity, force, filtered, p_s, p_t)
 
     def predicted(
         self, now: State, lead_s: float, acceleration: FloatArray, force_rate: FloatArray
@@ -96,9 +96,11 @@ class StateFilter:
         State
         """
         late, ahead = self._velocity_lag_s, lead_s + self._position_lag_s
-        return replace(
-            now,
-            q=now.q + ahead * now.qd + (0.5 * ahead + late) * ahead * acceleration,
-            qd=now.qd + (lead_s + late) * acceleration,
-            force=now.force + (lead_s + self._force_lag_s) * force_rate,
+        return State(
+            now.q + ahead * now.qd + (0.5 * ahead + late) * ahead * acceleration,
+            now.qd + (lead_s + late) * acceleration,
+            now.force + (lead_s + self._force_lag_s) * force_rate,
+            now.pressures,
+            now.p_s,
+            now.p_t,
         )

@@ -161,6 +161,8 @@ class Codec:
         self._counter = layout.raw(mapping.counter)
         self.tells_clock = "lockstep" in mapping.status
         self._status = {name: layout.raw(signal) for name, signal in mapping.status.items()}
+        # Of the few combinations that occur, each is made once.
+        self._statuses: dict[tuple[int, ...], Status] = {}
         self._positions = tuple(layout.bind(c) for c in mapping.joints.values())
         self._strokes = tuple(layout.bind(c) for c in mapping.strokes.values())
         self._pressures = tuple(
@@ -261,17 +263,24 @@ class Codec:
             return binding.decode(data[binding.raw.frame])
 
         sync = data[self._sync.name]
-        status = Status(**{n: bool(raw.unpack(sync)) for n, raw in self._status.items()})
         temperature = self._temperature
         return Readings(
             counter=self._counter.unpack(sync),
-            status=status,
+            status=self._status_of(sync),
             positions=tuple(map(value, self._positions)),
             pressures_pa=tuple(map(value, self._pressures)),
             spools=tuple(float("nan") if b is None else value(b) for b in self._spools),
             strokes_m=tuple(map(value, self._strokes)),
             oil_temperature_c=None if temperature is None else value(temperature),
         )
+
+    def _status_of(self, sync: bytes) -> Status:
+        bits = tuple(raw.unpack(sync) for raw in self._status.values())
+        known = self._statuses.get(bits)
+        if known is None:
+            named = zip(self._status, map(bool, bits), strict=True)
+            known = self._statuses[bits] = Status(**dict(named))
+        return known
 
     def encode_cycle(self, readings: Readings) -> list[can.Message]:
         """The frames of one cycle, sync first (device side).
