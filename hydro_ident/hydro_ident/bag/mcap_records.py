@@ -15,9 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
 from hydro_ident.bag.chunks import ChunkError, decompress_chunk
+from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, MESSAGE_HEAD, Gatherer
 from hydro_ident.bag.mcap_summary import summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
 from hydro_ident.errors import BagError
@@ -30,10 +29,6 @@ MAX_RECORD_BYTES = 1 << 29
 _FREE_BYTES, _LARGEST_RATIO = 1 << 27, 100
 #: Text of schemas, channels and metadata that is kept of one file.
 _DESCRIBED_BYTES = 1 << 26
-#: Messages handed on at a time.
-_BLOCK_ROWS = 1 << 16
-#: Messages outside chunks are handed on in blocks of about this size.
-_BLOCK_BYTES = 1 << 20
 
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
 METADATA, DATA_END = 0x0C, 0x0F
@@ -41,8 +36,6 @@ METADATA, DATA_END = 0x0C, 0x0F
 _IN_CHUNKS = frozenset({SCHEMA, CHANNEL, MESSAGE})
 
 _HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQII")
 _SHORT_PAIR = struct.Struct("<HH")
 
 
@@ -72,6 +65,7 @@ class McapFile:
         self._data_crc = 0
         self._unfolded = self._described = 0
         self._summary_read = False
+        self._gathered = Gatherer()
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages in file order within each channel, block by block.
@@ -129,7 +123,7 @@ class McapFile:
             self._data_crc = zlib.crc32(body, zlib.crc32(head, self._data_crc))
             if opcode == MESSAGE:
                 loose += head + body
-                if len(loose) >= _BLOCK_BYTES:
+                if len(loose) >= BLOCK_BYTES:
                     yield from self._messages(bytes(loose))
                     loose.clear()
             elif opcode == CHUNK:
@@ -139,6 +133,7 @@ class McapFile:
             health.read_bytes += _HEAD.size + length
         if loose:
             yield from self._messages(bytes(loose))
+        yield from self._handed_on()
 
     def _cut(self, where: str) -> None:
         health = self.health
@@ -213,10 +208,9 @@ class McapFile:
         yield from self._messages(chunk.data, truncated=truncated)
 
     def _messages(self, data: bytes, *, truncated: bool = False) -> Iterator[MessageBlock]:
-        """Sort the messages of a buffer by channel."""
-        found: dict[int, list[tuple[int, int, int, int]]] = {}
-        at, end, rows = 0, len(data), 0
-        head, message = _HEAD.unpack_from, _MESSAGE.unpack_from
+        """Find the messages of a buffer; they are handed on together with those of others."""
+        bodies: list[int] = []
+        at, end, head = 0, len(data), _HEAD.unpack_from
         while at + 9 <= end:
             opcode, length = head(data, at)
             at += 9
@@ -224,36 +218,40 @@ class McapFile:
                 break
             if opcode != MESSAGE:
                 self._note(opcode, data[at : at + length])
-            elif length < _MESSAGE.size:
+            elif length < MESSAGE_HEAD:
                 break
             else:
-                channel, _, log_ns, publish_ns = message(data, at)
-                row = (at + 22, length - 22, log_ns, publish_ns)
-                try:
-                    found[channel].append(row)
-                except KeyError:
-                    found[channel] = [row]
-                rows += 1
-                if rows == _BLOCK_ROWS:
-                    yield from self._described_rows(data, found)
-                    found, rows = {}, 0
+                bodies.append(at)
+                if len(bodies) == BLOCK_ROWS:
+                    self._gathered.add(data, bodies)
+                    yield from self._handed_on()
+                    bodies = []
             at += length
         if at != end and not truncated:
             self.health.lose("a chunk ends inside a record: the rest of it left out")
-        yield from self._described_rows(data, found)
+        self._gathered.add(data, bodies)
+        if self._gathered.full:
+            yield from self._handed_on()
 
-    def _described_rows(
-        self, data: bytes, found: dict[int, list[tuple[int, int, int, int]]]
-    ) -> Iterator[MessageBlock]:
-        for channel, rows in found.items():
-            if channel not in self.channels:
+    def _handed_on(self) -> Iterator[MessageBlock]:
+        """What was gathered of channels that a record describes."""
+        for found in self._gathered.take():
+            if found.channel not in self.channels:
                 self._note_summary()
-            if channel not in self.channels:
+            if found.channel not in self.channels:
                 self.health.lose(
-                    f"{len(rows)} messages of channel {channel}, which no record describes"
+                    f"{len(found.offset)} messages of channel {found.channel}, which no record"
+                    " describes"
                 )
                 continue
-            yield _block(self.channels[channel], data, rows)
+            yield MessageBlock(
+                self.channels[found.channel],
+                found.data,
+                found.offset,
+                found.length,
+                found.log_ns,
+                found.publish_ns,
+            )
 
     def _note_summary(self) -> None:
         """Channels from the end of the file, once: those of a chunk that was lost."""
@@ -262,12 +260,6 @@ class McapFile:
             for opcode, body in summary_records(self.path):
                 if opcode in (SCHEMA, CHANNEL):
                     self._note(opcode, body)
-
-
-def _block(channel: Channel, data: bytes, rows: list[tuple[int, int, int, int]]) -> MessageBlock:
-    # Times are unsigned in the file; ROS time is signed, and a wrapped one is seen as negative.
-    columns = np.array(rows, dtype=np.uint64).astype(np.int64).T
-    return MessageBlock(channel, data, columns[0], columns[1], columns[2], columns[3])
 
 
 def _string(body: bytes, at: int) -> tuple[str, int]:

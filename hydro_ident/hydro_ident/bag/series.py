@@ -163,7 +163,7 @@ class SeriesBuilder:
             oldest, newest = int(stamps.min()), int(stamps.max())
             first = oldest if first < 0 else min(first, oldest)
             self.stamp_span_ns = (first, max(last, newest))
-        return left if not len(taken) else np.setdiff1d(left, taken, assume_unique=True)
+        return left[:0] if len(taken) == len(left) else np.setdiff1d(left, taken)
 
     def _check_cells(self, cells: int) -> None:
         filled = sum(values.size for piece in self._pieces for values in piece.fields.values())

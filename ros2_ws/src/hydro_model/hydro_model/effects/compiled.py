@@ -1,7 +1,9 @@
 """Laws compiled: called by address, so that one cached kernel serves every set of effects.
 
-A kernel specialised to a set of effects would be compiled anew for each set. Here each law is
-compiled (and cached) on its own and the kernels call through its address.
+A kernel specialised to a set of effects would be compiled anew for each set. Here the kernels call
+laws through their addresses. The catalogue's are compiled (and cached) as one piece of code: what
+numba compiles on its own begins a memory page of its own, and at the same place of so many pages
+laws drive each other from the processor's instruction cache. Any other law is compiled alone.
 """
 
 from __future__ import annotations
@@ -20,16 +22,70 @@ from hydro_model.kernel import kernel
 from hydro_model.robot import FloatArray
 
 _POINTER = types.CPointer(types.float64)
+_SIGNATURE = types.float64(_POINTER, _POINTER)
+
+
+def _catalogue_laws() -> tuple[Law, ...]:
+    """Every law of the catalogue, once."""
+    from hydro_model.effects.catalogue import CATALOGUE
+
+    found: dict[Law, None] = {}
+    for effect in CATALOGUE.values():
+        found |= dict.fromkeys(term.law for term in effect.terms)
+        for state in effect.states:
+            found |= dict.fromkeys((state.rate, state.initial))
+            found |= dict.fromkeys([state.after] if state.after else [])
+    return tuple(found)
+
+
+@intrinsic
+def _store_addresses(typing_context: Any, out: Any) -> Any:
+    """Compile the catalogue's laws into the calling kernel's code, their addresses into `out`.
+
+    `typing_context` is numba's own.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        double, word = ir.DoubleType(), ir.IntType(64)
+        kind = ir.FunctionType(double, [double.as_pointer(), double.as_pointer()])
+        target = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        for i, law in enumerate(_catalogue_laws()):
+            compiled = context.compile_subroutine(builder, law, _SIGNATURE)
+            function = ir.Function(builder.module, kind, name=f"hydro_law_{i}")
+            function.linkage = "internal"
+            body = ir.IRBuilder(function.append_basic_block())
+            _, value = context.call_internal_no_propagate(
+                body, compiled.fndesc, _SIGNATURE, function.args
+            )
+            body.ret(value)
+            address = builder.ptrtoint(function, word)
+            builder.store(address, builder.gep(target, [ir.Constant(word, i)]))
+        return context.get_dummy_value()
+
+    return types.none(out), generate
+
+
+@kernel
+def _addresses(out: Any) -> None:
+    _store_addresses(out)
+
+
+@cache
+def _table() -> dict[Law, int]:
+    laws = _catalogue_laws()
+    out = np.zeros(len(laws), dtype=np.int64)
+    _addresses(out)
+    return dict(zip(laws, out.tolist(), strict=True))
 
 
 @cache
 def _compiled(law: Law) -> Any:
-    return cfunc(types.float64(_POINTER, _POINTER), cache=True, error_model="numpy")(law)
+    return cfunc(_SIGNATURE, cache=True, error_model="numpy")(law)
 
 
 def law_address(law: Law) -> int:
     """Address of a law compiled as ``double law(const double *s, const double *p)``."""
-    return int(_compiled(law).address)
+    return _table().get(law) or int(_compiled(law).address)
 
 
 def signals_read(law: Law) -> frozenset[int]:

@@ -1,0 +1,103 @@
+"""Messages of several chunks gathered into blocks that are worth numpy's price of a call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+#: Messages are handed on once they are so many, or their buffers of this size.
+BLOCK_ROWS, BLOCK_BYTES = 1 << 16, 1 << 20
+
+#: A message record from its length on; the opcode is before, the data behind.
+_RECORD = np.dtype(
+    [
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_ns", "<u8"),
+        ("publish_ns", "<u8"),
+    ]
+)
+#: Bytes of a message record before its data that its length counts.
+MESSAGE_HEAD = _RECORD.itemsize - 8
+
+
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """Messages of one channel: their buffer, and columns (N,) of where and when they are.
+
+    Attributes
+    ----------
+    channel : int
+    data : bytes
+    offset, length, log_ns, publish_ns : (N,) int64 array
+        Of the message's data. Times are unsigned in the file; ROS time is signed, and a wrapped
+        one is seen as negative.
+    """
+
+    channel: int
+    data: bytes
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    publish_ns: NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Gatherer:
+    """Buffers of records, and where in them messages are."""
+
+    _data: list[bytes] = field(default_factory=list)
+    _bodies: list[NDArray[np.int64]] = field(default_factory=list)
+    _bytes: int = 0
+    _rows: int = 0
+
+    def add(self, data: bytes, bodies: list[int]) -> None:
+        """Take in a buffer.
+
+        Parameters
+        ----------
+        data : bytes
+        bodies : list of int
+            Where bodies of message records begin in it, with a whole head before and
+            `MESSAGE_HEAD` bytes behind; in order.
+        """
+        if not bodies:
+            return
+        self._data.append(data)
+        self._bodies.append(np.array(bodies, dtype=np.int64) + self._bytes)
+        self._bytes += len(data)
+        self._rows += len(bodies)
+
+    @property
+    def full(self) -> bool:
+        """Enough to be handed on."""
+        return self._rows >= BLOCK_ROWS or self._bytes >= BLOCK_BYTES
+
+    def take(self) -> Iterator[Gathered]:
+        """The messages by channel, in order of their first ones; the gatherer is empty then."""
+        if not self._rows:
+            return
+        data = self._data[0] if len(self._data) == 1 else b"".join(self._data)
+        bodies = np.concatenate(self._bodies)
+        self._data, self._bodies, self._bytes, self._rows = [], [], 0, 0
+        buffer = np.frombuffer(data, dtype=np.uint8)
+        heads = sliding_window_view(buffer, _RECORD.itemsize)[bodies - 8]
+        records = np.ascontiguousarray(heads).view(_RECORD)[:, 0]
+        order = np.argsort(records["channel"], kind="stable")
+        channels, firsts = np.unique(records["channel"][order], return_index=True)
+        groups = np.split(order, firsts[1:])
+        for i in np.argsort([group[0] for group in groups]):
+            group = groups[i]
+            yield Gathered(
+                int(channels[i]),
+                data,
+                bodies[group] + MESSAGE_HEAD,
+                records["length"][group].astype(np.int64) - MESSAGE_HEAD,
+                records["log_ns"][group].astype(np.int64),
+                records["publish_ns"][group].astype(np.int64),
+            )
