@@ -11,6 +11,7 @@ from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.outcome import Finding
@@ -99,9 +100,33 @@ def _is_of(named: Named, name: str, target: str) -> bool:
 
 
 def withdrawn(
-    work: Residuals, whole: Fitted, findings: list[Finding], left: Sequence[Dependence]
-) -> tuple[Fitted, list[Finding], list[Finding]]:
-    """Take back names that explain less than what is left in their own channel."""
+    work: Residuals, whole: Fitted, findings: list[Finding]
+) -> tuple[Fitted, list[Finding], list[Finding], list[Dependence]]:
+    """Take back names that explain less than what is left in their own channel.
+
+    Returns
+    -------
+    whole : Fitted
+        Without them.
+    findings, taken : list of Finding
+    left : list of Dependence
+        Of the residual then.
+    """
+    taken: list[Finding] = []
+    while True:
+        left = dependences(work.training, whole)
+        weak = _explain_less(work, whole, findings, left)
+        if not weak:
+            return whole, findings, taken, left
+        whole = _without(work, whole, [f.named for f in weak])
+        findings = [f for f in findings if f not in weak]
+        taken += weak
+
+
+def _explain_less(
+    work: Residuals, whole: Fitted, findings: Sequence[Finding], left: Sequence[Dependence]
+) -> list[Finding]:
+    """Findings that explain less than what is left in their own channel."""
     material, taken = work.training.predictor.material, list[Finding]()
     holds = Confirmer(work.training, work.check, whole).holds
     significant = unexplained(work.training, whole, left, holds)
@@ -119,9 +144,7 @@ def withdrawn(
         silent = finding.verification.silent and any(u.confirmed for u in own)
         if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
-    if taken:
-        whole = _without(work, whole, [f.named for f in taken])
-    return whole, [f for f in findings if f not in taken], taken
+    return taken
 
 
 def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:

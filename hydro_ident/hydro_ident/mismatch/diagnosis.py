@@ -121,10 +121,7 @@ def _diagnosed(
     advance("searching for effects and testing them", 3, _STAGES)
     search, whole, findings, rejected = searched(work, base)
     advance("verifying on what was held out", 4, _STAGES)
-    left = dependences(work.training, whole)
-    whole, findings, taken = withdrawn(work, whole, findings, left)
-    if taken:
-        left = dependences(work.training, whole)
+    whole, findings, taken, left = withdrawn(work, whole, findings)
     advance("describing what has no name", 5, _STAGES)
     unknown = _described(work, whole, left)
     names = [n for f in findings for n in f.named.names]

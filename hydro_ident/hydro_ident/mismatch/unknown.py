@@ -16,6 +16,7 @@ from hydro_ident.mismatch.settings import (
     FORM_TOLERANCE,
     LEAST_SHARE,
     LEAST_SHARE_UNCONFIRMED,
+    PRECISION_UNCONFIRMED,
     PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import UNITS
@@ -82,8 +83,12 @@ def least_share(one: Dependence) -> float:
 
     What wanders with time does so otherwise in other recordings: they cannot confirm it.
     """
-    wanders = one.variable == "time" and not one.period
-    return LEAST_SHARE_UNCONFIRMED if wanders else LEAST_SHARE
+    return LEAST_SHARE_UNCONFIRMED if wanders(one) else LEAST_SHARE
+
+
+def wanders(one: Dependence) -> bool:
+    """Whether a dependence is one on time that does not repeat."""
+    return one.variable == "time" and not one.period
 
 
 def unexplained(
@@ -106,11 +111,15 @@ def unexplained(
     """
     material = training.predictor.material
     result: dict[int, Unexplained] = {}
-    least = [least_size(training, fitted, k) for k in range(len(material.channels))]
+    channels = range(len(material.channels))
+    least = {
+        unconfirmed: [least_size(training, fitted, k, precision) for k in channels]
+        for unconfirmed, precision in ((True, PRECISION_UNCONFIRMED), (False, PRECISION_UNNAMED))
+    }
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result:
             continue
-        if one.share < least_share(one) or one.size < least[one.channel]:
+        if one.share < least_share(one) or one.size < least[wanders(one)][one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)
@@ -138,12 +147,14 @@ def _shape(one: Dependence) -> str:
     return f"{one.variable} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
-def least_size(training: Training, fitted: Fitted, channel: int) -> float:
+def least_size(
+    training: Training, fitted: Fitted, channel: int, precision: float = PRECISION_UNNAMED
+) -> float:
     """Rms below which a function is a flaw of the model's form and precision."""
     predictor = training.predictor
     own = (predictor.material.channel == channel) & training.mask
     y, _ = predictor.base(fitted.model)
-    size = PRECISION_UNNAMED * float(np.sqrt(np.mean(y[own] ** 2)))
+    size = precision * float(np.sqrt(np.mean(y[own] ** 2)))
     parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
     squares = sum(float(np.var(part)) for part in parts)
     return max(size, FORM_TOLERANCE * float(np.sqrt(squares)))

@@ -138,7 +138,8 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
     against = objection(best, least)
     silent = not met or max(one.shown for one in looks) < SHOWN * spread
     faint = against and not objection(best, max(least, missed(best.shown / spread)))
-    return best, silent, _unexercised(best, named) if silent or faint else against
+    silent = silent or bool(faint)
+    return best, silent, _unexercised(best, named) if silent else against
 
 
 def _met(check: Check, acting: Sequence[str]) -> bool:
