@@ -133,18 +133,33 @@ def _explain_less(
     # What other rows confirm takes a name away sooner than what they could not.
     for finding in findings:
         channel = finding.channels[0]
-        total = _gains(work, whole, finding.named)[material.channels.index(channel)]
-        own = [u for u in significant if u.channel == channel]
-        # What follows the variable of a law that was found there is its form: later, too.
-        beside = [f for f in findings if channel in f.channels]
-        acts = {VARIABLES.get(f.named.term.effect.name) for f in beside}
-        doubted = [u.confirmed and u.dependence.variable not in acts for u in own]
+        at, formed = material.channels.index(channel), _variable(finding)
+        total = _gains(work, whole, finding.named)[at]
+        # What follows the variable of a larger law that was found there, too, is that one's form.
+        larger = {
+            _variable(f): float(_gains(work, whole, f.named)[at])
+            for f in findings
+            if f is not finding and channel in f.channels
+        }
+        own = [
+            u
+            for u in significant
+            if u.channel == channel
+            and u.dependence.gain > larger.get(u.dependence.variable, 0.0) * _CONFIRMED_SHARE
+        ]
+        # What follows its own variable is its own form: that takes it away later.
+        doubted = [u.confirmed and u.dependence.variable != formed for u in own]
         most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
         # What held-out rows cannot show is no name beside what they show to be something else.
         silent = finding.verification.silent and any(u.confirmed for u in own)
         if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
     return taken
+
+
+def _variable(finding: Finding) -> str:
+    """The variable through which a finding acts; empty for none."""
+    return VARIABLES.get(finding.named.term.effect.name, "")
 
 
 def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
