@@ -65,9 +65,13 @@ def held_ripple(modulus_pa: float, delay_s: float, cycle_s: float) -> float:
 
 
 def in_step(valve_signals: Sequence[FloatArray]) -> bool:
-    """Whether commands change with every reading, where they do; each (N,).
+    """Whether commands change with every reading, where they change.
 
     Of commands that are held over several readings the phase differs from one to the next.
+
+    Parameters
+    ----------
+    valve_signals : sequence of (N,) array
     """
     changes = [np.flatnonzero(np.diff(u[np.isfinite(u)])) for u in valve_signals]
     gaps = np.concatenate([np.diff(at) for at in changes]) if changes else np.zeros(0)
