@@ -91,6 +91,16 @@ def instants_of(material: Material) -> list[float]:
 def quantiles(
     predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
 ) -> list[float]:
+    """Places along a law's signals at which its shapes are tried.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+    one : ActiveEffect
+    signals : sequence of int
+        Of `hydro_model.signals`, taken together.
+    """
     values = []
     for stretch in predictor.signals.stretches(model):
         if one.cylinder is not None:

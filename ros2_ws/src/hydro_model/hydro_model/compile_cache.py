@@ -1,12 +1,14 @@
 """Where numba keeps compiled kernels: the user's cache folder, one per state of the sources.
 
-numba's own cache looks at the file a kernel stands in, not at the files of the kernels it calls,
-so after an update it would go on running old code. A folder named after all sources cannot.
+numba's own cache looks at the file a kernel stands in, not at the files of the kernels it calls
+or of the constants it was compiled with, so after an update it would go on running old code. A
+folder named after all sources cannot.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 import shutil
 from pathlib import Path
@@ -15,16 +17,26 @@ from pathlib import Path
 _KEPT = 16
 
 
-def source_state() -> str:
-    """A short name that changes with any source file of this package.
+#: Packages with kernels that take constants and kernels from several of their files; in others
+#: each takes what is in its own file and in this package.
+_WITH_KERNELS = ("hydro_control", "hydro_hw_bridge")
 
-    Kernels elsewhere call only kernels of their own file, for which numba's check suffices.
-    """
+
+def source_state() -> str:
+    """A short name that changes with any source file that kernels are compiled from."""
     digest = hashlib.sha256()
-    for file in sorted(Path(__file__).parent.rglob("*.py")):
-        status = file.stat()
-        digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
+    for folder in _folders():
+        for file in sorted(folder.rglob("*.py")):
+            status = file.stat()
+            digest.update(f"{file} {status.st_size} {status.st_mtime_ns}\n".encode())
     return digest.hexdigest()[:16]
+
+
+def _folders() -> list[Path]:
+    """Of this package and of those with kernels that are installed, without importing any."""
+    found = [importlib.util.find_spec(name) for name in _WITH_KERNELS]
+    places = [place for spec in found if spec for place in spec.submodule_search_locations or ()]
+    return [Path(__file__).parent, *map(Path, places)]
 
 
 def use_user_cache() -> None:

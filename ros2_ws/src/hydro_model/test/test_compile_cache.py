@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from pathlib import Path
 
@@ -40,3 +41,19 @@ def test_a_folder_that_was_chosen_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_p
     compile_cache.use_user_cache()
     assert os.environ["NUMBA_CACHE_DIR"] == "chosen"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("package", ["hydro_model", "hydro_control", "hydro_hw_bridge"])
+def test_a_change_of_any_file_that_kernels_are_made_of_makes_another_state(package: str) -> None:
+    """Indices and limits that kernels were compiled with stand in other files than they do."""
+    spec = importlib.util.find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        pytest.skip(f"{package} is not installed here")
+    file = Path(next(iter(spec.submodule_search_locations))) / "__init__.py"
+    status, before = file.stat(), compile_cache.source_state()
+    try:
+        os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns + 1_000_000_000))
+        assert compile_cache.source_state() != before
+    finally:
+        os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert compile_cache.source_state() == before
