@@ -17,7 +17,7 @@ from hydro_ident.bag.own_rate import samples_per_reading
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import run as convert
 from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.outcome import PARTLY, UNKNOWN, Diagnosis
+from hydro_ident.mismatch.outcome import UNKNOWN, Diagnosis
 from hydro_ident.sources import bag_source
 from hydro_model.cylinder import lever, stroke
 from hydro_model.robot_files import load_robot, shipped_robots
@@ -96,11 +96,10 @@ def found(bag: Path) -> Diagnosis:
     return diagnose(robot, [bag_source(bag, robot)])
 
 
-def test_nothing_is_named_with_certainty(found: Diagnosis) -> None:
-    assert found.verdict in (PARTLY, UNKNOWN)
-    for finding in found.findings:
-        assert max(finding.named.probability) < 0.9
-        assert finding.channels[0].startswith("lift/flow")
+def test_nothing_is_named(found: Diagnosis) -> None:
+    """One raise: several laws of the valve fit it, and none predicts its other blocks."""
+    assert found.verdict == UNKNOWN
+    assert not found.findings
     assert any("motions of the joints in all: 1" in note for note in found.notes)
     assert any("readings per second" in note for note in found.notes)
 
@@ -112,10 +111,6 @@ def test_what_one_raise_cannot_tell_is_listed(found: Diagnosis) -> None:
 
 def test_that_the_valve_is_not_the_models_is_seen(found: Diagnosis) -> None:
     """It opens late; in one raise the opening, the speed, pressure B and time run together."""
-    names = {n for f in found.findings for n in f.named.names}
     unknown = {u.channel: set(u.depends_on) for u in found.unexplained}
     together = {"valve_signal", "piston_velocity", "pressure_b", "time", "piston_position"}
-    assert "valve_deadband" in names or unknown["lift/flow_b"] <= together
-    for finding in found.findings:
-        if finding.named.term.effect.name == "valve_deadband":
-            assert 0.08 < finding.named.term.parameters[0] < 0.3
+    assert unknown["lift/flow_b"] <= together

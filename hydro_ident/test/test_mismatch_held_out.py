@@ -184,6 +184,15 @@ def test_silent_rows_leave_it_to_the_training_rows(
     assert not found.agreement
 
 
+def test_silent_rows_of_few_motions_confirm_nothing(work: Residuals) -> None:
+    """Blocks of one motion are no independent witnesses: its own rows always leave a doubt."""
+    whole, named = _named(work, 0.0005)
+    found = _verified(work, (whole, replace(named, few=8.0)), _unseen(work))
+    assert found.silent
+    assert not found.stands
+    assert "too few motions" in found.reason
+
+
 def test_other_channels_do_not_speak_for_a_finding(work: Residuals) -> None:
     """Without it the base is off in all channels: of friction in the lift, tilt says nothing."""
     material = work.check.predictor.material

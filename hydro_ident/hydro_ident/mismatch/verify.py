@@ -168,10 +168,13 @@ def _exercised(
 def _unexercised(look: Look, named: Named) -> str:
     """What speaks against a finding that held-out rows do not exercise.
 
-    Its own recording has to leave no doubt then: held-out blocks of it, and no flip of signs.
+    Its own recording has to leave no doubt then: held-out blocks of it, and no flip of signs. Of
+    few motions no blocks are independent, and none can leave none.
     """
     if look.worse:
         return look.worse
+    if named.few > 1.0:
+        return "held-out rows hardly exercise it, and there are too few motions to do without them"
     if named.p_value > FAMILY_ERROR_UNNAMED or not named.pays or named.refused:
         return "held-out rows hardly exercise it, and the training rows leave doubts"
     return ""
