@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from hydro_ident.bench.page import RESULT, with_table
+from hydro_ident.study import discovered_summary as discovered
 from hydro_ident.study.faults import page as faults
 from hydro_ident.study.mutants import page as mutants
 from hydro_ident.study.page import with_tables
@@ -38,8 +39,9 @@ def test_the_study_tables_are_the_committed_results() -> None:
         (faults, faults.with_tables),
         (mutants, mutants.with_table),
         (sabotage, sabotage.with_table),
+        (discovered, discovered.with_table),
     ],
-    ids=["faults", "mutants", "sabotage"],
+    ids=["faults", "mutants", "sabotage", "discovered"],
 )
 def test_a_result_that_is_written_again_gives_the_committed_files(
     of: Any, made: Any, tmp_path: Path

@@ -36,10 +36,17 @@ from hydro_hw_bridge.rig.truth import Truth
 from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_viscous_friction
 from hydro_ident.results import CONTROLLER_FILE, RESULT_FILE
-from hydro_ident.study.discovered_summary import summary_lines, summary_of
+from hydro_ident.study.discovered_summary import (
+    PAGE,
+    RESULT,
+    summary_lines,
+    summary_of,
+    with_table,
+)
 from hydro_ident.study.force_margin import Motion, force_margin, motion_along
 from hydro_ident.study.gain_choice import track
 from hydro_ident.study.machine_bags import design_experiment, model_of, record_runs
+from hydro_ident.study.placed import renewed
 from hydro_model.command import run_command
 from hydro_model.paths import TipPath, load_path
 from hydro_model.robot import Robot
@@ -221,6 +228,8 @@ def _run(arguments: Sequence[str]) -> int:
             _write(options.out, options.seed, shlex.join(command), plants)
             print(f"machine {one['seed']}: {_rho(one)}", flush=True)
     print("\n".join(summary_lines(json.loads(options.out.read_text(encoding="utf-8")))))
+    if options.out.name == RESULT:
+        renewed(options.out, PAGE, with_table)
     return 0
 
 

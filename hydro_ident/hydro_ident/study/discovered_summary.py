@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hydro_ident.study.placed import placed
+
+#: Of the results folder, and the page beside it.
+RESULT, PAGE = "discovered.json", "discovered.md"
+BEGIN, END = "<!-- discovered: begin -->", "<!-- discovered: end -->"
 ROWS = ("nominal", "identified", "discovered")
 #: Goals: identified over discovered, median rho (and what is aimed at), and the worst rho.
 GAIN, MEDIAN_RHO_S, AIM_RHO_S, WORST_RHO_S = 2.5, 0.0060, 0.0050, 0.0095
@@ -108,6 +115,53 @@ def summary_lines(result: dict[str, Any]) -> list[str]:
         for name, r in ranked
     ]
     return lines
+
+
+def table(folder: Path) -> str:
+    """What the page shows of a committed result, as Markdown.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    """
+    path = folder / RESULT
+    if not path.is_file():
+        return "No run has been published yet.\n"
+    result = json.loads(path.read_text(encoding="utf-8"))
+    plants = result["plants"]
+    lines = [f"`{result['command']}`, {result['date']}: {len(plants)} machines.", ""]
+    lines += [*summary_lines(result), "", *_machine_lines(plants)]
+    return "\n".join(lines) + "\n"
+
+
+def _machine_lines(plants: Sequence[dict[str, Any]]) -> list[str]:
+    """Machine by machine: largest errors, rho of the discovered row, and what was found."""
+    lines = [
+        "| machine | force margin | nominal mm | identified mm | discovered mm | rho s | found |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for plant in plants:
+        errors = " | ".join(f"{_of(plant, row):.2f}" for row in ROWS)
+        found = [
+            f"{' or '.join(one['names'])} of {one['target']}"
+            for one in plant["diagnosis"]["findings"]
+        ]
+        rho = plant["rows"]["discovered"]["rho_s"]
+        margin = f"{plant['force_margin']:.0%}"
+        lines.append(f"| {plant['seed']} | {margin} | {errors} | {rho:.4f} | {', '.join(found)} |")
+    return lines
+
+
+def with_table(text: str, folder: Path) -> str:
+    """The page with its tables made anew.
+
+    Raises
+    ------
+    IdentError
+        The page has no place for them.
+    """
+    return placed(text, table(folder), BEGIN, END)
 
 
 def _row_line(row: str, r: dict[str, float]) -> str:
