@@ -143,13 +143,12 @@ def _machine_lines(plants: Sequence[dict[str, Any]]) -> list[str]:
     ]
     for plant in plants:
         errors = " | ".join(f"{_of(plant, row):.2f}" for row in ROWS)
-        found = [
-            f"{' or '.join(one['names'])} of {one['target']}"
-            for one in plant["diagnosis"]["findings"]
-        ]
-        rho = plant["rows"]["discovered"]["rho_s"]
-        margin = f"{plant['force_margin']:.0%}"
-        lines.append(f"| {plant['seed']} | {margin} | {errors} | {rho:.4f} | {', '.join(found)} |")
+        found: dict[str, list[str]] = {}
+        for one in plant["diagnosis"]["findings"]:
+            found.setdefault(" or ".join(one["names"]), []).append(one["target"])
+        said = ", ".join(f"{names} ({', '.join(sorted(at))})" for names, at in found.items())
+        rho, margin = plant["rows"]["discovered"]["rho_s"], f"{plant['force_margin']:.0%}"
+        lines.append(f"| {plant['seed']} | {margin} | {errors} | {rho:.4f} | {said} |")
     return lines
 
 
