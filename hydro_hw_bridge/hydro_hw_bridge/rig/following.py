@@ -143,7 +143,8 @@ def true_rates(plant: Plant, track: Track, payload: Payload | None = None) -> Fl
     payload : Payload, optional
         As in the run; the plant carries it afterwards.
     """
-    out, count = np.empty_like(track.states), len(track.states)
+    # Zeros: rates of mounts and hoses that a machine does not have are not filled in.
+    out, count = np.zeros_like(track.states), len(track.states)
     split = count if payload is None else min(count, round(payload.from_s / track.cycle_s))
     for begin, end in ((0, split), (split, count)):
         if begin == end:
