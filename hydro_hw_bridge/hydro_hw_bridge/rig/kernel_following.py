@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_hw_bridge.rig.compiled import compiled, inlined
+from hydro_hw_bridge.rig.compiled import allocating, compiled, inlined
 from hydro_hw_bridge.rig.kernel import cycle, rates
 from hydro_hw_bridge.rig.kernel_bodies import equations_of_motion
 from hydro_hw_bridge.rig.kernel_hydraulics import bulk_modulus, chamber_volumes, valve_flows
@@ -46,7 +46,7 @@ def _exchange(link, payload):  # type: ignore[no-untyped-def]
             link.inertia[a, b] = payload[5 + 3 * a + b]
 
 
-@compiled
+@allocating
 def follow(  # type: ignore[no-untyped-def]
     y, targets, rates_wanted, jitter, encoder, pushes, shakes, gains, delay, payload, memory,
     steps, cycle_s, work, links, frames, cyls, world, jac, matrix, bias, states, commands,
