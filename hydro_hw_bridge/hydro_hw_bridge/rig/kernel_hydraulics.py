@@ -87,7 +87,10 @@ def _balance(inflow, coefficient, opening, drop, pilot, cyl):  # type: ignore[no
 
 @inlined
 def bend_flows(q_pa, q_at, q_pb, q_bt, opening, p_va, p_vb, p_s, p_t, x, cyl):  # type: ignore[no-untyped-def]
-    """Edge flows `q_pa`, `q_at`, `q_pb`, `q_bt` with what bends them beyond the square root."""
+    """Edge flows `q_pa`, `q_at`, `q_pb`, `q_bt` with what bends them beyond the square root.
+
+    `opening` is that of the edges P-A and B-T.
+    """
     if cyl.compensation != 0.0:
         half = 0.5 * cyl.compensation
         q_pa *= (cyl.compensation_pressure / max(p_s - p_va, 1.0e5)) ** half

@@ -12,7 +12,7 @@ Arguments that the modules of the compiled plant share:
 - `y`: the state as `Plant` lays it out; `asked`: spool positions by cylinder, held over a cycle of
   `cycle_s` in `steps` fixed steps; `pump`: False while it is off;
 - `force`: of or about the joints (n,); `x`, `v`: of a piston; `p_va`, `p_vb`: pressures at the
-  valve's ports, those of the chambers where there are no hoses.
+  valve's ports, those of the chambers where there are no hoses; `time`: of the plant, s.
 """
 
 from __future__ import annotations
