@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.rig import kernel
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.extras import AxisExtras, Extras, MachineExtras, SensorExtras
 from hydro_hw_bridge.rig.following import Servo, Signals, balance_residuals, follow, true_rates
+from hydro_hw_bridge.rig.kernel_following import rates_along
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.process import Process
 from hydro_hw_bridge.rig.random_truth import plain_truth
@@ -37,7 +37,7 @@ def _path(count: int) -> tuple[FloatArray, FloatArray]:
 def _signals(robot: Robot, plant: Plant, states: FloatArray, asked: FloatArray) -> Signals:
     n, m = robot.dof, len(robot.cylinders)
     track_rates = np.empty_like(states)
-    kernel.rates_along(states, asked, 0.0, 2e-3, *plant.records, track_rates)
+    rates_along(states, asked, 0.0, 2e-3, *plant.records, track_rates)
     a, b, s = 2 * n, 2 * n + m, plant.lines_index
     return Signals(
         *(states[:, :n], states[:, n : 2 * n], track_rates[:, n : 2 * n]),
@@ -257,6 +257,8 @@ def test_true_rates_leave_out_the_random_forces(robot: Robot) -> None:
         quiet.state[:] = track.states[k, : quiet.state.size]
         wanted = quiet.rates(track.asked[k])
         np.testing.assert_allclose(rates[k, : quiet.state.size], wanted, rtol=1e-9, atol=1e-9)
+    # This machine has neither mounts nor sprung loads nor hoses.
+    np.testing.assert_array_equal(rates[:, quiet.state.size :], 0.0)
 
 
 def test_wrong_number_of_extras_is_refused(robot: Robot) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.rig import kernel
+from hydro_hw_bridge.rig.kernel_hydraulics import dead_zone, edge_flow
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_hw_bridge.rig.truth_files import load_truth
@@ -203,14 +203,14 @@ def test_edges_follow_the_square_root_law() -> None:
 
 
 def test_small_pressure_drops_flow_laminar_and_both_ways() -> None:
-    flow = [kernel.edge_flow(EDGE, 1.0, drop, 4e4) for drop in (-100.0, -50.0, 50.0, 100.0)]
+    flow = [edge_flow(EDGE, 1.0, drop, 4e4) for drop in (-100.0, -50.0, 50.0, 100.0)]
     np.testing.assert_allclose(np.array(flow) / flow[3], [-1.0, -0.5, 0.5, 1.0], rtol=1e-5)
-    assert kernel.edge_flow(EDGE, -0.1, 1e6, 4e4) == 0.0
+    assert edge_flow(EDGE, -0.1, 1e6, 4e4) == 0.0
 
 
 def test_dead_zone_is_smooth_odd_and_monotonic() -> None:
     u = np.linspace(-0.05, 0.05, 2001)
-    opening = np.array([kernel.dead_zone(v, 0.01, 1e-3) for v in u])
+    opening = np.array([dead_zone(v, 0.01, 1e-3) for v in u])
     assert (np.diff(opening) > 0.0).all()
     np.testing.assert_allclose(opening, -opening[::-1], atol=1e-15)
     outside = np.abs(u) > 0.03

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.rig import kernel
+from hydro_hw_bridge.rig import kernel_following
 from hydro_hw_bridge.rig.payload import Payload, loaded
 from hydro_hw_bridge.rig.plant import PLAYS, Plant
 from hydro_hw_bridge.rig.process import Process
@@ -107,7 +107,7 @@ def follow(
     states = np.empty((count, plant.state.size))
     commands, asked, seen = np.zeros((count, m)), np.zeros((count, m)), np.empty((count, n))
     late = truth.command_delay_cycles + truth.extras.machine.command_delay_s / cycle_s
-    kernel.follow(
+    kernel_following.follow(
         plant.state,
         np.ascontiguousarray(q_ref),
         np.ascontiguousarray(qd_ref),
@@ -143,7 +143,8 @@ def true_rates(plant: Plant, track: Track, payload: Payload | None = None) -> Fl
     payload : Payload, optional
         As in the run; the plant carries it afterwards.
     """
-    out, count = np.empty_like(track.states), len(track.states)
+    # Zeros: rates of mounts and hoses that a machine does not have are not filled in.
+    out, count = np.zeros_like(track.states), len(track.states)
     split = count if payload is None else min(count, round(payload.from_s / track.cycle_s))
     for begin, end in ((0, split), (split, count)):
         if begin == end:
@@ -152,7 +153,9 @@ def true_rates(plant: Plant, track: Track, payload: Payload | None = None) -> Fl
             plant.load_tip(payload.mass_kg)
         states = np.ascontiguousarray(track.states[begin:end])
         asked, start = np.ascontiguousarray(track.asked[begin:end]), begin * track.cycle_s
-        kernel.rates_along(states, asked, start, track.cycle_s, *plant.records, out[begin:end])
+        kernel_following.rates_along(
+            states, asked, start, track.cycle_s, *plant.records, out[begin:end]
+        )
     return out
 
 
@@ -190,7 +193,7 @@ def balance_residuals(plant: Plant, signals: Signals) -> FloatArray:
     s = signals
     out = np.empty((len(s.q), 3 * s.p_a.shape[1]))
     arrays = (s.q, s.qd, s.qdd, s.p_a, s.p_b, s.rise_a, s.rise_b, s.lines, s.asked)
-    kernel.balances(*(np.ascontiguousarray(a) for a in arrays), *plant.records, out)
+    kernel_following.balances(*(np.ascontiguousarray(a) for a in arrays), *plant.records, out)
     return out
 
 

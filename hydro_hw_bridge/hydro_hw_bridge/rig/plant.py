@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig import kernel
 from hydro_hw_bridge.rig.extras import CYLINDER_FIELDS, JOINT_FIELDS, AxisExtras
+from hydro_hw_bridge.rig.kernel_bodies import equations_of_motion
+from hydro_hw_bridge.rig.kernel_frames import move_frames
+from hydro_hw_bridge.rig.kernel_records import CYLINDER, FRAME, LINK, WORLD
 from hydro_hw_bridge.rig.payload import loaded
 from hydro_hw_bridge.rig.process import Process
 from hydro_hw_bridge.rig.truth import CylinderTruth, LinkTruth, Truth, ValveTruth
@@ -58,7 +61,7 @@ class Plant:
         self._links = _links(robot, truth)
         self._cylinders = _cylinders(robot, truth)
         self._world = _world(robot, truth)
-        self._frames = np.zeros(n + 1, dtype=kernel.FRAME)
+        self._frames = np.zeros(n + 1, dtype=FRAME)
         self._frames[0]["rotation"] = np.eye(3)
         self._jac, self._matrix, self._bias = np.zeros((3, n, 3)), np.zeros((n, n)), np.zeros(n)
         self._lines = 2 * n + 5 * m
@@ -209,12 +212,12 @@ class Plant:
 
     def strokes(self) -> FloatArray:
         """Piston displacements (m,), m."""
-        kernel.equations_of_motion(self.q, self.qd, *self.records)
+        equations_of_motion(self.q, self.qd, *self.records)
         return np.array(self._cylinders["x"])
 
     def tip(self) -> FloatArray:
         """Tip position and velocity in the base frame (6,), m and m/s."""
-        kernel.move_frames(self.q, self.qd, self._links, self._frames)
+        move_frames(self.q, self.qd, self._links, self._frames)
         last = self._frames[-1]
         arm = last["rotation"] @ self.robot.tip_offset_m
         velocity = last["velocity"] + np.cross(last["spin"], arm)
@@ -224,7 +227,7 @@ class Plant:
         self, q: FloatArray, qd: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Mass matrix (n, n), bias (n,) with gravity, and levers dx/dq (m,) at a state."""
-        kernel.equations_of_motion(np.asarray(q), np.asarray(qd), *self.records)
+        equations_of_motion(np.asarray(q), np.asarray(qd), *self.records)
         lower = np.tril(self._matrix)
         matrix = lower + np.tril(lower, -1).T
         return matrix, self._bias.copy(), np.array(self._cylinders["lever"])
@@ -267,7 +270,7 @@ class Plant:
 
 
 def _links(robot: Robot, truth: Truth) -> Records:
-    out = np.zeros(robot.dof, dtype=kernel.LINK)
+    out = np.zeros(robot.dof, dtype=LINK)
     driven = {c.joint for c in robot.cylinders}
     for row, joint, link in zip(out, robot.joints, truth.links, strict=True):
         turn = np.zeros((3, 3)) if joint.prismatic else np.cross(np.eye(3), joint.axis)
@@ -293,7 +296,7 @@ def _fill_link(row: Any, link: LinkTruth) -> None:
 
 
 def _cylinders(robot: Robot, truth: Truth) -> Records:
-    out = np.zeros(len(robot.cylinders), dtype=kernel.CYLINDER)
+    out = np.zeros(len(robot.cylinders), dtype=CYLINDER)
     by_cylinder = {v.cylinder: t for v, t in zip(robot.valves, truth.valves, strict=True)}
     closed = ValveTruth("none", 0.0, 0.0, 0.0, 0.0)
     for row, cylinder, real in zip(out, robot.cylinders, truth.cylinders, strict=True):
@@ -353,7 +356,7 @@ def _fill_valve(row: Any, valve: ValveTruth) -> None:
 
 
 def _world(robot: Robot, truth: Truth) -> Records:
-    out = np.zeros(1, dtype=kernel.WORLD)
+    out = np.zeros(1, dtype=WORLD)
     fluid, supply = truth.fluid, truth.supply
     out["gravity"] = robot.gravity_m_s2 if truth.gravity_m_s2 is None else truth.gravity_m_s2
     out["tip"] = robot.tip_offset_m
