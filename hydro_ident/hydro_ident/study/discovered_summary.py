@@ -130,7 +130,8 @@ def table(folder: Path) -> str:
         return "No run has been published yet.\n"
     result = json.loads(path.read_text(encoding="utf-8"))
     plants = result["plants"]
-    lines = [f"`{result['command']}`, {result['date']}: {len(plants)} machines.", ""]
+    command = f"{result['command']} --out {RESULT}"
+    lines = [f"`{command}`, {result['date']}: {len(plants)} machines.", ""]
     lines += [*summary_lines(result), "", *_machine_lines(plants)]
     return "\n".join(lines) + "\n"
 
