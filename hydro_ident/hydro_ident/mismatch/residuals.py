@@ -167,8 +167,8 @@ def residuals(
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
     start = start_model(robot, predictor, resolve(robot))
-    known = fixed_prior if settings.fixed_base else parts_prior
-    prior = known(predictor, robot, predictor.parameters(start))
+    before = fixed_prior if settings.fixed_base else parts_prior
+    prior = before(predictor, robot, predictor.parameters(start))
     training = Training.of(predictor, fit_rows & moving, prior)
     base = fit(training, start)
     std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
@@ -187,10 +187,11 @@ def residuals(
         there = _material(robot, forces, check_traces, choices, still)
         if not there.size:
             return None
-        seen_there = within(material, training.mask, there)
-        check = Check(Predictor(there), seen_there, telling(there, signals))
+        known = within(material, training.mask, there)
+        check = Check(Predictor(there), known, telling(there, signals))
     else:
-        check = Check(predictor, check_rows & within(material, training.mask, material), moving)
+        known = within(material, training.mask, material)
+        check = Check(predictor, check_rows & known, moving)
     bank = Bank(scan.predictor)
     return Residuals(
         robot, training, base, scan, check, check_traces, split, signals, notes, bank
