@@ -43,6 +43,8 @@ SCANNED = ("velocity_scale", "time_constant")
 START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
 _WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
+#: A mode that is hardly damped answers to a few percent around its own frequency alone.
+_FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 4.0) for k in range(-8, 9))}
 #: Most shapes of one effect at one target.
 MOST_SHAPES = 75
 
@@ -218,6 +220,7 @@ def _grid(
         needed = [p for p in effect.parameters if not (p.linear or p.optional)]
         first = FIRST_FACTORS if effect.linear else SIZE_FACTORS
         factors = first if spec is needed[0] else FURTHER_FACTORS
+    factors = _FINE.get((effect.name, spec.name), factors)
     factors += _WIDE.get((effect.name, spec.name), ())
     values = [min(max(f * spec.typical, spec.lower), spec.upper) for f in factors]
     return list(dict.fromkeys(values))

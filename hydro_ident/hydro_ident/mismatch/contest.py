@@ -131,23 +131,26 @@ class Contest:
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
         held = before - self._held_out(whole)
-        cost = 0.5 * self._told(without, whole) * np.log(max(without.bench.measured, 3))
         gain = without.squares - whole.squares
-        return Contender(term, whole, gain, held, float(cost))
+        return Contender(term, whole, gain, held, self._cost(without, whole))
 
-    def _told(self, without: Fitted, whole: Fitted) -> int:
-        """How many numbers of the last term the rows tell: those beyond them cost nothing.
+    def _cost(self, without: Fitted, whole: Fitted) -> float:
+        """What the numbers of the last term cost, in units of log-likelihood.
 
-        What a refit makes of all but one number of a law leaves it no freedom beside a law that
-        has that number alone.
+        Half the logarithm of the number of rows for the first, and for each further one at most
+        that: the logarithm of how much narrower than its own reach the rows make it (Occam's
+        factor, MacKay 2003, ch. 28). What the rows, or a refit, leave of a law beside one
+        number is then no dearer than a law that has that number alone.
         """
         term, mask = whole.model.terms[-1], self.training.mask
         free = [i for i in range(term.parameters.size) if is_free(term, i)]
         typical = np.array([spec.typical for spec in term.effect.parameters])
         reach = np.maximum(np.abs(term.parameters), np.abs(typical))[free]
         columns = whole.columns[mask, len(whole.names) - len(free) :] * reach
-        told = np.linalg.svd(without.bench.beyond(columns), compute_uv=False) > 1.0
-        return max(1, int(np.count_nonzero(told)))
+        told = np.linalg.svd(without.bench.beyond(columns), compute_uv=False)
+        whole_cost = 0.5 * float(np.log(max(without.bench.measured, 3)))
+        further = np.log(np.maximum(told[1:], 1.0))
+        return whole_cost + float(np.sum(np.minimum(further, whole_cost)))
 
     def _held_out(self, one: Fitted) -> float:
         # Around held-out blocks, as far as the filters reach.

@@ -245,11 +245,12 @@ class Searcher:
             changed = False
             for one in list(named):
                 without, fresh = self._again(one, current)
-                changed |= fresh is None or not _is(fresh.term, one.term)
                 if fresh is not None and fresh.pays:
+                    changed |= not _is(fresh.term, one.term)
                     named[named.index(one)] = fresh
                     current = fit(self.training, fresh.modelled.fitted.model, passes=2)
                 else:
+                    changed = True
                     named.remove(one)
                     current = without
             if not changed:

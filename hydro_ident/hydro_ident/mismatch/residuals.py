@@ -11,6 +11,7 @@ from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
@@ -23,10 +24,7 @@ from hydro_ident.mismatch.parts import partly, spread_parts
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples
 from hydro_ident.mismatch.scoring import Bank
-from hydro_ident.mismatch.settings import (
-    LONGEST_SCAN_S,
-    DiagnosisSettings,
-)
+from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.slowness import settled
 from hydro_ident.mismatch.telling import telling, within
 from hydro_ident.mismatch.training import Training, start_model
@@ -151,40 +149,30 @@ def residuals(
     whole = whole_traces(sources, cleaner, cleaned)
     if not whole:
         return None
-    traces = spread_parts(whole, settings.longest_s)
+    traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole)
     if not (torque or settings.fixed_base):
-        looked_at = spread_parts(whole, LONGEST_SCAN_S)
         choices = settled(robot, forces, looked_at, choices, still, signals)
-    notes = _notes(surveys, choices, cleaned)
-    notes += partly("fitted", whole, traces)
-    material = _material(robot, forces, traces, choices, still)
-    every = 0 if others else settings.hold_out_every
-    split = _split(surveys[: len(sources)], every, choices)
+    laid = _Laid(robot, forces, choices, still)
+    material = laid.material(traces)
+    split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     fit_rows, check_rows = material.masks(split)
     moving = telling(material, signals)
     predictor = Predictor(material)
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
-    start = start_model(robot, predictor, resolve(robot))
-    before = fixed_prior if settings.fixed_base else parts_prior
-    prior = before(predictor, robot, predictor.parameters(start))
-    training = Training.of(predictor, fit_rows & moving, prior)
-    base = fit(training, start)
-    std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
-    prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)
-    training = replace(training, prior=prior)
-    base = fit(training, base.model)
-    scan, parts = training, spread_parts(whole, LONGEST_SCAN_S)
-    if parts is not whole:
-        seen = _material(robot, forces, parts, choices, still)
-        scan = Training.of(Predictor(seen), seen.masks(split)[0] & telling(seen, signals), prior)
-    check_traces = traces
+    training, base = _refitted(robot, predictor, fit_rows & moving, settings)
+    scan = training
+    if looked_at is not whole:
+        seen = laid.material(looked_at)
+        rows = seen.masks(split)[0] & telling(seen, signals)
+        scan = Training.of(Predictor(seen), rows, training.prior)
+    notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
     if others:
         recorded = whole_traces(others, cleaner, dict[str, int]())
-        check_traces = spread_parts(recorded, settings.longest_s)
-        notes += partly("verified on", recorded, check_traces)
-        there = _material(robot, forces, check_traces, choices, still)
+        traces = spread_parts(recorded, settings.longest_s)
+        notes += partly("verified on", recorded, traces)
+        there = laid.material(traces)
         if not there.size:
             return None
         known = within(material, training.mask, there)
@@ -193,9 +181,43 @@ def residuals(
         known = within(material, training.mask, material)
         check = Check(predictor, check_rows & known, moving)
     bank = Bank(scan.predictor)
-    return Residuals(
-        robot, training, base, scan, check, check_traces, split, signals, notes, bank
-    )  # fmt: skip
+    return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
+
+
+def _refitted(
+    robot: Robot, predictor: Predictor, rows: BoolArray, settings: DiagnosisSettings
+) -> tuple[Training, Fitted]:
+    """The training rows with what is known before, and the base refitted to them.
+
+    The readings' ripple is known only once a first fit has told stiffness and delay.
+    """
+    start = start_model(robot, predictor, resolve(robot))
+    before = fixed_prior if settings.fixed_base else parts_prior
+    prior = before(predictor, robot, predictor.parameters(start))
+    training = Training.of(predictor, rows, prior)
+    base = fit(training, start)
+    std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)
+    training = replace(training, prior=prior)
+    return training, fit(training, base.model)
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """How every recording is laid out as rows, to fit, to search and to verify on."""
+
+    robot: Robot
+    forces: ForceModel
+    choices: Choices
+    still: Mapping[str, Mapping[int, float]]
+
+    def material(self, traces: Sequence[Trace]) -> Material:
+        step_s = traces[0].step_s if traces else 0.002
+        choices = self.choices
+        return material_of(
+            self.robot, self.forces, traces, choices.filters, choices.windows(step_s),
+            self.still, choices.rest_speed,
+        )  # fmt: skip
 
 
 def _split(surveys: Sequence[Survey], every: int, choices: Choices) -> HoldOut:
@@ -216,17 +238,6 @@ def _notes(
     return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
 
 
-def _material(
-    robot: Robot,
-    forces: ForceModel,
-    traces: Sequence[Trace],
-    choices: Choices,
-    still: Mapping[str, Mapping[int, float]],
-) -> Material:
-    windows = choices.windows(traces[0].step_s if traces else 0.002)
-    return material_of(robot, forces, traces, choices.filters, windows, still, choices.rest_speed)
-
-
-def _enough(material: Material, rows: np.ndarray, parameters: int) -> bool:
+def _enough(material: Material, rows: BoolArray, parameters: int) -> bool:
     counts = np.bincount(material.channel[rows], minlength=len(material.channels))
     return bool(counts.size and counts.max(initial=0) > max(10 * parameters, 100))

@@ -68,8 +68,9 @@ class Verification:
     silent: bool = False
 
 
-#: Share of an effect's mean square on the training rows below which held-out rows miss it.
-_EXERCISED = 0.02
+#: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
+#: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
+_EXERCISED, _PLAIN = 0.02, 100.0
 
 
 def verify(
@@ -116,7 +117,8 @@ def verify(
     looks = [looked(one, plain, with_it, placebos, acting) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
-    met = _met(check, acting) and _exercised(training, ahead, whole, terms)
+    plainly = _PLAIN * max(named.spread, 1.0)
+    met = _met(check, acting) and _exercised(training, (ahead, behind), whole, terms, plainly)
     best, silent, against = _judged(looks, named, met)
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
@@ -153,16 +155,22 @@ def _met(check: Check, acting: Sequence[str]) -> bool:
 
 
 def _exercised(
-    training: Training, rows: HeldOut, whole: Fitted, terms: Sequence[ActiveEffect]
+    training: Training,
+    looks: tuple[HeldOut, HeldOut],
+    whole: Fitted,
+    terms: Sequence[ActiveEffect],
+    plainly: float,
 ) -> bool:
     """Whether effects themselves, whatever the base does, are at work on held-out rows, too."""
+    ahead, behind = looks
     there, here = (
         np.sum([p.contribution(whole.model, term) for term in terms], axis=0)
-        for p in (rows.check.predictor, training.predictor)
+        for p in (ahead.check.predictor, training.predictor)
     )
     layout, noise = training.layout, whole.bench.noise
     own = noise.whitened(layout, here[training.mask])[noise.settled(layout)]
-    return bool(np.mean(rows.left(there) ** 2) >= _EXERCISED * np.mean(own**2))
+    share = float(np.mean(ahead.left(there) ** 2) / max(np.mean(own**2), 1e-300))
+    return share >= _EXERCISED or float(np.sum(behind.left(there) ** 2)) >= plainly
 
 
 def _unexercised(look: Look, named: Named) -> str:

@@ -161,8 +161,8 @@ SABOTAGES = (
         "search_sees_held_out_rows",
         "effects are searched and fitted on all rows, those of the check with them",
         "mismatch/residuals.py",
-        "training = Training.of(predictor, fit_rows & moving, prior)",
-        "training = Training.of(predictor, moving, prior)",
+        "training, base = _refitted(robot, predictor, fit_rows & moving, settings)",
+        "training, base = _refitted(robot, predictor, moving, settings)",
         f"{_GUARDS}::test_nothing_in_the_held_out_blocks_moves_the_fit",
     ),
     Sabotage(
