@@ -169,8 +169,8 @@ def _exercised(
     )
     layout, noise = training.layout, whole.bench.noise
     own = noise.whitened(layout, here[training.mask])[noise.settled(layout)]
-    share = float(np.mean(ahead.left(there) ** 2) / max(np.mean(own**2), 1e-300))
-    return share >= _EXERCISED or float(np.sum(behind.left(there) ** 2)) >= plainly
+    shared = float(np.mean(ahead.left(there) ** 2)) >= _EXERCISED * float(np.mean(own**2))
+    return shared or float(np.sum(behind.left(there) ** 2)) >= plainly
 
 
 def _unexercised(look: Look, named: Named) -> str:
