@@ -26,6 +26,7 @@ from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.testable import untestable
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
 from hydro_model.effects.effect import Effect
+from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
@@ -165,6 +166,7 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
     else:
         grids = [_grid(predictor, model, one, effect.parameters[i]) for i in shape]
         chosen = list(itertools.product(*grids))
+    chosen = _one_way(effect, shape, chosen)
     if len(chosen) > MOST_SHAPES:
         chosen = [chosen[k * len(chosen) // MOST_SHAPES] for k in range(MOST_SHAPES)]
     for values in chosen:
@@ -183,6 +185,18 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
         # A coefficient counts in units of the typical value, which may be negative.
         signed = tuple(effect.parameters[i].lower < 0.0 for i in linear)
         yield Trial(active, tuple(units), linear, signed)
+
+
+def _one_way(
+    effect: Effect, shape: Sequence[int], chosen: list[tuple[float, ...]]
+) -> list[tuple[float, ...]]:
+    """Shapes that differ: beside a bristle, over what velocity a sign is rounded does nothing."""
+    if BEND not in effect.parameters:
+        return chosen
+    bend = shape.index(effect.parameters.index(BEND))
+    scale = [effect.parameters[i].name for i in shape].index(VELOCITY_SCALE.name)
+    typical = effect.parameters[shape[scale]].typical
+    return [c for c in chosen if c[bend] == 0.0 or c[scale] == typical]
 
 
 def _signed(effect: Effect) -> bool:
@@ -206,6 +220,8 @@ def _grid(
         lengths = [f * spec.typical for f in FIRST_FACTORS]
         lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]
         return [x for x in lengths if spec.lower <= x <= 0.5 * stroke_m]
+    if spec is BEND:
+        return [0.0, *(f * BEND.typical for f in SCANNED_FACTORS)]
     if spec.typical == 0.0:
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -50,6 +50,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         whole = fit(work.training, model, passes=4)
     rejected: list[Finding] = []
     while named:
+        whole = settled(work.training, whole)
         there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +23,14 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
 #: how many get it.
 _ROUGH, PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Each:
+    """What a finding became: itself, or one at every place, and the model with it."""
+
+    named: list[Named]
+    fitted: Fitted
 
 
 class Contest:
@@ -100,6 +109,48 @@ class Contest:
             As `overdispersion`.
         """
         return named_of(self.fitted(without, terms, noise), 0.0, spread, self.few)
+
+    def at_each(self, current: Fitted, noise: Noise | None, found: Named) -> Each:
+        """A finding of the whole robot, or effects at every cylinder that fit better in its place.
+
+        One delay of all commands explains more than the lag of any one spool does, also where all
+        spools lag: each is then a cause, and together they may leave less. What is the robot's
+        own is time or a pressure's, whose laws have one form: no tolerance is left for it.
+
+        Parameters
+        ----------
+        current : Fitted
+            The model without the finding.
+        noise : Noise or None
+        found : Named
+        """
+        whole = Each([found], found.modelled.fitted)
+        if found.term.cylinder is not None or noise is None:
+            return whole
+        without = fitted(self.training, current.model, noise)
+        before = self._held_out(without)
+        most = 0.5 * found.modelled.held_out / found.spread - found.modelled.cost
+        for name in dict.fromkeys(c.term.effect.name for c in found.tried):
+            own = [c for c in found.tried if c.term.effect.name == name]
+            if len(own) < 2 or any(c.term.cylinder is None for c in own):
+                continue
+            model = current.model
+            for one in own:
+                model = model.with_term(one.term)
+            together = fit(self.training, model, noise, PASSES)
+            held = before - self._held_out(together)
+            evidence = 0.5 * held / found.spread - sum(c.cost for c in own)
+            if evidence > most and not any(at_a_bound(t) for t in together.model.terms):
+                named = [self._one_of(found, c) for c in own]
+                whole, most = Each(named, together), evidence
+        return whole
+
+    def _one_of(self, found: Named, one: Contender) -> Named:
+        """A contender as a finding, beside those that were tried at its target."""
+        rest = [c for c in found.tried if c is not one and c.term.target == one.term.target]
+        return replace(
+            found, contenders=(one,), probability=(1.0,), gain=one.gain, tried=(one, *rest)
+        )
 
     def members(self, contenders: list[Contender]) -> list[Contender]:
         """Contenders that a set may hold: possible ones, if there are any.

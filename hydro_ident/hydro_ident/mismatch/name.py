@@ -74,6 +74,7 @@ class _Step:
     found: Named | None
     scores: tuple[Score, ...]
     quiet: tuple[Score, ...]
+    noise: Noise | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,9 +136,9 @@ class Searcher:
                 self.excluded.add((found.term.effect.name, found.term.target))
                 impossible.append((found.term.effect.name, found.term.target, why))
                 continue
-            named.append(found)
-            current = found.modelled.fitted
-            current = fit(self.training, current.model, passes=2)
+            each = self.contest.at_each(current, step.noise, found)
+            named += each.named
+            current = fit(self.training, each.fitted.model, passes=2)
         named, current = self._revised(named, current)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible))
 
@@ -164,7 +165,7 @@ class Searcher:
                 ]
                 found, told = self.contest.between(current, scan.bench.noise, fresh, candidate, p)
                 if found.pays and told:
-                    return _Step(found, scores, quiet)
+                    return _Step(found, scores, quiet, scan.bench.noise)
                 weighed += [c.term for c in found.tried]
                 contests += 1
         return _Step(None, scores, quiet)

@@ -141,10 +141,16 @@ class Named:
 
     @property
     def first(self) -> Contender:
-        """The best one whose law is the first name's own, or else the best of that name."""
+        """The best one whose law is the first name's own, or else the best of that name.
+
+        A law that runs to the first name's limit speaks for it where its own predicts worse by
+        more than laws' forms are good for: what rounds a reversal shows in the size as well.
+        """
         own = [c for c in self.tried if c.name == self.names[0]]
         plain = [c for c in own if c.term.effect.name == c.name]
-        return (plain or own)[0]
+        best = max(own, key=lambda c: c.held_out)
+        margin = FORM_TOLERANCE**2 * best.gain
+        return plain[0] if plain and best.held_out - plain[0].held_out <= margin else best
 
 
 def at_a_bound(term: ActiveEffect) -> str:

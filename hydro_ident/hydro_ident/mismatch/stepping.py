@@ -13,6 +13,7 @@ from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.training import Training
 from hydro_model.closed_chain import with_parameters
+from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot, Valve
 
@@ -29,9 +30,13 @@ HELD = {
     ("temperature_drift", "rise"),
     ("temperature_drift", "reference"),
 }
+#: What a law turns around over: the one that is in use is fitted.
+_WAYS = (BEND.name, VELOCITY_SCALE.name)
 #: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
 #: the effect of the same name is in the model.
 _CYCLES = 1.1
+#: A delay of less than this share of a cycle is none: a step to less is no step.
+_NO_DELAY = 0.05
 #: Steps of the delay below this change nothing that could be measured.
 _LEAST_DELAY_S = 1.0e-7
 _BULK_BOUNDS = (1.0e-10, 1.0e-7)
@@ -132,7 +137,9 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     held = [
         at
         for index, at in training.predictor.delay_columns.items()
-        if _listed_delay(model) or (step[at] > 0.0 and at_longest_delay(training, model, index))
+        if _listed_delay(model)
+        or (step[at] > 0.0 and at_longest_delay(training, model, index))
+        or (step[at] < 0.0 and model.delays_s[index] < _NO_DELAY * training.cycle_s)
     ]
     most, now = largest_ripple(training.cycle_s), training.predictor.parameters(model)
     ripples = training.predictor.ripple_columns.values()
@@ -152,4 +159,7 @@ def _listed_delay(model: Model) -> bool:
 def is_free(term: ActiveEffect, index: int) -> bool:
     """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
     name = term.effect.parameters[index].name
+    if name in _WAYS and BEND in term.effect.parameters:
+        bends = bool(term.parameters[term.effect.parameters.index(BEND)] > 0.0)
+        return bends == (name == BEND.name)
     return name != term.effect.start and (term.effect.name, name) not in HELD

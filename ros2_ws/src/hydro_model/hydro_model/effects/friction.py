@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from hydro_model.effects.effect import Effect
-from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
-from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B
+from hydro_model.effects.law import InternalState, Law, ParameterSpec, Row, Stage, Term, nothing
+from hydro_model.signals import PISTON_VELOCITY, PRESSURE_A, PRESSURE_B, STATE_0
 
 #: Beyond its upper bound a rounded sign is viscous friction, not dry.
 VELOCITY_SCALE = ParameterSpec(
@@ -20,13 +20,43 @@ VELOCITY_SCALE = ParameterSpec(
 )
 
 
+#: What turns with the direction of motion: a rounded sign of the velocity or, where a distance is
+#: given, a bristle that bends over it, as that of `presliding_friction` does.
+BEND = ParameterSpec(
+    "distance",
+    "m",
+    "d, travel in which contacts bend before they slide; 0: the sign is rounded by velocity",
+    0.0,
+    5e-3,
+    5e-5,
+    optional=True,
+    default=0.0,
+)
+#: Shortest travel that a bristle bends in, m: a recording's samples tell no less.
+LEAST_BEND_M = 2.0e-5
+
+
+def bristle(at: int) -> InternalState:
+    """A bristle that bends over the distance that stands at an index of the parameters."""
+
+    def rate(s: Row, p: Row) -> float:
+        if p[at] <= 0.0:
+            return 0.0
+        v = s[PISTON_VELOCITY]
+        return (v - abs(v) * s[STATE_0]) / max(p[at], LEAST_BEND_M)
+
+    law: Law = rate
+    return InternalState(law, nothing, 1.0)
+
+
 def _coulomb(s: Row, p: Row) -> float:
     return p[0] * math.tanh(s[PISTON_VELOCITY] / p[1])
 
 
 def _stribeck(s: Row, p: Row) -> float:
     ratio = abs(s[PISTON_VELOCITY]) / p[1]
-    return p[0] * math.exp(-(ratio ** p[3])) * math.tanh(s[PISTON_VELOCITY] / p[2])
+    way = s[STATE_0] if p[4] > 0.0 else math.tanh(s[PISTON_VELOCITY] / p[2])
+    return p[0] * math.exp(-(ratio ** p[3])) * way
 
 
 def _asymmetric(s: Row, p: Row) -> float:
@@ -36,8 +66,8 @@ def _asymmetric(s: Row, p: Row) -> float:
 
 
 def _pressure_dependent(s: Row, p: Row) -> float:
-    load = s[PRESSURE_A] + s[PRESSURE_B]
-    return p[0] * load * math.tanh(s[PISTON_VELOCITY] / p[1])
+    way = s[STATE_0] if p[2] > 0.0 else math.tanh(s[PISTON_VELOCITY] / p[1])
+    return p[0] * (s[PRESSURE_A] + s[PRESSURE_B]) * way
 
 
 def _offset(s: Row, p: Row) -> float:
@@ -67,15 +97,17 @@ COULOMB = Effect(
 STRIBECK = Effect(
     name="stribeck_friction",
     channel="force",
-    equation="F = (Fs - Fc) exp(-|v / vs|^d) tanh(v / v0)",
+    equation="F = (Fs - Fc) exp(-|v / vs|^e) tanh(v / v0);  with d: w for tanh,  d w' = v - |v| w",
     source="Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994)",
     parameters=(
         ParameterSpec("force", "N", "Fs - Fc", 0.0, 1e5, 1000.0, linear=True),
         ParameterSpec("stribeck_velocity", "m/s", "vs", 1e-4, 0.2, 0.01),
         VELOCITY_SCALE,
-        ParameterSpec("exponent", "1", "d", 0.5, 2.0, 2.0, optional=True),
+        ParameterSpec("exponent", "1", "e", 0.5, 2.0, 2.0, optional=True),
+        BEND,
     ),
     terms=(Term(Stage.FRICTION, _stribeck),),
+    states=(bristle(4),),
     looks_like=("presliding_friction", "coulomb_friction"),
     separating_experiment="slow ramps through reversal, and a ladder of steady low speeds",
     needs_cylinder=False,
@@ -104,13 +136,15 @@ ASYMMETRIC = Effect(
 PRESSURE_DEPENDENT = Effect(
     name="pressure_dependent_friction",
     channel="force",
-    equation="F = mu (p1 + p2) tanh(v / v0)",
+    equation="F = mu (p1 + p2) tanh(v / v0);  with d: w for tanh,  d w' = v - |v| w",
     source="seal friction grows with the pressure that presses the lip on",
     parameters=(
         ParameterSpec("coefficient", "N/Pa", "mu", 0.0, 0.01, 1.5e-4, linear=True),
         VELOCITY_SCALE,
+        BEND,
     ),
     terms=(Term(Stage.FRICTION, _pressure_dependent),),
+    states=(bristle(2),),
     looks_like=("coulomb_friction", "pin_friction"),
     separating_experiment="the same slow motion with and without a payload",
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from hydro_model.effects.effect import Effect
-from hydro_model.effects.friction import VELOCITY_SCALE
+from hydro_model.effects.friction import BEND, VELOCITY_SCALE, bristle
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
 from hydro_model.signals import (
     JOINT_VELOCITY,
@@ -46,7 +46,10 @@ def _along_stroke(s: Row, p: Row) -> float:
 
 
 def _pins(s: Row, p: Row) -> float:
-    return p[0] * abs(s[PISTON_FORCE]) / s[LEVER] * math.tanh(s[JOINT_VELOCITY] / p[1])
+    load = p[0] * abs(s[PISTON_FORCE])
+    if p[2] > 0.0:
+        return load / abs(s[LEVER]) * s[STATE_0]
+    return load / s[LEVER] * math.tanh(s[JOINT_VELOCITY] / p[1])
 
 
 def _warming(s: Row, p: Row) -> float:
@@ -102,7 +105,8 @@ POSITION_DEPENDENT = Effect(
 PIN_FRICTION = Effect(
     name="pin_friction",
     channel="force",
-    equation="F = mu r |F_p| / (dx/dq) tanh(qd / w0)",
+    equation="F = mu r |F_p| / (dx/dq) tanh(qd / w0);  with d: mu r |F_p| / |dx/dq| w,"
+    "  d w' = v - |v| w",
     source="Coulomb's law at the bushings of pins, of radius r and loaded by the piston force",
     parameters=(
         ParameterSpec("radius", "m", "mu r", 0.0, 0.1, 1.5e-3, linear=True),
@@ -115,8 +119,10 @@ PIN_FRICTION = Effect(
             0.01,
             optional=True,
         ),
+        BEND,
     ),
     terms=(Term(Stage.FRICTION, _pins),),
+    states=(bristle(2),),
     looks_like=("coulomb_friction", "pressure_dependent_friction"),
     separating_experiment="slow reversals at poses of small and of large lever, with two loads",
     limits="the piston force stands for the load of all pins that turn with the joint",
