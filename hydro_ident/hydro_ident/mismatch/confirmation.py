@@ -25,6 +25,8 @@ from hydro_model.robot import FloatArray
 
 #: Share of what a name explains from which a confirmed remainder takes it away.
 _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
+#: The same for a name that held-out rows do not exercise: less than this is its law's own form.
+_BESIDE_SILENT = 0.1
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
 
@@ -152,7 +154,10 @@ def _explain_less(
         doubted = [u.confirmed and u.dependence.variable != formed for u in own]
         most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
         # What held-out rows cannot show is no name beside what they show to be something else.
-        silent = finding.verification.silent and any(u.confirmed for u in own)
+        least = _BESIDE_SILENT * total
+        silent = finding.verification.silent and any(
+            u.confirmed and u.dependence.gain > least for u in own
+        )
         if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
             taken.append(finding)
     return taken

@@ -203,7 +203,8 @@ EXTERNAL_CONTACT = Effect(
     source="unilateral spring under the tip; Gilardi and Sharf, Mechanism and Machine Theory 37"
     " (2002)",
     parameters=(
-        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 0.0, 1e9, 1e5, linear=True),
+        # What gives way by a metre under a hand's push is no ground.
+        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 200.0, 1e9, 1e5, linear=True),
         ParameterSpec("height", "m", "z0, over the base's origin", -100.0, 100.0, 0.0),
     ),
     terms=(Term(Stage.FRICTION, _contact),),
