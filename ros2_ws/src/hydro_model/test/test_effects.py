@@ -330,3 +330,25 @@ def test_the_same_effect_twice_is_said() -> None:
     two = ("coulomb_friction", "lift_cylinder", {"force": 2.0})
     with pytest.raises(RobotError, match="listed twice for 'lift_cylinder'"):
         resolve(listed(one, two))
+
+
+@pytest.mark.parametrize(
+    "name", ["stribeck_friction", "pressure_dependent_friction", "pin_friction"]
+)
+def test_a_bristle_turns_a_law_around_over_its_distance(name: str) -> None:
+    """At a constant speed from rest, Dahl's bristle is bent by 1 - exp(-x / d)."""
+    effect, speed, distance, period = CATALOGUE[name], 0.01, 2e-4, 1e-3
+    at = [p.name for p in effect.parameters].index("distance")
+    s = np.ones((200, sig.SIGNAL_COUNT))
+    s[:, [sig.PISTON_VELOCITY, sig.JOINT_VELOCITY]] = speed
+    bent, rounded = effect.typical.copy(), effect.typical.copy()
+    bent[at], rounded[at] = distance, 0.0
+    scale = [p.name for p in effect.parameters].index("velocity_scale")
+    rounded[scale] = 1e-5  # Sharp: all of the law at this speed.
+    whole = effect.evaluate(s, rounded, sample_time_s=period)
+    np.testing.assert_allclose(whole, whole[0], rtol=1e-12)
+    travel = np.arange(200) * period * speed
+    expected = whole * (1.0 - np.exp(-travel / distance))
+    np.testing.assert_allclose(
+        effect.evaluate(s, bent, sample_time_s=period), expected, atol=2e-3 * whole[0]
+    )

@@ -1,0 +1,68 @@
+"""What machines have that no textbook law of one cylinder shows: the whole diagnosis of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+Diagnosed = Callable[..., Diagnosis]
+
+
+@pytest.fixture
+def diagnosed(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Diagnosed:
+    """The reference crane with some effects, diagnosed by two recordings of it."""
+    true_crane, simulated_run = make_run
+
+    def run(*effects: EffectSpec) -> Diagnosis:
+        truth = replace(true_crane(), effects=effects)
+        train, check = simulated_run(truth, 18.0), simulated_run(truth, 12.0, seed=3)
+        return diagnose(load_robot("xs031"), [train.recording()], [check.recording("check")])
+
+    return run
+
+
+def test_spools_that_all_lag_are_no_delay_of_the_commands(diagnosed: Diagnosed) -> None:
+    """One delay of all commands explains more than the lag of either spool."""
+    lag = {"frequency": 15.0, "damping": 0.8}
+    found = diagnosed(
+        EffectSpec("valve_spool_lag", "lift_valve", lag),
+        EffectSpec("valve_spool_lag", "tilt_valve", lag),
+    )
+    assert [f.named.names[0] for f in found.findings] == ["valve_spool_lag"] * 2
+    assert {f.named.term.target for f in found.findings} == {"lift_cylinder", "tilt_cylinder"}
+    for one in found.findings:
+        frequency, damping = one.named.term.parameters
+        # What a lag comes to in motions slower than it: the delay that it looks like.
+        assert damping / frequency == pytest.approx(0.8 / 15.0, rel=0.15)
+
+
+def test_a_mode_is_found_wherever_its_frequency_lies(diagnosed: Diagnosed) -> None:
+    """Half an octave beside what is usual nothing of a mode that hardly is damped is seen."""
+    mode = {"inertia": 250.0, "frequency": 7.1, "damping": 0.03}
+    found = diagnosed(EffectSpec("structural_flexibility", "lift_cylinder", mode))
+    assert [f.named.names for f in found.findings] == [("structural_flexibility",)]
+    inertia, frequency, _ = found.findings[0].named.term.parameters
+    assert inertia == pytest.approx(250.0, rel=0.15)
+    assert frequency == pytest.approx(7.1, rel=0.03)
+
+
+def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
+    """How a law turns around says more than its load does, and is no cause of its own."""
+    pins = {"radius": 4e-3, "distance": 8e-5}
+    found = diagnosed(EffectSpec("pin_friction", "lift_cylinder", pins))
+    assert [f.named.names[0] for f in found.findings] == ["pin_friction"]
+    radius, _, distance = found.findings[0].named.term.parameters
+    assert radius == pytest.approx(4e-3, rel=0.1)
+    assert distance == pytest.approx(8e-5, rel=0.3)
+    forces = found.channels[0]
+    left = float(np.std(forces.measured - forces.after))
+    assert left < 1.5 * forces.noise_floor
