@@ -12,7 +12,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
-from hydro_ident.mismatch.stepping import is_free
+from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.mismatch.worth import resolved
@@ -194,10 +194,12 @@ class Contest:
         number is then no dearer than a law that has that number alone.
         """
         term, mask = whole.model.terms[-1], self.training.mask
+        specs = term.effect.parameters
         free = [i for i in range(term.parameters.size) if is_free(term, i)]
-        typical = np.array([spec.typical for spec in term.effect.parameters])
-        reach = np.maximum(np.abs(term.parameters), np.abs(typical))[free]
-        columns = whole.columns[mask, len(whole.names) - len(free) :] * reach
+        # What a law turns around over is every dry friction's, and no freedom of one of them.
+        own = [k for k, i in enumerate(free) if specs[i].name not in WAYS]
+        reach = np.maximum(np.abs(term.parameters), [abs(spec.typical) for spec in specs])[free]
+        columns = (whole.columns[mask, len(whole.names) - len(free) :] * reach)[:, own]
         told = np.linalg.svd(without.bench.beyond(columns), compute_uv=False)
         whole_cost = 0.5 * float(np.log(max(without.bench.measured, 3)))
         further = np.log(np.maximum(told[1:], 1.0))

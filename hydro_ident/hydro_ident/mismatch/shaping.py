@@ -39,6 +39,8 @@ _KEPT_STRETCHES = 6
 _KEPT_SHAPES = 6
 #: Valve signals behind laws that are kept at a time, per stretch.
 _KEPT_SPOOLS = 16
+#: Passes between rails and the flows at them, at most, and the change that ends them, Pa.
+_RAIL_PASSES, _RAIL_PA = 16, 50.0
 #: Motions of a stretch whose filtered regressor is kept at a time.
 _KEPT_MOTIONS = 3
 
@@ -245,15 +247,41 @@ class Signals:
     def _railed(
         self, model: Model, stretch: Stretch, trace: Trace, laws: Sequence[ActiveEffect]
     ) -> Trace:
-        supply, tank = trace.supply.copy(), trace.tank.copy()
-        drawn, returned = rail_flows(model.robot, trace)
-        for one in laws:
-            signals = self._plain(model.robot, stretch, one.cylinder or 0).copy()
-            signals[:, SUPPLY_FLOW], signals[:, RETURN_FLOW] = drawn, returned
-            for stage, rail in ((Stage.SUPPLY, supply), (Stage.TANK, tank)):
-                if stage in one.effect.stages:
-                    rail += one.effect.evaluate(signals, one.parameters, stage, trace.step_s)
+        """The trace with the rails that its valves' flows and these laws agree on.
+
+        A rail that gives way lets less flow: flows at the undisturbed rail would be too large, and
+        what they are multiplied by too small. Relaxed by half, so that it converges also where a
+        rail gives way by more than what drives the flow.
+        """
+        rows = [self._plain(model.robot, stretch, t.cylinder or 0).copy() for t in laws]
+        supply, tank = trace.supply, trace.tank
+        for _ in range(_RAIL_PASSES):
+            rails = _rails(
+                model.robot, trace, replace(trace, supply=supply, tank=tank), laws, rows
+            )
+            step = [0.5 * (new - old) for new, old in zip(rails, (supply, tank), strict=True)]
+            supply, tank = supply + step[0], tank + step[1]
+            if max(float(np.nanmax(np.abs(s), initial=0.0)) for s in step) < _RAIL_PA:
+                break
         return replace(trace, supply=supply, tank=tank)
+
+
+def _rails(
+    robot: Robot,
+    trace: Trace,
+    now: Trace,
+    laws: Sequence[ActiveEffect],
+    rows: Sequence[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Supply and tank, (N,) each, by the flows at the rails that `now` has."""
+    supply, tank = trace.supply.copy(), trace.tank.copy()
+    drawn, returned = rail_flows(robot, now)
+    for one, signals in zip(laws, rows, strict=True):
+        signals[:, SUPPLY_FLOW], signals[:, RETURN_FLOW] = drawn, returned
+        for stage, rail in ((Stage.SUPPLY, supply), (Stage.TANK, tank)):
+            if stage in one.effect.stages:
+                rail += one.effect.evaluate(signals, one.parameters, stage, trace.step_s)
+    return supply, tank
 
 
 def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ HELD = {
     ("temperature_drift", "reference"),
 }
 #: What a law turns around over: the one that is in use is fitted.
-_WAYS = (BEND.name, VELOCITY_SCALE.name)
+WAYS = (BEND.name, VELOCITY_SCALE.name)
 #: Cycles of command delay that are the base's own: one, and what fits err by; exactly one where
 #: the effect of the same name is in the model.
 _CYCLES = 1.1
@@ -159,7 +159,7 @@ def _listed_delay(model: Model) -> bool:
 def is_free(term: ActiveEffect, index: int) -> bool:
     """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
     name = term.effect.parameters[index].name
-    if name in _WAYS and BEND in term.effect.parameters:
+    if name in WAYS and BEND in term.effect.parameters:
         bends = bool(term.parameters[term.effect.parameters.index(BEND)] > 0.0)
         return bends == (name == BEND.name)
     return name != term.effect.start and (term.effect.name, name) not in HELD
