@@ -110,7 +110,9 @@ class Contest:
         """
         return named_of(self.fitted(without, terms, noise), 0.0, spread, self.few)
 
-    def at_each(self, current: Fitted, noise: Noise | None, found: Named) -> Each:
+    def at_each(
+        self, current: Fitted, noise: Noise | None, found: Named, scores: Sequence[Score]
+    ) -> Each:
         """A finding of the whole robot, or effects at every cylinder that fit better in its place.
 
         One delay of all commands explains more than the lag of any one spool does, also where all
@@ -123,6 +125,8 @@ class Contest:
             The model without the finding.
         noise : Noise or None
         found : Named
+        scores : sequence of Score
+            Of the step that found it: where the fits of what was not tried start.
         """
         whole = Each([found], found.modelled.fitted)
         if found.term.cylinder is not None or noise is None:
@@ -132,7 +136,13 @@ class Contest:
         most = 0.5 * found.modelled.held_out / found.spread - found.modelled.cost
         for name in dict.fromkeys(c.term.effect.name for c in found.tried):
             own = [c for c in found.tried if c.term.effect.name == name]
-            if len(own) < 2 or any(c.term.cylinder is None for c in own):
+            if any(c.term.cylinder is None for c in own):
+                continue
+            at = {c.term.target for c in own}
+            rest = [s for s in firsts(scores) if s.entry.trial.name == name]
+            rest = [s for s in rest if s.entry.trial.target not in at]
+            own += self.fitted(without, [self._start(without, s) for s in rest], noise)
+            if len(own) < 2:
                 continue
             model = current.model
             for one in own:
@@ -170,6 +180,8 @@ class Contest:
         """Contenders fitted: all roughly, those not far behind the best to the end."""
         rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
         gains = [without.squares - one.squares for one in rough]
+        if not rough:
+            return []
         close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
         close = [k for k in close if gains[k] >= CLOSE_SHARE * max(gains)]
         whole = [

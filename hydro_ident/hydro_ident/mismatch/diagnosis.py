@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import free_run
@@ -36,7 +38,7 @@ from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, sources_of
 from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
-from hydro_model.robot import Robot
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.terminal import advance
 
 _FEW = (
@@ -45,6 +47,8 @@ _FEW = (
 )
 
 
+#: What is left in a channel over its sensors' noise from which a note says so.
+_MUCH = 3.0
 #: Of a diagnosis, as `advance` counts them.
 _STAGES = 7
 
@@ -140,7 +144,9 @@ def _diagnosed(
     run = free_run(before.robot, modelled.robot, work.check_traces, work.split, filters)
     notes = [*_data_notes(work), *modelled.notes, *run.rejected]
     notes += [refined.note] if refined is not None else []
+    channels = _channels(work, whole, work.check)
     notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
+    notes += _left_notes(channels)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, few),
         work.robot,
@@ -149,7 +155,7 @@ def _diagnosed(
         tuple(rejected),
         unknown,
         not_testable(work.scan, search.scanned, names),
-        _channels(work, whole, work.check),
+        channels,
         tuple(located),
         run,
         notes=tuple(notes),
@@ -181,7 +187,29 @@ def _search_notes(
         for f in taken
     ]
     notes += [f"not taken: {name} of {at}: {why}" for name, at, why in search.impossible]
+    if search.small is not None:
+        trial = search.small.entry.trial
+        notes.append(
+            f"{trial.name} of {trial.target} would explain something still, but too little beside"
+            " what is in its channel to be told from what the laws there may be off by"
+        )
     return [*notes, f"model: {summary_of(whole.model.terms)}"]
+
+
+def _left_notes(channels: Sequence[ChannelResult]) -> list[str]:
+    """Channels in which much more is left than sensors make, whatever the verdict."""
+    left = [(c.name, _rms(c.measured - c.after) / c.noise_floor) for c in channels]
+    much = [f"{name} {ratio:.3g}" for name, ratio in left if ratio > _MUCH]
+    if not much:
+        return []
+    return [
+        "left on held-out rows, rest included, in units of what the sensors' noise alone leaves:"
+        f" {', '.join(much)}"
+    ]
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _silent_notes(findings: Sequence[Finding]) -> list[str]:

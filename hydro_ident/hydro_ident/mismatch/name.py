@@ -58,6 +58,9 @@ class Search:
     impossible : tuple of (str, str, str)
         Effects and targets that fitted best at the end of what is possible, and why they were not
         taken.
+    small : Score or None
+        The best of the last scan that stands out, but explains so little beside what was found
+        that the laws' own form may be what it is.
     """
 
     base: Fitted
@@ -65,16 +68,21 @@ class Search:
     named: tuple[Named, ...]
     scanned: tuple[Score, ...]
     impossible: tuple[tuple[str, str, str], ...] = ()
+    small: Score | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
-    """What one step forward came to: a finding, all scores, and those that do not stand out."""
+    """What one step forward came to: a finding, all scores, and those that do not stand out.
+
+    `small` stands out, but is no more than the form of what was found may be off by.
+    """
 
     found: Named | None
     scores: tuple[Score, ...]
     quiet: tuple[Score, ...]
     noise: Noise | None = None
+    small: Score | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,11 +144,11 @@ class Searcher:
                 self.excluded.add((found.term.effect.name, found.term.target))
                 impossible.append((found.term.effect.name, found.term.target, why))
                 continue
-            each = self.contest.at_each(current, step.noise, found)
+            each = self.contest.at_each(current, step.noise, found, step.scores)
             named += each.named
             current = fit(self.training, each.fitted.model, passes=2)
         named, current = self._revised(named, current)
-        return Search(self.base, current, tuple(named), step.scores, tuple(impossible))
+        return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
 
     # One step forward ----------------------------------------------------------------------
 
@@ -151,7 +159,7 @@ class Searcher:
             return _Step(None, (), ())
         scores, leading = scan.scores, list(zip(scan.leading, scan.chances, strict=True))
         quiet = tuple(s for s, p in leading if p > FAMILY_ERROR)
-        weighed, contests = list[ActiveEffect](), 0
+        weighed, contests, small = list[ActiveEffect](), 0, None
         for candidate, p in leading:
             if p > FAMILY_ERROR or contests == _CONTESTS:
                 break
@@ -159,7 +167,9 @@ class Searcher:
                 continue
             if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
                 continue
-            if worth(self.training, self.base, current, scan.bench, candidate):
+            if not worth(self.training, self.base, current, scan.bench, candidate):
+                small = small or candidate
+            else:
                 fresh = [
                     s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
                 ]
@@ -168,7 +178,7 @@ class Searcher:
                     return _Step(found, scores, quiet, scan.bench.noise)
                 weighed += [c.term for c in found.tried]
                 contests += 1
-        return _Step(None, scores, quiet)
+        return _Step(None, scores, quiet, small=small)
 
     def _scan(self, current: Fitted, named: Sequence[Named]) -> _Scan | None:
         """Every trial scored, weighed by the noise that the best of them would leave."""
