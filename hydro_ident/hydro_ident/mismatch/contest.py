@@ -208,8 +208,10 @@ class Contest:
         term, mask = whole.model.terms[-1], self.training.mask
         specs = term.effect.parameters
         free = [i for i in range(term.parameters.size) if is_free(term, i)]
-        # What a law turns around over is every dry friction's, and no freedom of one of them.
-        own = [k for k, i in enumerate(free) if specs[i].name not in WAYS]
+        # What one dry friction turns around over is the next one's as well, and no freedom of it.
+        beside = [t for t in without.model.terms if t.target == term.target]
+        rubs = any(p.name in WAYS for t in beside for p in t.effect.parameters)
+        own = [k for k, i in enumerate(free) if not (rubs and specs[i].name in WAYS)]
         reach = np.maximum(np.abs(term.parameters), [abs(spec.typical) for spec in specs])[free]
         columns = (whole.columns[mask, len(whole.names) - len(free) :] * reach)[:, own]
         told = np.linalg.svd(without.bench.beyond(columns), compute_uv=False)

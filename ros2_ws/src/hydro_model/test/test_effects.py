@@ -76,7 +76,7 @@ EQUATIONS = [
     ("coulomb_friction", [3e3, 0.01], Stage.FRICTION, 3e3 * np.tanh(V / 0.01)),
     (
         "stribeck_friction",
-        [1e3, 0.02, 0.01, 1.5],
+        [1e3, 0.02, 0.01, 1.5, 0.0],
         Stage.FRICTION,
         1e3 * np.exp(-((np.abs(V) / 0.02) ** 1.5)) * np.tanh(V / 0.01),
     ),
@@ -88,7 +88,7 @@ EQUATIONS = [
     ),
     (
         "pressure_dependent_friction",
-        [2e-4, 0.01],
+        [2e-4, 0.01, 0.0],
         Stage.FRICTION,
         2e-4 * (P_A + P_B) * np.tanh(V / 0.01),
     ),
@@ -128,7 +128,7 @@ EQUATIONS = [
     ),
     (
         "pin_friction",
-        [2e-3, 0.05],
+        [2e-3, 0.05, 0.0],
         Stage.FRICTION,
         2e-3 * np.abs(FORCE) / LEVER * np.tanh(S[:, sig.JOINT_VELOCITY] / 0.05),
     ),
