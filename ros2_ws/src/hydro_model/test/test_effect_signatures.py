@@ -105,7 +105,7 @@ def test_pins_rub_more_at_a_small_lever_and_never_drive() -> None:
     pins = CATALOGUE["pin_friction"]
     for lever in (0.1, 0.3, -0.3):
         s = rows(1, lever=lever, piston_force=-5e4, joint_velocity=1.0, piston_velocity=lever)
-        force = pins.evaluate(s, [1.5e-3, 1e-3, 0.0])
+        force = pins.evaluate(s, [1.5e-3, 1e-3, 0.0], sample_time_s=STEP)
         assert force == pytest.approx(1.5e-3 * 5e4 / lever)
         assert force * lever > 0.0  # takes power
         # Bent bristles carry the same, whatever side the lever is on.

@@ -37,7 +37,13 @@ LEAST_BEND_M = 2.0e-5
 
 
 def bristle(at: int) -> InternalState:
-    """A bristle that bends over the distance that stands at an index of the parameters."""
+    """A bristle that bends over a distance; none where that is zero.
+
+    Parameters
+    ----------
+    at : int
+        Index of the distance in the effect's parameters.
+    """
 
     def rate(s: Row, p: Row) -> float:
         if p[at] <= 0.0:
