@@ -132,28 +132,43 @@ class Contest:
         if found.term.cylinder is not None or noise is None:
             return whole
         without = fitted(self.training, current.model, noise)
-        before = self._held_out(without)
-        most = 0.5 * found.modelled.held_out / found.spread - found.modelled.cost
+        before, unit = self._held_out(without), 0.5 / found.spread
+        own_gain = unit * found.modelled.held_out
+        most, alike = own_gain - found.modelled.cost, dict[str, float]()
         for name in dict.fromkeys(c.term.effect.name for c in found.tried):
-            own = [c for c in found.tried if c.term.effect.name == name]
-            if any(c.term.cylinder is None for c in own):
-                continue
-            at = {c.term.target for c in own}
-            rest = [s for s in firsts(scores) if s.entry.trial.name == name]
-            rest = [s for s in rest if s.entry.trial.target not in at]
-            own += self.fitted(without, [self._start(without, s) for s in rest], noise)
+            own = self._at_all(without, noise, found, scores, name)
             if len(own) < 2:
                 continue
             model = current.model
             for one in own:
                 model = model.with_term(one.term)
             together = fit(self.training, model, noise, PASSES)
-            held = before - self._held_out(together)
-            evidence = 0.5 * held / found.spread - sum(c.cost for c in own)
-            if evidence > most and not any(at_a_bound(t) for t in together.model.terms):
-                named = [self._one_of(found, c) for c in own]
-                whole, most = Each(named, together), evidence
-        return whole
+            if any(at_a_bound(t) for t in together.model.terms):
+                continue
+            gain = unit * (before - self._held_out(together))
+            # All spools alike are one number as well: what fits alike is not told apart.
+            alike[name] = float(np.exp(min(gain - own_gain, 0.0)))
+            if gain - sum(c.cost for c in own) > most:
+                most = gain - sum(c.cost for c in own)
+                whole = Each([self._one_of(found, c) for c in own], together)
+        return whole if whole.named[0] is not found else Each([found.beside(alike)], whole.fitted)
+
+    def _at_all(
+        self,
+        without: Fitted,
+        noise: Noise,
+        found: Named,
+        scores: Sequence[Score],
+        name: str,
+    ) -> list[Contender]:
+        """An effect fitted at every target that it may have; none where it is the robot's."""
+        own = [c for c in found.tried if c.term.effect.name == name]
+        if any(c.term.cylinder is None for c in own):
+            return []
+        at = {c.term.target for c in own}
+        rest = [s for s in firsts(scores) if s.entry.trial.name == name]
+        rest = [s for s in rest if s.entry.trial.target not in at]
+        return own + self.fitted(without, [self._start(without, s) for s in rest], noise)
 
     def _one_of(self, found: Named, one: Contender) -> Named:
         """A contender as a finding, beside those that were tried at its target."""

@@ -281,8 +281,14 @@ class Searcher:
         terms = [t for t in near if not any(_rival(t, other) for other in others)]
         if not terms:
             return without, None
-        again = self.contest.fitted(without, terms, noise)
-        return without, named_of(self.contest.members(again), one.p_value, one.spread, self.few)
+        again = self.contest.members(self.contest.fitted(without, terms, noise))
+        fresh = named_of(again, one.p_value, one.spread, self.few)
+        if one.alike and _is(fresh.term, one.term):
+            shares = one.probability[-len(one.alike) :]
+            own = 1.0 - sum(shares)
+            odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
+            fresh = fresh.beside(odds)
+        return without, fresh
 
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:

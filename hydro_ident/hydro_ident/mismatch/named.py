@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,6 +84,9 @@ class Named:
         Effects of the set that held-out rows have refused before.
     few : float
         As `named_of`.
+    alike : tuple of str
+        Names of effects that, one at every cylinder, fit as well as one of the whole robot; their
+        probabilities follow those of the contenders' names.
     """
 
     contenders: tuple[Contender, ...]
@@ -94,6 +97,23 @@ class Named:
     spread: float
     refused: int = 0
     few: float = 1.0
+    alike: tuple[str, ...] = ()
+
+    def beside(self, odds: Mapping[str, float]) -> Named:
+        """The set with effects that are not told from it, one at every cylinder.
+
+        Parameters
+        ----------
+        odds : mapping of str to float
+            How likely each is, over the set itself.
+        """
+        least = (1.0 - SET_PROBABILITY) / SET_PROBABILITY
+        kept = {n: o for n, o in odds.items() if o >= least and n not in self.names}
+        if not kept:
+            return self
+        total = 1.0 + sum(kept.values())
+        shares = (*self.probability, *kept.values())
+        return replace(self, probability=tuple(s / total for s in shares), alike=tuple(kept))
 
     @property
     def modelled(self) -> Contender:
@@ -114,7 +134,7 @@ class Named:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the set, best first, each once."""
-        return tuple(dict.fromkeys(c.name for c in self.contenders))
+        return (*dict.fromkeys(c.name for c in self.contenders), *self.alike)
 
     @property
     def pays(self) -> bool:

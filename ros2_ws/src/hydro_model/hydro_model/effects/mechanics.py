@@ -29,8 +29,6 @@ from hydro_model.signals import (
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.
 COUPLING_LAG_S = 0.01
-#: Time in which a pin crosses its play once the load has turned, s.
-PLAY_TIME_S = 0.004
 
 
 def _mode_acceleration(s: Row, p: Row) -> float:
@@ -71,7 +69,7 @@ def _joint_name(robot: Robot, target: str) -> str:
 
 
 def _play_rate(s: Row, p: Row) -> float:
-    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
 
 
 def _play_rest(s: Row, p: Row) -> float:
@@ -79,11 +77,11 @@ def _play_rest(s: Row, p: Row) -> float:
 
 
 def _play_a(s: Row, p: Row) -> float:
-    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
 
 
 def _play_b(s: Row, p: Row) -> float:
-    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
 
 
 def _spring(s: Row, p: Row) -> float:
@@ -149,6 +147,10 @@ BACKLASH = Effect(
         ParameterSpec(
             "contact_force", "N", "F0, load at which the pin lies on", 10.0, 2e4, 300.0,
             optional=True,
+        ),
+        ParameterSpec(
+            "crossing_time", "s", "tau, in which it crosses once the load has turned", 5e-4, 0.3,
+            0.004, optional=True,
         ),
     ),
     terms=(Term(Stage.FLOW_A, _play_a), Term(Stage.FLOW_B, _play_b)),
