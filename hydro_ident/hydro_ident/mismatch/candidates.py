@@ -45,7 +45,7 @@ START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
 _WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
 #: A mode that is hardly damped answers to a few percent around its own frequency alone.
-_FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 4.0) for k in range(-8, 9))}
+_FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7))}
 #: Most shapes of one effect at one target.
 MOST_SHAPES = 75
 
@@ -221,7 +221,7 @@ def _grid(
         lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]
         return [x for x in lengths if spec.lower <= x <= 0.5 * stroke_m]
     if spec is BEND:
-        return [0.0, *(f * BEND.typical for f in SCANNED_FACTORS)]
+        return [0.0, BEND.typical]
     if spec.typical == 0.0:
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):
