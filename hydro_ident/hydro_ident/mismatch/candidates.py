@@ -230,7 +230,7 @@ def _grid(
         return [spec.typical]
     if spec.optional:
         factors: tuple[float, ...] = (1.0,)
-        if spec.name in ("velocity_scale", "crossing_time") or effect.name == "temperature_drift":
+        if spec.name == "velocity_scale" or effect.name == "temperature_drift":
             factors = _scanned(spec)
     else:
         needed = [p for p in effect.parameters if not (p.linear or p.optional)]
@@ -245,7 +245,4 @@ def _grid(
 def _scanned(spec: ParameterSpec) -> tuple[float, ...]:
     if spec.name == "rise":
         return (-1.0, 1.0)
-    if spec.name == "crossing_time":
-        # A valve that lets little through moves a piston across its play in a tenth of a second.
-        return (1.0, 5.0, 25.0)
     return SCANNED_FACTORS if spec.name in SCANNED else (1.0,)

@@ -22,6 +22,8 @@ LIMITS = {
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
+#: Sizes below which a finding is none: what gives way by a metre under a hand's push is no ground.
+_LEAST = {("external_contact", "stiffness"): 200.0}
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
@@ -163,14 +165,15 @@ class Named:
     def first(self) -> Contender:
         """The best one whose law is the first name's own, or else the best of that name.
 
-        A law that runs to the first name's limit speaks for it where its own predicts worse by
-        more than laws' forms are good for: what rounds a reversal shows in the size as well.
+        A law that runs to the first name's limit speaks for it where it stands in the model and
+        its own predicts worse by more than laws' forms are good for: what rounds a reversal shows
+        in the size as well.
         """
         own = [c for c in self.tried if c.name == self.names[0]]
         plain = [c for c in own if c.term.effect.name == c.name]
-        best = max(own, key=lambda c: c.held_out)
-        margin = FORM_TOLERANCE**2 * best.gain
-        return plain[0] if plain and best.held_out - plain[0].held_out <= margin else best
+        mine = self.modelled if self.modelled.name == self.names[0] else own[0]
+        margin = FORM_TOLERANCE**2 * mine.gain
+        return plain[0] if plain and mine.held_out - plain[0].held_out <= margin else mine
 
 
 def at_a_bound(term: ActiveEffect) -> str:
@@ -181,6 +184,9 @@ def at_a_bound(term: ActiveEffect) -> str:
         ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
         if any(abs(value - end) <= _BOUND * abs(end) for end in ends):
             return f"its {spec.name} ran to the end of what is possible ({value:.3g} {spec.unit})"
+        least = _LEAST.get((term.effect.name, spec.name), -np.inf)
+        if value < least:
+            return f"its {spec.name} is below any that bears the name ({value:.3g} {spec.unit})"
     return ""
 
 

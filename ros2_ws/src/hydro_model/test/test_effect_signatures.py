@@ -133,9 +133,9 @@ def test_play_moves_the_volume_of_its_width_when_the_load_turns() -> None:
     s = rows(400, piston_force=force, area_a=5e-3, area_b=3.4e-3)
     play = CATALOGUE["backlash"]
     for stage, area in ((Stage.FLOW_A, 5e-3), (Stage.FLOW_B, -3.4e-3)):
-        flow = play.evaluate(s, [3e-4, 300.0, 0.004], stage, STEP)
+        flow = play.evaluate(s, [3e-4, 300.0], stage, STEP)
         fine = np.repeat(s, 16, axis=0)
-        flow = play.evaluate(fine, [3e-4, 300.0, 0.004], stage, STEP / 16)
+        flow = play.evaluate(fine, [3e-4, 300.0], stage, STEP / 16)
         assert flow.sum() * STEP / 16 == pytest.approx(area * 3e-4, rel=2e-2)
         assert np.abs(flow[: 99 * 16]).max() < 1e-15
 

@@ -29,6 +29,8 @@ from hydro_model.signals import (
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.
 COUPLING_LAG_S = 0.01
+#: Time in which a pin crosses its play once the load has turned, s.
+PLAY_TIME_S = 0.004
 
 
 def _mode_acceleration(s: Row, p: Row) -> float:
@@ -69,7 +71,7 @@ def _joint_name(robot: Robot, target: str) -> str:
 
 
 def _play_rate(s: Row, p: Row) -> float:
-    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
+    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
 
 
 def _play_rest(s: Row, p: Row) -> float:
@@ -77,11 +79,11 @@ def _play_rest(s: Row, p: Row) -> float:
 
 
 def _play_a(s: Row, p: Row) -> float:
-    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
+    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
 
 
 def _play_b(s: Row, p: Row) -> float:
-    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / p[2]
+    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
 
 
 def _spring(s: Row, p: Row) -> float:
@@ -148,10 +150,6 @@ BACKLASH = Effect(
             "contact_force", "N", "F0, load at which the pin lies on", 10.0, 2e4, 300.0,
             optional=True,
         ),
-        ParameterSpec(
-            "crossing_time", "s", "tau, in which it crosses once the load has turned", 5e-4, 0.3,
-            0.004, optional=True,
-        ),
     ),
     terms=(Term(Stage.FLOW_A, _play_a), Term(Stage.FLOW_B, _play_b)),
     states=(InternalState(_play_rate, _play_rest, 1e-4),),
@@ -205,8 +203,7 @@ EXTERNAL_CONTACT = Effect(
     source="unilateral spring under the tip; Gilardi and Sharf, Mechanism and Machine Theory 37"
     " (2002)",
     parameters=(
-        # What gives way by a metre under a hand's push is no ground.
-        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 200.0, 1e9, 1e5, linear=True),
+        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 0.0, 1e9, 1e5, linear=True),
         ParameterSpec("height", "m", "z0, over the base's origin", -100.0, 100.0, 0.0),
     ),
     terms=(Term(Stage.FRICTION, _contact),),
