@@ -66,3 +66,11 @@ def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
     forces = found.channels[0]
     left = float(np.std(forces.measured - forces.after))
     assert left < 1.5 * forces.noise_floor
+
+
+def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
+    ground = {"stiffness": 6.0e3, "height": -1.4}
+    found = diagnosed(EffectSpec("external_contact", "xs031", ground))
+    assert [f.named.names[0] for f in found.findings] == ["external_contact"]
+    assert set(found.findings[0].channels) == {"lift/force", "tilt/force"}
+    assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4], rel=0.1)

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import free_run
+from hydro_ident.mismatch.causes import one_per_cause
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.confirmation import searched, withdrawn
@@ -151,7 +152,7 @@ def _diagnosed(
         _verdict(findings, [*rejected, *taken], unknown, few),
         work.robot,
         modelled.robot,
-        tuple(findings),
+        tuple(one_per_cause(findings)),
         tuple(rejected),
         unknown,
         not_testable(work.scan, search.scanned, names),
