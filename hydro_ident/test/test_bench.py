@@ -155,7 +155,7 @@ def test_the_page_is_made_from_the_results(
 ) -> None:
     page, results = tmp_path / "performance.md", tmp_path / "results"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nbehind\n")
-    assert "Nothing has been published" in with_table(page.read_text(), results)
+    assert "No run has been published" in with_table(page.read_text(), results)
     rows = [Row("a job", "a peer", 0.5, 2.0, 4.0, 3.0), against_limit("slow", "1 s", 2.0, 1.0)]
     results.mkdir()
     (results / "bench.json").write_text(json.dumps([asdict(row) for row in rows]))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hydro_ident.bench.job import Row
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 #: Of the results folder, and the page beside it.
 RESULT, PAGE = "bench.json", "performance.md"
@@ -34,10 +33,9 @@ def table(folder: Path) -> str:
     folder : Path
         Of the results.
     """
-    path = folder / RESULT
-    if not path.is_file():
-        return "Nothing has been published yet.\n"
-    found: Sequence[Mapping[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    found: Sequence[Mapping[str, Any]] | None = published(folder, RESULT)
+    if found is None:
+        return NOT_PUBLISHED
     head, rule = HEAD.splitlines()
     lines = [f"{head} met |", f"{rule}---|"]
     for one in found:

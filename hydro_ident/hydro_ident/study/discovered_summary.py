@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 #: Of the results folder, and the page beside it.
 RESULT, PAGE = "discovered.json", "discovered.md"
@@ -125,10 +124,9 @@ def table(folder: Path) -> str:
     folder : Path
         Of the results.
     """
-    path = folder / RESULT
-    if not path.is_file():
-        return "No run has been published yet.\n"
-    result = json.loads(path.read_text(encoding="utf-8"))
+    result = published(folder, RESULT)
+    if result is None:
+        return NOT_PUBLISHED
     plants = result["plants"]
     command = f"{result['command']} --out {RESULT}"
     lines = [f"`{command}`, {result['date']}: {len(plants)} machines.", ""]

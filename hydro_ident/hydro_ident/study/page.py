@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hydro_ident.study.goals import GOALS, Goal
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 BEGIN, END = "<!-- study results: begin -->", "<!-- study results: end -->"
 #: Results side by side, by file name: thresholds were chosen on the first, frozen for the second.
@@ -32,13 +31,10 @@ def tables(folder: Path) -> str:
     folder : Path
         Of the results.
     """
-    found = {
-        label: json.loads((folder / name).read_text(encoding="utf-8"))
-        for name, label in RESULTS.items()
-        if (folder / name).is_file()
-    }
+    committed = {label: published(folder, name) for name, label in RESULTS.items()}
+    found = {label: one for label, one in committed.items() if one is not None}
     if not found:
-        return "No study has been published yet.\n"
+        return NOT_PUBLISHED
     parts = [_origins(found), _goals(found)]
     last = list(found)[-1]
     parts += [_beside(last, found[last]), _weak(last, found[last])]

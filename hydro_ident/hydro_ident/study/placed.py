@@ -37,6 +37,24 @@ def placed(page: str, content: str, begin: str, end: str) -> str:
     return f"{before}{begin}\n\n{content}\n{end}{after}"
 
 
+#: What a page says in the place of a result that is not there.
+NOT_PUBLISHED = "No run has been published yet.\n"
+
+
+def published(folder: Path, name: str) -> Any:
+    """What a committed result holds; None where there is none.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    name : str
+        Of the file.
+    """
+    path = folder / name
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+
+
 def write_result(
     path: Path, result: Mapping[str, Any], page: str, made: Callable[[str, Path], str]
 ) -> None:

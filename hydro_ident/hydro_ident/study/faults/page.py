@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 #: Of the results folder, and the page beside it.
 RESULT, PAGE = "faults.json", "safety_case.md"
@@ -28,11 +27,8 @@ def with_tables(text: str, folder: Path) -> str:
     IdentError
         The page has no place for them.
     """
-    path = folder / RESULT
-    tables = "No campaign has been published yet.\n"
-    if path.is_file():
-        tables = told(json.loads(path.read_text(encoding="utf-8")))
-    return placed(text, tables, BEGIN, END)
+    result = published(folder, RESULT)
+    return placed(text, NOT_PUBLISHED if result is None else told(result), BEGIN, END)
 
 
 def told(result: Mapping[str, Any]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -20,7 +19,7 @@ from hydro_ident.study.mutants.trial import (
     TIMED_OUT,
     Coverage,
 )
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 SCHEMA = "hydro_ident/mutants/1"
 #: Of the results folder, and the page beside it.
@@ -146,10 +145,9 @@ def table(folder: Path) -> str:
     folder : Path
         Of the results.
     """
-    path = folder / RESULT
-    if not path.is_file():
-        return "No run has been published yet.\n"
-    run: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    run: Mapping[str, Any] | None = published(folder, RESULT)
+    if run is None:
+        return NOT_PUBLISHED
     modules: Sequence[Mapping[str, Any]] = run["modules"]
     total = sum(m["changes"] for m in modules)
     survived = sum(m[SURVIVED] for m in modules)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hydro_ident.study.placed import placed
+from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 from hydro_ident.study.sabotage.listed import SABOTAGES
 from hydro_ident.study.sabotage.trial import Outcome
 
@@ -53,16 +52,13 @@ def table(folder: Path) -> str:
     folder : Path
         Of the results.
     """
-    path = folder / RESULT
-    run: Mapping[str, Any] = {"sabotages": ()}
-    lines = ["No run has been published yet.", ""]
-    if path.is_file():
-        run = json.loads(path.read_text(encoding="utf-8"))
-        lines = [
-            f"Run of {run['date']}: {run['caught']} of {run['of']} turned their test red.",
-            "",
-        ]
-    caught = {row["name"]: "red" if row["caught"] else "missed" for row in run["sabotages"]}
+    run: Mapping[str, Any] | None = published(folder, RESULT)
+    lines: list[str] = [NOT_PUBLISHED]
+    rows: Sequence[Mapping[str, Any]] = ()
+    if run is not None:
+        said = f"Run of {run['date']}: {run['caught']} of {run['of']} turned their test red."
+        lines, rows = [said, ""], run["sabotages"]
+    caught = {row["name"]: "red" if row["caught"] else "missed" for row in rows}
     lines += ["| sabotage | what is wrong then | file | test | |", "|---|---|---|---|---|"]
     for one in SABOTAGES:
         test = one.test.rpartition("::")[2].replace("_", " ")
