@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -200,6 +201,29 @@ def true_crane(payload_kg: float = 0.0, bulk: float = 1.0) -> Robot:
 def crane_run() -> SimulatedRun:
     """18 s of the true crane."""
     return simulated_run(true_crane(), 18.0)
+
+
+@pytest.fixture(scope="session")
+def lay_out() -> Callable[..., Any]:
+    """Rows and refitted base of the datasheet's structure, as a diagnosis of a run starts with.
+
+    Takes a run, and those to verify on.
+    """
+    from hydro_ident.mismatch.residuals import Residuals, residuals
+    from hydro_ident.mismatch.settings import DiagnosisSettings
+    from hydro_ident.sources import sources_of
+    from hydro_ident.survey import survey_source
+
+    def laid(run: SimulatedRun, others: Sequence[SimulatedRun] = ()) -> Residuals:
+        robot = load_robot("xs031")
+        sources = sources_of([run.recording()])
+        checked = sources_of([one.recording(f"check{k}") for k, one in enumerate(others)])
+        surveys = [survey_source(source, robot) for source in (*sources, *checked)]
+        work = residuals(robot, sources, checked, surveys, DiagnosisSettings())
+        assert work is not None
+        return work
+
+    return laid
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
 from typing import Any
@@ -19,8 +19,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.outcome import Diagnosis
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.report.diagnosis_report import report_html
@@ -50,17 +49,6 @@ def _direction(run: Any) -> np.ndarray:
     return np.tanh(speed / 0.01)
 
 
-def _work(run: Any, others: Sequence[Any] = ()) -> Residuals:
-    """Rows and refitted base of the datasheet's structure, as a diagnosis starts with."""
-    robot = load_robot("xs031")
-    sources = sources_of([run.recording()])
-    checked = sources_of([one.recording(f"check{k}") for k, one in enumerate(others)])
-    surveys = [survey_source(source, robot) for source in (*sources, *checked)]
-    work = residuals(robot, sources, checked, surveys, DiagnosisSettings())
-    assert work is not None
-    return work
-
-
 @pytest.fixture(scope="module")
 def plain(crane_run: object) -> Any:
     """A machine that has the datasheet's structure."""
@@ -68,15 +56,17 @@ def plain(crane_run: object) -> Any:
 
 
 @pytest.fixture(scope="module")
-def clean(plain: Any) -> Residuals:
-    return _work(plain)
+def clean(plain: Any, lay_out: Callable[..., Residuals]) -> Residuals:
+    return lay_out(plain)
 
 
 @pytest.fixture(scope="module")
-def rubbing(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Residuals:
+def rubbing(
+    make_run: tuple[Callable[..., Robot], Callable[..., object]], lay_out: Callable[..., Residuals]
+) -> Residuals:
     """A machine with dry friction in its lift cylinder."""
     true_crane, simulated_run = make_run
-    return _work(simulated_run(replace(true_crane(), effects=(COULOMB,)), SECONDS))
+    return lay_out(simulated_run(replace(true_crane(), effects=(COULOMB,)), SECONDS))
 
 
 def _named(work: Residuals, start_n: float = 1500.0) -> tuple[Fitted, Named]:
@@ -123,11 +113,13 @@ def test_what_is_checked_on_took_no_part_in_the_fit(clean: Residuals) -> None:
         assert min(near) > 0.9 * clean.split.guard_s
 
 
-def test_nothing_in_the_held_out_blocks_moves_the_fit(plain: Any, clean: Residuals) -> None:
+def test_nothing_in_the_held_out_blocks_moves_the_fit(
+    plain: Any, clean: Residuals, lay_out: Callable[..., Residuals]
+) -> None:
     split = clean.split
     number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
     held = number % split.every == split.every - 1
-    other = _work(_pushed(plain, np.where(held, 3000.0 * _direction(plain), 0.0)))
+    other = lay_out(_pushed(plain, np.where(held, 3000.0 * _direction(plain), 0.0)))
     old, new = clean.base.model, other.base.model
     assert new.theta == pytest.approx(old.theta, rel=0.05, abs=0.02 * np.abs(old.theta).max())
     for one, same in zip(old.robot.cylinders, new.robot.cylinders, strict=True):
@@ -194,24 +186,24 @@ def test_an_effect_of_the_machine_stands_and_its_placebo_does_not(rubbing: Resid
 
 
 def test_what_held_for_the_training_blocks_alone_does_not_stand(
-    plain: Any, clean: Residuals
+    plain: Any, clean: Residuals, lay_out: Callable[..., Residuals]
 ) -> None:
     """Friction that is gone whenever a block is held out: only unseen rows can tell."""
     split = clean.split
     number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
     held = number % split.every == split.every - 1
-    work = _work(_pushed(plain, np.where(held, 0.0, 2500.0 * _direction(plain))))
+    work = lay_out(_pushed(plain, np.where(held, 0.0, 2500.0 * _direction(plain))))
     whole, named = _named(work)
     assert named.term.parameters[0] == pytest.approx(2500.0, rel=0.2)
     found = verify(work.training, whole, named, work.check)
     assert not found.stands
 
 
-def test_what_no_law_explains_is_reported(plain: Any) -> None:
+def test_what_no_law_explains_is_reported(plain: Any, lay_out: Callable[..., Residuals]) -> None:
     """A force that ripples over the stroke, like nothing in the catalogue."""
     cylinder = plain.robot.cylinders[0]
     x = stroke(cylinder, plain.q[:, 0])
-    work = _work(_pushed(plain, 1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
+    work = lay_out(_pushed(plain, 1500.0 * np.sin(2.0 * np.pi * x / (0.5 * np.ptp(x)))))
     left = dependences(work.training, work.base)
     holds = Confirmer(work.training, work.check, work.base).holds
     found = unexplained(work.training, work.base, left, holds)
@@ -219,7 +211,9 @@ def test_what_no_law_explains_is_reported(plain: Any) -> None:
     assert not unexplained(work.training, work.base, [], holds)
 
 
-def test_what_has_no_name_is_told_as_a_form(plain: Any, seen_again: Any) -> None:
+def test_what_has_no_name_is_told_as_a_form(
+    plain: Any, seen_again: Any, lay_out: Callable[..., Residuals]
+) -> None:
     """A ripple over the stroke, and a second recording that confirms it: in every result."""
     x = [stroke(plain.robot.cylinders[0], run.q[:, 0]) for run in (plain, seen_again)]
     period = 0.4 * float(np.ptp(x[0]))
@@ -227,7 +221,7 @@ def test_what_has_no_name_is_told_as_a_form(plain: Any, seen_again: Any) -> None
         _pushed(run, 1500.0 * np.cos(2.0 * np.pi * at / period + 1.0))
         for run, at in zip((plain, seen_again), x, strict=True)
     ]
-    work = _work(pushed[0], pushed[1:])
+    work = lay_out(pushed[0], pushed[1:])
     confirmer = Confirmer(work.training, work.check, work.base)
     left = dependences(work.training, work.base)
     found = unexplained(work.training, work.base, left, confirmer.holds)

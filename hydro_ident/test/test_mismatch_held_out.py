@@ -17,14 +17,12 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.outcome import PARTLY, Diagnosis, Finding
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, DiagnosisSettings
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.results import Provenance
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -33,16 +31,12 @@ COULOMB = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
 
 
 @pytest.fixture(scope="module")
-def work(make_run: tuple[Callable[..., Robot], Callable[..., Any]]) -> Residuals:
+def work(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
+) -> Residuals:
     """A machine with dry friction in its lift cylinder, beside the datasheet's structure."""
     true_crane, simulated_run = make_run
-    run = simulated_run(replace(true_crane(), effects=(COULOMB,)), 18.0)
-    robot = load_robot("xs031")
-    sources = sources_of([run.recording()])
-    surveys = [survey_source(source, robot) for source in sources]
-    found = residuals(robot, sources, [], surveys, DiagnosisSettings())
-    assert found is not None
-    return found
+    return lay_out(simulated_run(replace(true_crane(), effects=(COULOMB,)), 18.0))
 
 
 @pytest.fixture(scope="module")

@@ -15,12 +15,9 @@ from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import fit, fitted
 from hydro_ident.mismatch.prior import Prior, parts_prior
-from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
-from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.whitening import Layout, Noise
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -33,16 +30,10 @@ MakeRun = tuple[Callable[..., Robot], Callable[..., Any]]
 
 
 @pytest.fixture(scope="module")
-def work(make_run: MakeRun) -> Residuals:
+def work(make_run: MakeRun, lay_out: Callable[..., Residuals]) -> Residuals:
     """A machine with a spring in its lift cylinder that the datasheet lacks."""
     true_crane, simulated_run = make_run
-    run = simulated_run(replace(true_crane(), effects=(SPRING,)), 18.0)
-    robot = load_robot("xs031")
-    sources = sources_of([run.recording()])
-    surveys = [survey_source(source, robot) for source in sources]
-    found = residuals(robot, sources, [], surveys, DiagnosisSettings())
-    assert found is not None
-    return found
+    return lay_out(simulated_run(replace(true_crane(), effects=(SPRING,)), 18.0))
 
 
 # Bodies of cylinders --------------------------------------------------------------------------

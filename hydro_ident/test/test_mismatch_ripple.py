@@ -35,14 +35,6 @@ def trace(crane_run: Any) -> Trace:
     return whole
 
 
-def _work(run: Any) -> Residuals:
-    sources = sources_of([run.recording()])
-    surveys = [survey_source(source, load_robot("xs031")) for source in sources]
-    work = residuals(load_robot("xs031"), sources, [], surveys, DiagnosisSettings())
-    assert work is not None
-    return work
-
-
 @pytest.mark.parametrize("delay_share", [0.0, 0.3, 0.7, 1.0])
 def test_a_ramp_that_is_held_swings_the_pressures_by_the_formula(
     trace: Trace, delay_share: float
@@ -75,7 +67,9 @@ def test_a_ramp_that_is_held_swings_the_pressures_by_the_formula(
     assert BULK_PA * time * column == pytest.approx(expected, rel=1e-3)
 
 
-def test_the_base_takes_a_ripple_up(make_run: tuple[Callable[..., Any], Any]) -> None:
+def test_the_base_takes_a_ripple_up(
+    make_run: tuple[Callable[..., Any], Any], lay_out: Callable[..., Residuals]
+) -> None:
     """Force errors as of a ripple are found as such, and nothing of them is left."""
     true_crane, simulated_run = make_run
     run = simulated_run(true_crane(), 14.0)
@@ -85,7 +79,7 @@ def test_the_base_takes_a_ripple_up(make_run: tuple[Callable[..., Any], Any]) ->
     ripple = coefficient * ripple_force(true_crane(), 0, plain)
     p_a = run.p_a.copy()
     p_a[:, 0] += ripple / true_crane().cylinders[0].area_a_m2
-    works = {name: _work(one) for name, one in (("as it is", run),
+    works = {name: lay_out(one) for name, one in (("as it is", run),
                                                 ("swinging", replace(run, p_a=p_a)))}  # fmt: skip
     found, left = {}, {}
     for name, work in works.items():
@@ -139,10 +133,10 @@ def test_windows_are_as_long_as_the_commands_are_slow(trace: Trace) -> None:
 
 
 def test_rows_beyond_the_positions_that_were_fitted_are_not_checked_on(
-    make_run: tuple[Callable[..., Any], Any],
+    make_run: tuple[Callable[..., Any], Any], lay_out: Callable[..., Residuals]
 ) -> None:
     true_crane, simulated_run = make_run
-    work = _work(simulated_run(true_crane(), 14.0))
+    work = lay_out(simulated_run(true_crane(), 14.0))
     material = work.training.predictor.material
     positions = material.positions()
     joint = material.channels.index("lift/force")

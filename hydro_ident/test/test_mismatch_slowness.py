@@ -12,11 +12,7 @@ from scipy.signal import lfilter
 
 from hydro_ident.mismatch import slowness
 from hydro_ident.mismatch.choices import Choices
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
-from hydro_model.robot_files import load_robot
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_model.simulate import simulate
 
 STEP_S, SECONDS = 0.002, 30.0
@@ -39,33 +35,27 @@ def runs(make_run: MakeRun) -> dict[str, Any]:
     return {"calm": calm, "wavering": wavering}
 
 
-def _work(run: Any) -> Residuals:
-    sources = sources_of([run.recording()])
-    surveys = [survey_source(source, load_robot("xs031")) for source in sources]
-    work = residuals(load_robot("xs031"), sources, [], surveys, DiagnosisSettings())
-    assert work is not None
-    return work
-
-
 def _stiffness(work: Residuals, run: Any) -> list[float]:
     """Fitted bulk modulus over the true one, by cylinder."""
     cylinders = zip(work.base.model.robot.cylinders, run.robot.cylinders, strict=True)
     return [one.bulk_modulus_pa / true.bulk_modulus_pa for one, true in cylinders]
 
 
-def test_a_calm_valve_leaves_the_windows_as_they_are(runs: dict[str, Any]) -> None:
-    work = _work(runs["calm"])
+def test_a_calm_valve_leaves_the_windows_as_they_are(
+    runs: dict[str, Any], lay_out: Callable[..., Residuals]
+) -> None:
+    work = lay_out(runs["calm"])
     assert work.training.predictor.material.windows.length_s == Choices().windows_s[0]
     assert not any("stiffer" in note for note in work.notes)
     assert _stiffness(work, runs["calm"]) == pytest.approx([1.0, 1.0], abs=0.02)
 
 
 def test_a_wavering_valve_makes_oil_look_stiff_over_short_windows_only(
-    runs: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    runs: dict[str, Any], monkeypatch: pytest.MonkeyPatch, lay_out: Callable[..., Residuals]
 ) -> None:
-    work = _work(runs["wavering"])
+    work = lay_out(runs["wavering"])
     monkeypatch.setattr(slowness, "LENGTHS_S", ())
-    short = _work(runs["wavering"])
+    short = lay_out(runs["wavering"])
     length_s = work.training.predictor.material.windows.length_s
     assert length_s > short.training.predictor.material.windows.length_s
     assert any(f"over {length_s:.2g} s" in note for note in work.notes)

@@ -289,7 +289,7 @@ def test_baselines_are_scored_by_the_same_rules(published: dict[str, Any]) -> No
 def test_page_shows_the_published_figures(published: dict[str, Any], tmp_path: Path) -> None:
     results = tmp_path / "results"
     page = f"before {BEGIN} old {END} after"
-    assert "No study has been published" in with_tables(page, results)
+    assert "No run has been published" in with_tables(page, results)
     write_json(results / "study_tuning.json", published)
     write_json(results / "study.json", published)
     text = with_tables(page, results)
