@@ -82,7 +82,7 @@ EQUATIONS = [
     ),
     (
         "asymmetric_friction",
-        [500.0, 2e3, 0.01],
+        [500.0, 2e3, 0.01, 0.0],
         Stage.FRICTION,
         500.0 * np.tanh(V / 0.01) ** 2 + 2e3 * V * np.tanh(V / 0.01),
     ),

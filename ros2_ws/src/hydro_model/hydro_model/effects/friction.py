@@ -67,8 +67,8 @@ def _stribeck(s: Row, p: Row) -> float:
 
 def _asymmetric(s: Row, p: Row) -> float:
     v = s[PISTON_VELOCITY]
-    rounded = math.tanh(v / p[2])
-    return p[0] * rounded * rounded + p[1] * v * rounded
+    way = s[STATE_0] if p[3] > 0.0 else math.tanh(v / p[2])
+    return p[0] * way * way + p[1] * v * way
 
 
 def _pressure_dependent(s: Row, p: Row) -> float:
@@ -122,7 +122,7 @@ STRIBECK = Effect(
 ASYMMETRIC = Effect(
     name="asymmetric_friction",
     channel="force",
-    equation="F = Fa tanh(v / v0)^2 + ba v tanh(v / v0)",
+    equation="F = Fa tanh(v / v0)^2 + ba v tanh(v / v0);  with d: w for tanh,  d w' = v - |v| w",
     source="the part of direction-dependent friction that is even in velocity",
     parameters=(
         ParameterSpec(
@@ -132,8 +132,10 @@ ASYMMETRIC = Effect(
             "viscous", "N s/m", "ba, half the difference", -1e5, 1e5, 0.0, True, optional=True
         ),
         VELOCITY_SCALE,
+        BEND,
     ),
     terms=(Term(Stage.FRICTION, _asymmetric),),
+    states=(bristle(3),),
     looks_like=("pressure_sensor_bias", "constant_force_offset", "first moments"),
     separating_experiment="pass the same poses at equal speeds in both directions, and rest there",
     needs_cylinder=False,
