@@ -352,3 +352,11 @@ def test_a_bristle_turns_a_law_around_over_its_distance(name: str) -> None:
     np.testing.assert_allclose(
         effect.evaluate(s, bent, sample_time_s=period), expected, atol=2e-3 * whole[0]
     )
+
+
+def test_a_state_that_no_law_looks_at_is_not_followed() -> None:
+    """Bit for bit what it is with the state followed beside it, and no sample time is needed."""
+    pins = CATALOGUE["pin_friction"]
+    plain = pins.evaluate(S, [2e-3, 0.05, 0.0])
+    always = replace(pins, states=tuple(replace(s, needs=None) for s in pins.states))
+    np.testing.assert_array_equal(plain, always.evaluate(S, [2e-3, 0.05, 0.0], sample_time_s=0.01))

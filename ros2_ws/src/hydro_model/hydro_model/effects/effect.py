@@ -241,7 +241,7 @@ class Effect:
 
         rows, values = self._checked(signals, parameters)
         law = self.term(stage).law
-        if self.states:
+        if any(s.needs is None or values[s.needs] != 0.0 for s in self.states):
             if sample_time_s is None:
                 raise RobotError(f"effect '{self.name}' has internal states: give sample_time_s")
             return follow_states(self.states, law, rows, values, sample_time_s)

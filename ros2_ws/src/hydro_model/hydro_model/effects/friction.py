@@ -52,7 +52,7 @@ def bristle(at: int) -> InternalState:
         return (v - abs(v) * s[STATE_0]) / max(p[at], LEAST_BEND_M)
 
     law: Law = rate
-    return InternalState(law, nothing, 1.0)
+    return InternalState(law, nothing, 1.0, needs=at)
 
 
 def _coulomb(s: Row, p: Row) -> float:

@@ -112,6 +112,8 @@ class InternalState:
     after : callable or None
         Law of its value some time later while signals are held, which has that time, in s, behind
         the parameters: where it is known, a recording is followed by it.
+    needs : int or None
+        Index of a parameter that is zero where no law looks at the state.
     """
 
     rate: Law
@@ -120,6 +122,7 @@ class InternalState:
     linear: bool = False
     averaged: bool = False
     after: Law | None = None
+    needs: int | None = None
 
 
 def nothing(s: Row, p: Row) -> float:
