@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
@@ -146,8 +147,9 @@ class Contest:
             if any(at_a_bound(t) for t in together.model.terms):
                 continue
             gain = unit * (before - self._held_out(together))
-            # All spools alike are one number as well: what fits alike is not told apart.
-            alike[name] = float(np.exp(min(gain - own_gain, 0.0)))
+            if found.term.effect.name == DELAY:
+                # All spools alike are one number as well: what fits alike is not told apart.
+                alike[name] = float(np.exp(min(gain - own_gain, 0.0)))
             if gain - sum(c.cost for c in own) > most:
                 most = gain - sum(c.cost for c in own)
                 whole = Each([self._one_of(found, c) for c in own], together)
