@@ -27,6 +27,8 @@ from hydro_model.robot import FloatArray
 _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: The same for a name that held-out rows do not exercise: less than this is its law's own form.
 _BESIDE_SILENT = 0.1
+#: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
+_CLEARLY_WORSE = 1.2
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
 
@@ -56,6 +58,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]
+        failed = failed or _made_worse(work, whole, found)
         if not failed:
             return whole, found, rejected
         # The worse half at a time: what fails beside a wrong effect may stand without it.
@@ -124,6 +127,47 @@ def withdrawn(
         whole = _without(work, whole, [f.named for f in weak])
         findings = [f for f in findings if f not in weak]
         taken += weak
+
+
+def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> list[Finding]:
+    """The weakest of those with which, all together, a channel is predicted clearly worse.
+
+    Behind a refit each may have gained: what is handed over is the model as it is.
+    """
+    worse = {n: sides for n, sides in _sides(work, whole).items() if _clearly(*sides)}
+    acting = [f for f in findings if any(n in worse for n in f.channels)]
+    if not acting:
+        return []
+    weakest = min(acting, key=lambda f: f.named.gain)
+    channel = next(n for n in weakest.channels if n in worse)
+    before, after = worse[channel]
+    reason = (
+        f"with all findings together held-out rows of {channel} are predicted worse (RMSE"
+        f" {before:.3g} to {after:.3g})"
+    )
+    verification = replace(weakest.verification, stands=False, reason=reason)
+    return [replace(weakest, verification=verification)]
+
+
+def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
+    """Rmse of held-out rows as the base and as a model predicts them, by channel."""
+    check = work.check
+    both = [check.residual(model) for model in (work.base.model, whole.model)]
+    rows = {
+        name: check.rows(k, name) & check.mask & check.moving
+        for k, name in enumerate(check.predictor.material.channels)
+    }
+    return {
+        name: (_rms(both[0][own]), _rms(both[1][own])) for name, own in rows.items() if own.any()
+    }
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _clearly(before: float, after: float) -> bool:
+    return after > _CLEARLY_WORSE * before
 
 
 def _explain_less(
