@@ -11,6 +11,7 @@ from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -158,12 +159,8 @@ def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
         for k, name in enumerate(check.predictor.material.channels)
     }
     return {
-        name: (_rms(both[0][own]), _rms(both[1][own])) for name, own in rows.items() if own.any()
+        name: (rms(both[0][own]), rms(both[1][own])) for name, own in rows.items() if own.any()
     }
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _clearly(before: float, after: float) -> bool:

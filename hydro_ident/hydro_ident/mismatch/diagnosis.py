@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError
 from hydro_ident.free_run import free_run
@@ -17,6 +15,7 @@ from hydro_ident.mismatch.confirmation import searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.model import robot_of, summary_of
 from hydro_ident.mismatch.name import Search
@@ -39,7 +38,7 @@ from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, sources_of
 from hydro_ident.survey import Survey, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import Robot
 from hydro_model.terminal import advance
 
 _FEW = (
@@ -199,7 +198,7 @@ def _search_notes(
 
 def _left_notes(channels: Sequence[ChannelResult]) -> list[str]:
     """Channels in which much more is left than sensors make, whatever the verdict."""
-    left = [(c.name, _rms(c.measured - c.after) / c.noise_floor) for c in channels]
+    left = [(c.name, rms(c.measured - c.after) / c.noise_floor) for c in channels]
     much = [f"{name} {ratio:.3g}" for name, ratio in left if ratio > _MUCH]
     if not much:
         return []
@@ -207,10 +206,6 @@ def _left_notes(channels: Sequence[ChannelResult]) -> list[str]:
         "left on held-out rows, rest included, in units of what the sensors' noise alone leaves:"
         f" {', '.join(much)}"
     ]
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _silent_notes(findings: Sequence[Finding]) -> list[str]:

@@ -137,7 +137,7 @@ class HeldOut:
         """What a refit leaves of a residual (N,) by channel, in its unit."""
         left = residual - self.columns @ self.bench.refit(residual[self.used])
         names = self.check.predictor.material.channels
-        return {n: _rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
+        return {n: rms(left[self.check.rows(k, n) & self.used]) for k, n in enumerate(names)}
 
 
 def _root(without: Fitted, names: Sequence[str]) -> FloatArray:
@@ -290,5 +290,6 @@ def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:
     )
 
 
-def _rms(values: FloatArray) -> float:
+def rms(values: FloatArray) -> float:
+    """Root of the mean square of values (N,); 0 of none."""
     return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
