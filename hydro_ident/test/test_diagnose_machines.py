@@ -74,3 +74,11 @@ def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     assert [f.named.names[0] for f in found.findings] == ["external_contact"]
     assert set(found.findings[0].channels) == {"lift/force", "tilt/force"}
     assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4], rel=0.1)
+
+
+def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnosed) -> None:
+    """Flows at the undisturbed rail are too large, and the resistance comes out too small."""
+    rail = {"resistance": 3e11, "time_constant": 0.03}
+    found = diagnosed(EffectSpec("tank_back_pressure", "xs031", rail))
+    assert [f.named.names[0] for f in found.findings] == ["tank_back_pressure"]
+    assert found.findings[0].named.term.parameters[0] == pytest.approx(3e11, rel=0.03)
