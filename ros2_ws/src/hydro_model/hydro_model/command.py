@@ -47,7 +47,7 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
     Returns
     -------
     int
-        0 done; 1 the work failed; 2 bad usage or unreadable input; 130 on Ctrl-C.
+        0 done; 1 the work failed, or memory ended; 2 bad usage or unreadable input; 130 on Ctrl-C.
     """
     if "_ARGCOMPLETE" in os.environ:
         _complete_words()
@@ -57,6 +57,10 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
         said = printable(str(error))
         print(f"{coloured(name, 'red', sys.stderr)}: {said}", file=sys.stderr)
         return error.exit_code
+    except MemoryError as error:
+        said = printable(" ".join(str(error).split()))
+        print(f"{coloured(name, 'red', sys.stderr)}: out of memory: {said}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

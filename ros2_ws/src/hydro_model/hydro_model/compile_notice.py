@@ -5,7 +5,29 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from numba.core import event
+from numba.core import config, event
+
+
+def notice(module: str, folder: str) -> str:
+    """What is said.
+
+    Parameters
+    ----------
+    module : str
+        Of the kernel that is compiled first.
+    folder : str
+        Where compiled kernels are kept; empty where numba finds a place itself, or none.
+
+    Returns
+    -------
+    str
+    """
+    # Which other kernels this run will need nobody knows yet.
+    kept = f"; kept in {folder} for later runs" if folder else ""
+    return (
+        f"hydro_model: compiling kernels of {module} and what else no earlier run of these"
+        f" sources has needed (seconds to half a minute){kept}"
+    )
 
 
 class _Notice(event.Listener):
@@ -13,12 +35,8 @@ class _Notice(event.Listener):
 
     def on_start(self, event_: Any) -> None:
         event.unregister("numba:compile", self)
-        print(
-            "hydro_model: compiling its kernels, once per version of the sources"
-            " (about half a minute)",
-            file=sys.stderr,
-            flush=True,
-        )
+        module = event_.data["dispatcher"].py_func.__module__
+        print(notice(module, config.CACHE_DIR), file=sys.stderr, flush=True)
 
     def on_end(self, event_: Any) -> None:
         """Nothing to say."""

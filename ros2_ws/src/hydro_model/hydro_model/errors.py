@@ -16,6 +16,25 @@ class HydroError(Exception):
     exit_code = 2
 
 
+def in_short(error: Exception, most: int = 100) -> str:
+    """What another library says of a file, in one line and so short that little of it is shown.
+
+    Parameters
+    ----------
+    error : Exception
+        Its own text may repeat whatever stands in the file.
+    most : int
+        Characters.
+
+    Returns
+    -------
+    str
+    """
+    line = " ".join(str(error).split()) or type(error).__name__
+    line = line if len(line) <= most else line[: most - 3] + "..."
+    return "".join(c if c.isprintable() else "?" for c in line)
+
+
 class RobotError(HydroError):
     """A robot description that is missing, malformed or contradicts itself."""
 

@@ -73,14 +73,27 @@ class Fields:
             raise self._wrong(key, "a name without '/', '\\' and a dot in front", value)
         return value
 
-    def file_below(self, key: str, folder: Path) -> Path:
-        """A file in or below a folder, named relative to it: nothing leads out of it."""
+    def file_below(self, key: str, source: Path) -> Path:
+        """A file in or below the folder of the file that names it: no name or link leads out.
+
+        `source` is the naming file. It may be a link itself, as what `colcon build
+        --symlink-install` leaves in `share`: then the folder that it points into counts, too.
+        """
         value = self.text(key)
         named = PurePath(value)
+        folder = source.parent
         too_long = any(len(part.encode()) > 255 for part in named.parts)
         leads_away = named.is_absolute() or ".." in named.parts
+        wanted = f"a file in or below {folder}, named relative to it"
         if leads_away or too_long or not value.isprintable():
-            raise self._wrong(key, f"a file in or below {folder}, named relative to it", value)
+            raise self._wrong(key, wanted, value)
+        try:
+            target = (folder / named).resolve()
+            homes = (folder.resolve(), source.resolve().parent)
+        except (OSError, RuntimeError):  # links that lead in a circle
+            raise self._wrong(key, wanted, value) from None
+        if not any(target.is_relative_to(home) for home in homes):
+            raise self._wrong(key, f"{wanted}, and no link out of it", value)
         return folder / named
 
     def flag(self, key: str, default: bool = _REQUIRED) -> bool:

@@ -146,6 +146,7 @@ def _parser() -> argparse.ArgumentParser:
         help="nominal flow at a drop over one edge",
     )
     p.add_argument("--supply", required=True, type=float, metavar="BAR", help="gauge")
+    p.add_argument("--force", action="store_true", help="replace a file that is there already")
     return p
 
 
@@ -164,18 +165,23 @@ def _run(arguments: Sequence[str]) -> int:
     out = options.urdf.with_suffix(".hydraulics.yaml")
     if not options.urdf.is_file():
         raise RobotError(f"no URDF '{options.urdf}'")
-    if out.exists():
-        raise RobotError(f"{out} is there already: move it away first")
+    if out.exists() and not options.force:
+        raise RobotError(f"{out} is there already: move it away, or replace it with --force")
     if min(options.valve) <= 0.0:
         raise RobotError(f"--valve: expected numbers above 0, found {options.valve}")
     cylinders = [_measured(words) for words in options.cylinder]
     text = hydraulics_text(options.urdf, options.tip, cylinders, options.valve, options.supply)
-    out.write_text(text, encoding="utf-8")
+    # Read under another name: what does not fit leaves no file, and one that is there as it was.
+    fresh = out.with_name(f".{out.name}.new")
+    fresh.write_text(text, encoding="utf-8")
     try:
-        load_robot(out, check_strokes=False)
-    except RobotError:
-        out.unlink()
-        raise
+        load_robot(fresh, check_strokes=False)
+    except RobotError as error:
+        raise RobotError(str(error).replace(str(fresh), str(out))) from error
+    else:
+        fresh.replace(out)
+    finally:
+        fresh.unlink(missing_ok=True)
     print(out)
     return 0
 

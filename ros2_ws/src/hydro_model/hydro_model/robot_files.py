@@ -104,7 +104,7 @@ def _robot_from(top: Fields, path: Path) -> Robot:
     if schema != MODEL_SCHEMA:
         raise RobotError(f"{path}: expected schema {MODEL_SCHEMA}, found '{schema}'")
     tip = top.text("tip_link")
-    urdf = top.file_below("urdf", path.parent)
+    urdf = top.file_below("urdf", path)
     chain = read_chain(urdf, tip)
     fluid, supply = top.fields("fluid", {}), top.fields("supply", {})
     bulk = fluid.positive("bulk_modulus_pa", 1.0e9)

@@ -13,7 +13,7 @@ from xml.parsers import expat
 import numpy as np
 from urdf_parser_py import urdf as urdf_xml
 
-from hydro_model.errors import RobotError
+from hydro_model.errors import RobotError, in_short
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint
 
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -121,8 +121,7 @@ def _parse(path: Path) -> Any:
             model = urdf_xml.URDF.from_xml_file(str(path))
             model.get_root()
         except Exception as error:  # the parser raises AssertionError, KeyError, ...
-            line = " ".join(str(error).split()) or type(error).__name__
-            raise RobotError(f"{path}: not a valid URDF: {line}") from error
+            raise RobotError(f"{path}: not a valid URDF: {in_short(error)}") from error
     _check_names(model, path)
     _check_numbers(model, path)
     return model
@@ -151,7 +150,7 @@ def _check_xml(path: Path) -> None:
     try:
         parser.Parse(path.read_bytes(), True)
     except (expat.ExpatError, ValueError, LookupError, OSError) as error:
-        raise RobotError(f"{path}: not a valid URDF: {error}") from error
+        raise RobotError(f"{path}: not a valid URDF: {in_short(error)}") from error
 
 
 def _check_names(model: Any, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A first run says that it compiles, later ones say nothing."""
+"""A run that compiles says what and where that is kept, one that need not says nothing."""
 
 from __future__ import annotations
 
@@ -7,24 +7,44 @@ import subprocess
 import sys
 from pathlib import Path
 
-PROGRAM = """
+from hydro_model.compile_notice import notice
+
+FIRST = """
 import numpy as np
 from hydro_model.composite_kernels import solve_spd
 assert solve_spd(np.eye(2), np.ones(2))
 """
+FURTHER = """
+import numpy as np
+from hydro_model.kernel import copy
+copy(np.ones(2), np.empty(2))
+"""
+
+
+def said_by(program: str, cache: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == ""
+    return done.stderr
 
 
 def test_only_the_first_run_says_that_it_compiles(tmp_path: Path) -> None:
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", PROGRAM],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        for _ in range(2)
-    ]
-    assert said[0].stderr.count("compiling") == 1
-    assert (said[0].stdout, said[1].stdout, said[1].stderr) == ("", "", "")
+    expected = notice("hydro_model.composite_kernels", str(tmp_path)) + "\n"
+    assert [said_by(FIRST, tmp_path) for _ in range(2)] == [expected, ""]
+
+
+def test_a_run_that_needs_further_kernels_names_those(tmp_path: Path) -> None:
+    # What the first run kept does not make the line of the second untrue.
+    said_by(FIRST, tmp_path)
+    further = said_by(FURTHER, tmp_path)
+    assert further.startswith("hydro_model: compiling kernels of hydro_model.kernel and ")
+    assert said_by(FIRST + FURTHER, tmp_path) == ""
+
+
+def test_no_folder_is_promised_where_none_is_known() -> None:
+    assert "kept" not in notice("hydro_model.kernel", "")

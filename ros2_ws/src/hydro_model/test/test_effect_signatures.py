@@ -128,16 +128,28 @@ def test_structure_carries_its_share_of_the_mass_and_rings_at_its_mode(make_slid
     np.testing.assert_allclose(bend, static * (1.0 - np.cos(omega * t)), atol=1e-3 * abs(static))
 
 
+def play_flow(force: np.ndarray, stage: Stage, parameters: list[float], fine: int) -> np.ndarray:
+    """Flow into a chamber by a play of 0.3 mm, m^3/s, in `fine` steps per sample."""
+    s = rows(force.size, piston_force=force, piston_velocity=0.0, area_a=5e-3, area_b=3.4e-3)
+    play = CATALOGUE["backlash"]
+    return play.evaluate(np.repeat(s, fine, axis=0), [3e-4, *parameters], stage, STEP / fine)
+
+
 def test_play_moves_the_volume_of_its_width_when_the_load_turns() -> None:
     force = np.where(np.arange(400) < 100, 2e4, -2e4)
-    s = rows(400, piston_force=force, area_a=5e-3, area_b=3.4e-3)
-    play = CATALOGUE["backlash"]
     for stage, area in ((Stage.FLOW_A, 5e-3), (Stage.FLOW_B, -3.4e-3)):
-        flow = play.evaluate(s, [3e-4, 300.0], stage, STEP)
-        fine = np.repeat(s, 16, axis=0)
-        flow = play.evaluate(fine, [3e-4, 300.0], stage, STEP / 16)
+        flow = play_flow(force, stage, [300.0, 0.0, 0.0], 16)
         assert flow.sum() * STEP / 16 == pytest.approx(area * 3e-4, rel=2e-2)
         assert np.abs(flow[: 99 * 16]).max() < 1e-15
+
+
+def test_play_is_crossed_while_no_force_goes_through_the_pin() -> None:
+    """As by a load whose missing force grows evenly: as the third power of time."""
+    at = np.arange(400)
+    force = np.where(at < 100, 2e4, np.where(at < 200, 0.0, -2e4))
+    crossed = np.cumsum(play_flow(force, Stage.FLOW_A, [300.0, 0.0, 0.0], 16)) * STEP / 16
+    gone = np.clip((np.arange(400 * 16) / 16 - 100.0) / 100.0, 0.0, 1.0)
+    np.testing.assert_allclose(crossed, 5e-3 * 3e-4 * gone**3, atol=2e-3 * 5e-3 * 3e-4)
 
 
 def test_tip_rests_on_the_ground_and_bounces_without_loss(make_slider) -> None:

@@ -16,7 +16,8 @@ from hydro_model.effects.internal_states import HELD_SIGNALS
 from hydro_model.robot import FloatArray
 
 STEP_S = 0.002
-DYNAMIC = [effect for effect in CATALOGUE.values() if effect.states]
+#: By their rates alone, as a roll-out has them, also where a recording tells more.
+DYNAMIC = [replace(effect, known_states=None) for effect in CATALOGUE.values() if effect.states]
 #: Size of what the signals do, by index; all others are 1.
 SIZES = {
     sig.PISTON_VELOCITY: 0.15,

@@ -70,3 +70,13 @@ def test_nothing_is_overwritten(urdf: Path, capsys: pytest.CaptureFixture[str]) 
     assert run(urdf, *CYLINDER) == 0
     assert run(urdf, *CYLINDER) == 2
     assert "already" in capsys.readouterr().err
+    before = urdf.with_suffix(".hydraulics.yaml").read_text(encoding="utf-8")
+    assert main([str(urdf), *REST, "--force", "--cylinder", "slew", *CYLINDER[1:]]) == 2
+    assert urdf.with_suffix(".hydraulics.yaml").read_text(encoding="utf-8") == before
+    assert sorted(p.name for p in urdf.parent.iterdir()) == ["crane.hydraulics.yaml", "crane.urdf"]
+
+
+def test_force_replaces_the_file(urdf: Path) -> None:
+    assert run(urdf, *CYLINDER[:5], "0.08", "0.04", *CYLINDER[7:]) == 0
+    assert main([str(urdf), *REST, "--force", "--cylinder", *CYLINDER]) == 0
+    assert load_robot(urdf.with_suffix(".hydraulics.yaml")).cylinders[0].rod_m == 0.045

@@ -7,12 +7,15 @@ import os
 import pty
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from hydro_model import terminal
+from hydro_model.command import run_command
 
 
 class Screen(io.StringIO):
@@ -110,6 +113,15 @@ def test_a_shell_gets_the_options_that_begin_so(tmp_path: Path) -> None:
     }
     subprocess.run([sys.executable, "-c", COMMAND], env={**os.environ, **asked}, check=False)
     assert set((tmp_path / "words").read_text().split()) == {"--robot", "--round"}
+
+
+def test_memory_that_ends_is_said_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    def main(arguments: Sequence[str]) -> int:
+        return len(np.ones((1 << 60) // 8))
+
+    assert run_command("tool", main, []) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("tool: out of memory: Unable to allocate")
 
 
 def test_a_real_terminal_shows_the_bar() -> None:

@@ -26,7 +26,7 @@ from hydro_model.effects.law import (
 from hydro_model.effects.readings import Readings
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import SIGNAL_COUNT
+from hydro_model.signals import SIGNAL_COUNT, STATE_0
 
 __all__ = [
     "CHANNELS",
@@ -49,6 +49,8 @@ RobotChange = Callable[[Robot, str, FloatArray], Robot]
 #: targets of kind ``joint``, of the cylinder for ``cylinder``, and that in `Robot.pressure_names`
 #: for ``pressure``; 0 for ``robot``.
 ReadingChange = Callable[[Readings, int, FloatArray], Readings]
+#: (signals, parameters, sample time) to internal states over a recording.
+KnownStates = Callable[[FloatArray, FloatArray, float], FloatArray]
 
 #: Kinds of residual channels.
 CHANNELS = ("force", "flow_a", "flow_b", "timing")
@@ -75,6 +77,9 @@ class Effect:
     separating_experiment : str
         The run that tells them apart.
     states : tuple of InternalState
+    known_states : callable or None
+        (signals, parameters, sample time in s) to what a whole recording tells of the states,
+        (N, k), where it tells more than their rates do.
     needs_cylinder : bool
         False where the laws look at the motion alone, so that the effect can act on a joint
         without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute
@@ -116,6 +121,7 @@ class Effect:
     looks_like: tuple[str, ...]
     separating_experiment: str
     states: tuple[InternalState, ...] = ()
+    known_states: KnownStates | None = None
     needs_cylinder: bool = True
     channels: tuple[str, ...] = ("force",)
     acts_on: str = "cylinder"
@@ -222,8 +228,9 @@ class Effect:
         stage : Stage, optional
             Default: the first term.
         sample_time_s : float, optional
-            Needed by effects with internal states, which are integrated from rest at the first
-            row; between rows the valve's signal and flows are held, the rest moves evenly.
+            Needed by effects with internal states. Where the recording does not tell them they are
+            integrated from rest at the first row; between rows the valve's signal and flows are
+            held, the rest moves evenly.
 
         Returns
         -------
@@ -244,6 +251,11 @@ class Effect:
         if any(s.needs is None or values[s.needs] != 0.0 for s in self.states):
             if sample_time_s is None:
                 raise RobotError(f"effect '{self.name}' has internal states: give sample_time_s")
+            if self.known_states is not None:
+                known = self.known_states(rows, values, sample_time_s)
+                rows = rows.copy()
+                rows[:, STATE_0 : STATE_0 + len(self.states)] = known
+                return evaluate_law(law, rows, values)
             return follow_states(self.states, law, rows, values, sample_time_s)
         return evaluate_law(law, rows, values)
 

@@ -20,6 +20,7 @@ from hydro_model.signals import (
     OTHER_VELOCITY,
     PISTON_FORCE,
     PISTON_POSITION,
+    PISTON_VELOCITY,
     STATE_0,
     STATE_1,
     TIP_HEIGHT,
@@ -29,7 +30,7 @@ from hydro_model.signals import (
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.
 COUPLING_LAG_S = 0.01
-#: Time in which a pin crosses its play once the load has turned, s.
+#: Time in which a pin comes to lie where the load has turned, s.
 PLAY_TIME_S = 0.004
 
 
@@ -70,20 +71,55 @@ def _joint_name(robot: Robot, target: str) -> str:
     return next((c.joint for c in robot.cylinders if c.name == target), target)
 
 
+# A pin with play. STATE_0 is where it lies, in plays from the middle, STATE_1 the same a little
+# later, so that their difference is its velocity.
+
+
+def _play_end(s: Row, p: Row) -> float:
+    force = s[PISTON_FORCE] - p[2] * s[PISTON_VELOCITY]
+    return math.copysign(0.5, force) + p[3] * force
+
+
 def _play_rate(s: Row, p: Row) -> float:
-    return (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    force = s[PISTON_FORCE] - p[2] * s[PISTON_VELOCITY]
+    square = (force / p[1]) * (force / p[1])
+    lies = square * square * (square * square)
+    end = math.copysign(0.5, force) + p[3] * force
+    return lies / (1.0 + lies) * (end - s[STATE_0]) / PLAY_TIME_S
 
 
-def _play_rest(s: Row, p: Row) -> float:
-    return 0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1])
+def _play_follows(s: Row, p: Row) -> float:
+    return (s[STATE_0] - s[STATE_1]) / PLAY_TIME_S
 
 
 def _play_a(s: Row, p: Row) -> float:
-    return -s[AREA_A] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    return -s[AREA_A] * p[0] * (s[STATE_0] - s[STATE_1]) / PLAY_TIME_S
 
 
 def _play_b(s: Row, p: Row) -> float:
-    return s[AREA_B] * (0.5 * p[0] * math.tanh(s[PISTON_FORCE] / p[1]) - s[STATE_0]) / PLAY_TIME_S
+    return s[AREA_B] * p[0] * (s[STATE_0] - s[STATE_1]) / PLAY_TIME_S
+
+
+def _play_crossed(rows: FloatArray, p: FloatArray, sample_time_s: float) -> FloatArray:
+    """Where a recording says that the pin was, and a time constant earlier: (N, 2).
+
+    While no force goes through the pin the load leaves the piston at a force that grows evenly,
+    so that their distance grows as the third power of time until they meet again.
+    """
+    force = rows[:, PISTON_FORCE] - p[2] * rows[:, PISTON_VELOCITY]
+    lies = np.flatnonzero(np.abs(force) > p[1])
+    if not lies.size:
+        return np.zeros((len(rows), 2))
+    ends = np.copysign(0.5, force[lies])
+    at = np.arange(len(rows))
+    after = np.searchsorted(lies, at)
+    before = np.maximum(np.searchsorted(lies, at, side="right") - 1, 0)
+    after = np.minimum(after, lies.size - 1)
+    gone = (at - lies[before]) / np.maximum(lies[after] - lies[before], 1)
+    where = ends[before] + (ends[after] - ends[before]) * np.clip(gone, 0.0, 1.0) ** 3
+    where += p[3] * np.where(np.isfinite(force), force, 0.0)
+    rate = np.gradient(where, sample_time_s)
+    return np.stack([where, where - PLAY_TIME_S * rate], axis=1)
 
 
 def _spring(s: Row, p: Row) -> float:
@@ -141,23 +177,35 @@ STRUCTURAL_FLEXIBILITY = Effect(
 BACKLASH = Effect(
     name="backlash",
     channel="force",
-    equation="x = x(q) + e,  tau e' = (b / 2) tanh(F_p / F0) - e",
-    source="play of a pin whose side follows the sign of the load; Nordin and Gutman, Automatica"
-    " 38 (2002)",
+    equation="x = x(q) + b (e + g F),  F = F_p - d v,  e = sign(F) / 2 where |F| > F0; in"
+    " between it crosses as (t / T)^3",
+    source="play of a pin that loses its load: a dead zone with the piston on one side; Nordin"
+    " and Gutman, Automatica 38 (2002)",
     parameters=(
         ParameterSpec("width", "m", "b, whole play", 0.0, 5e-3, 3e-4, linear=True),
         ParameterSpec(
             "contact_force", "N", "F0, load at which the pin lies on", 10.0, 2e4, 300.0,
             optional=True,
         ),
+        ParameterSpec(
+            "drag", "N s/m", "d, friction that the piston itself takes", 0.0, 1e5, 0.0,
+            optional=True,
+        ),
+        ParameterSpec(
+            "give", "1/N", "g, plays that a pin bends by per force", 0.0, 1e-3, 0.0, optional=True
+        ),
     ),
     terms=(Term(Stage.FLOW_A, _play_a), Term(Stage.FLOW_B, _play_b)),
-    states=(InternalState(_play_rate, _play_rest, 1e-4),),
+    states=(
+        InternalState(_play_rate, _play_end, 0.5),
+        InternalState(_play_follows, _play_end, 0.5),
+    ),
+    known_states=_play_crossed,
     channels=("flow_a", "flow_b", "force"),
     looks_like=("presliding_friction", "internal_leakage"),
     separating_experiment="reverse the load without reversing the motion, and the reverse",
-    limits="the piston crosses the play without mass: while it does, chambers take up oil and the"
-    " force stays near zero, but no impact follows",
+    limits="how long the crossing takes, T, is read off a recording; in a roll-out the load stays"
+    " on the piston, and the pin crosses once it is pushed the other way, without an impact",
 )  # fmt: skip
 
 COUNTERBALANCE_SPRING = Effect(

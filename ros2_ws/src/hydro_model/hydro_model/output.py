@@ -1,0 +1,139 @@
+"""What commands print, for people and for programs, and files they write whole or not at all."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hydro_model.errors import HydroError
+
+#: What `--json` takes for standard output.
+STDOUT = Path("-")
+
+
+class OutputError(HydroError):
+    """A file that cannot be written (exit code 2)."""
+
+
+def add_json(parser: argparse.ArgumentParser, what: str = "the same") -> None:
+    """Give a command its `--json`.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    what : str
+        That is written.
+    """
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="F",
+        help=f"write {what} as JSON; - for standard output, and nothing else there",
+    )
+
+
+def report(json_file: Path | None, data: Mapping[str, Any], text: str) -> None:
+    """Print a result for a person, and for a program where that is asked for.
+
+    Parameters
+    ----------
+    json_file : Path or None
+        Of `--json`.
+    data : mapping
+    text : str
+        Empty where a person is told nothing.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written; the person has the text.
+    """
+    if text and json_file != STDOUT:
+        print(text, flush=True)
+    if json_file is not None:
+        write_json(json_file, data)
+
+
+def report_files(json_file: Path | None, schema: str, files: Sequence[Path]) -> None:
+    """Say which files were written, where they are all of a command's result.
+
+    Parameters
+    ----------
+    json_file : Path or None
+        Of `--json`.
+    schema : str
+    files : sequence of Path
+    """
+    names = [str(file) for file in files]
+    report(json_file, {"schema": schema, "files": names}, "\n".join(names))
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write a mapping as JSON.
+
+    Parameters
+    ----------
+    path : Path
+        `-` is standard output.
+    data : mapping
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    text = json.dumps(data, indent=2, allow_nan=False) + "\n"
+    if path == STDOUT:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        write_text(path, text)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    try:
+        write_atomically(path, text)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a text file so that it is there whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    text : str
+
+    Raises
+    ------
+    OSError
+        As the system says.
+    """
+    partial = path.with_name(path.name + ".part")
+    try:
+        with open(partial, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
