@@ -50,13 +50,15 @@ class CycleCounters:
     lost : int
         Cycles whose sync frame did not arrive.
     incomplete : int
-        Cycles with a sync frame that lacked another frame.
+        Tries of cycles with a sync frame that lacked another frame.
     corrupt : int
         Frames with wrong length, CRC or alive counter.
     out_of_order : int
         Frames of another cycle than the present one.
     duplicates : int
         Frames that a cycle had already.
+    contradicted : int
+        Cycles with two different frames of one name, of which one is not the device's.
     """
 
     complete: int = 0
@@ -67,6 +69,7 @@ class CycleCounters:
     corrupt: int = 0
     out_of_order: int = 0
     duplicates: int = 0
+    contradicted: int = 0
 
 
 class Assembler:
@@ -96,6 +99,7 @@ class Assembler:
         self._seen: set[str] = set()
         self._emitted = False
         self._open = False
+        self._first_try = True
         self._backward: int | None = None
 
     def add(self, frame: Frame) -> Cycle | None:
@@ -127,9 +131,20 @@ class Assembler:
             self.counters.out_of_order += 1
             return False
         if frame.name in self._seen:
-            self.counters.duplicates += 1
+            # A device that sends a cycle again may have measured anew.
+            if self._first_try and self._data[frame.name] != frame.data:
+                self._contradict()
+            else:
+                self.counters.duplicates += 1
             return False
         return True
+
+    def _contradict(self) -> None:
+        """Nobody knows which of two frames is the device's: nothing more of this try is taken."""
+        self.counters.contradicted += 1
+        self._open = False
+        if not self._emitted:
+            self._data, self._seen = {}, set()
 
     def _emit(self) -> Cycle:
         kind = self._kind
@@ -156,8 +171,10 @@ class Assembler:
             return self._goes_back(counter)
         self._backward = None
         if ahead == 0:
+            # Begun, and begun again before it was whole; a sync frame that came twice is no try.
+            self.counters.incomplete += not self._emitted and len(self._seen) > 1
             self._seen = set()
-            self._open = True
+            self._open, self._first_try = True, False
         else:
             self.counters.lost += ahead - 1
             self._begin(counter, CycleKind.NEW)
@@ -181,4 +198,4 @@ class Assembler:
             self.counters.incomplete += 1
         self.counter, self._kind = counter, kind
         self._data, self._seen = {}, set()
-        self._emitted, self._open = False, True
+        self._emitted, self._open, self._first_try = False, True, True

@@ -13,12 +13,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
-from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_core import FOREIGN, BridgeCore
 from hydro_hw_bridge.bridge_start import declared, gate_limits, loaded_codec
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
 from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
+from hydro_hw_bridge.codec import Frame
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP
@@ -32,7 +33,9 @@ from hydro_msgs_docs.real_time import RealTime
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
 NAME = "can_bridge"
-RECEIVE_TIMEOUT_S = 0.02
+RECEIVE_TIMEOUT_S = 0.005
+#: Silence is told by a bus on which nothing waits; where something always does, after this.
+LONGEST_SILENCE_S = 0.05
 COMMAND_TIMEOUT_S = 0.5
 #: Longer than a device in lockstep takes to repeat a cycle.
 SILENT_S = 2.5
@@ -102,7 +105,7 @@ class CanBridge(LifecycleNode):
         self._topics: BridgePublishers | None = None
         self._threads: list[threading.Thread] = []
         self._running = threading.Event()
-        self._heard_at = time.monotonic()
+        self._heard_at = self._foreign_at = self._echoes_until = time.monotonic()
         self._summary = ("", "")
         self._state: tuple[object, ...] = ()
 
@@ -121,6 +124,8 @@ class CanBridge(LifecycleNode):
             # A trip is cleared by somebody who has seen its reason, not by starting anew.
             core.gate.carry_over(self._core.gate)
             self._core = core
+            # Where a sender hears its own, what the core before this one sent may still come.
+            self._echoes_until = time.monotonic() + CLAIM_PERIOD_S
         settings = self._settings
         self._topics = BridgePublishers(
             self, self._codec, self._limits.period_s, settings.slow_rate_hz
@@ -225,28 +230,46 @@ class CanBridge(LifecycleNode):
                 if frame.intact and self._claim.hear(self._codec.decode_claim(frame)):
                     self._second_bridge()
                 frame = None
-            silence_s = time.monotonic() - self._heard_at
             with self._lock:
-                first = (
-                    NOTHING
-                    if frame is None or frame.role == "command"
-                    else self._core.receive(frame, now_ns)
-                )
-                steps = (first, self._core.silence(silence_s), *self._look_at_bus())
+                first = NOTHING if frame is None else self._received(frame, now_ns)
+                steps = (first, self._silence(message is None), *self._look_at_bus())
             self._times.arrived(first.sample, begin_ns)
             self._publish(*steps)
             self._times.published(first.sample, begin_ns)
             if message is None or first.sample is not None:
                 self._real_time.idle()
 
+    def _received(self, frame: Frame, now_ns: int) -> Step:
+        """With the lock: what follows from a frame."""
+        if frame.role != "command":
+            return self._core.receive(frame, now_ns)
+        if not frame.intact or time.monotonic() < self._echoes_until:
+            return NOTHING
+        before = self._core.commands.foreign
+        step = self._core.hear_command(frame)
+        if self._core.commands.foreign != before:
+            self._foreign_at = time.monotonic()
+        return step
+
+    def _silence(self, nothing_waits: bool) -> Step:
+        """With the lock: what follows from how long the device said nothing.
+
+        After a stall of this process what the device said meanwhile waits to be read first.
+        """
+        silence_s = time.monotonic() - self._heard_at
+        if not nothing_waits and silence_s < LONGEST_SILENCE_S:
+            return NOTHING
+        return self._core.silence(silence_s)
+
     def _command_loop(self) -> None:
         while self._running.is_set():
             if not self._wait.wait(COMMAND_TIMEOUT_S):
                 continue
-            while (message := self._hot.take()) is not None:
+            while (taken := self._hot.take_numbered()) is not None:
+                message, number = taken
                 with self._lock:
                     step = self._core.command(
-                        stamp_ns(message), message.name, message.effort.tolist()
+                        stamp_ns(message), message.name, message.effort.tolist(), number
                     )
                     steps = (step, *self._look_at_bus())
                 self._times.commanded(step, stamp_ns(message))
@@ -293,6 +316,9 @@ class CanBridge(LifecycleNode):
         if self._claim.others_gone():
             with self._lock:
                 self._core.gate.end_fault(SECOND_BRIDGE)
+        if time.monotonic() - self._foreign_at > CLAIM_PERIOD_S:
+            with self._lock:
+                self._core.gate.end_fault(FOREIGN)
         self._on_change()
 
     def _clear_trip(self, _request: Any, response: Any) -> Any:

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import can
 
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.bridge_step import NOTHING, CommandCounters, Sample, Step, ValveState
-from hydro_hw_bridge.codec import Codec, Frame, Readings
+from hydro_hw_bridge.codec import Codec, Frame, Readings, Status
 from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome
 from hydro_hw_bridge.plausibility import ReadingsWatch
 from hydro_hw_bridge.sample_clock import SampleClock
 
 SUPPLY = "supply"
-#: Wall time without a frame of the device after which a bridge in real time stops driving.
-SILENCE_S = 0.05
+#: Samples that a command may answer, and frames sent that may be heard: older ones are gone.
+_ANSWERABLE = _HEARD = 64
 #: Cycles that are still answered with 0 V after deactivation: any one frame may be lost.
 CLOSING_CYCLES = 5
 #: Name of the fault of a device on another clock than the bridge was told.
 OTHER_CLOCK = "other_clock"
 #: Name of the fault of readings that cannot be.
 IMPOSSIBLE = "impossible_readings"
+#: Name of the fault of valve frames that are not the bridge's.
+FOREIGN = "foreign_commands"
 CLOCK_WORDS = {True: "lockstep", False: "real_time"}
 
 
@@ -89,6 +92,11 @@ class BridgeCore:
         self._stated = -1
         self._closing = 0
         self._standing_still = 0
+        self._supply_pa: float | None = None
+        self._whole: deque[int] = deque(maxlen=_ANSWERABLE)
+        self._number: int | None = None
+        self._quiet = False
+        self._sent: deque[bytes] = deque(maxlen=_HEARD)
 
     def activate(self, *, ready: bool = False) -> None:
         """From now on, drive.
@@ -139,12 +147,13 @@ class BridgeCore:
         -------
         Step
         """
-        before, restarts = self.assembler.counter, self.assembler.counters.restarts
+        before, counters = self.assembler.counter, self.assembler.counters
+        restarts, contradicted = counters.restarts, counters.contradicted
         cycle = self.assembler.add(frame)
         counter = self.assembler.counter
         if counter is None:
             return NOTHING
-        if self.assembler.counters.restarts != restarts:
+        if counters.restarts != restarts:
             self._restart()
             before = None
         if before is None:
@@ -152,9 +161,21 @@ class BridgeCore:
         was = self.gate.state
         if counter != before:
             self.gate.advance(self.clock.extend(counter))
+        if counters.contradicted != contradicted and self.active:
+            self.gate.trip(f"two different frames {frame.name} of one cycle: a second device?")
+        if frame.role == "sync":
+            self._look_at_sync(frame, counter)
         if cycle is not None:
             return self._cycle(cycle)
         return NOTHING if self.gate.state is was else self.stop_now()
+
+    def _look_at_sync(self, sync: Frame, counter: int) -> None:
+        """The permissives act at once, whether or not the rest of the cycle comes."""
+        if not sync.intact or self.codec.sample_counter(sync) != counter:
+            return
+        self._quiet = False
+        if self._supply_pa is not None:
+            self.gate.check(_inputs(self.codec.status(sync), self._supply_pa))
 
     def _restart(self) -> None:
         if self.gate.state is GateState.DRIVING:
@@ -163,7 +184,8 @@ class BridgeCore:
         self.watch.forget()
         self._answered = self._stated = -1
         self._on_wire = (0.0,) * len(self._on_wire)
-        self.sample = None
+        self.sample = self._supply_pa = None
+        self._whole.clear()
 
     def _cycle(self, cycle: Cycle) -> Step:
         if cycle.kind is CycleKind.REPEAT and self.sample is not None:
@@ -173,7 +195,9 @@ class BridgeCore:
         counter = self.clock.extend(cycle.counter)
         readings = self.codec.readings(cycle.data)
         self.sample = Sample(self.clock.stamp_ns(counter), counter, readings, False)
-        self.gate.check(self._inputs(readings))
+        self._whole.append(counter)
+        self._supply_pa = self._supply(readings)
+        self.gate.check(_inputs(readings.status, self._supply_pa))
         self._look_at(readings, counter)
         self._compare_clocks(readings)
         answer = self._own_answer()
@@ -210,7 +234,7 @@ class BridgeCore:
     def _look_at(self, readings: Readings, counter: int) -> None:
         """Nothing is driven by readings that cannot be."""
         found = self.watch.look(readings, counter, self._on_wire)
-        if found.passing and self.gate.state is GateState.DRIVING:
+        if found.passing and self.active:
             self.gate.trip(found.passing)
         self._stands(IMPOSSIBLE, found.standing)
 
@@ -231,16 +255,9 @@ class BridgeCore:
         else:
             self.gate.faults[name] = reason
 
-    def _inputs(self, readings: Readings) -> Inputs:
-        names, status = self.codec.pressure_names, readings.status
-        supply = readings.pressures_pa[names.index(SUPPLY)] if SUPPLY in names else math.nan
-        return Inputs(
-            emergency_stop_ok=status.emergency_stop_ok,
-            pump_on=status.pump_on,
-            enable_switch=status.enable_switch,
-            amplifier_watchdog=status.amplifier_watchdog,
-            supply_pa=supply,
-        )
+    def _supply(self, readings: Readings) -> float:
+        names = self.codec.pressure_names
+        return readings.pressures_pa[names.index(SUPPLY)] if SUPPLY in names else math.nan
 
     def _own_answer(self) -> can.Message | None:
         """What the bridge answered to the newest cycle without a command."""
@@ -262,6 +279,7 @@ class BridgeCore:
         """Send the gate's output as the answer to a cycle."""
         output = self.gate.output
         self._answer = self.codec.encode_command(counter, output.voltages, output.enable)
+        self._sent.append(bytes(self._answer.data))
         self._answer_v = self.codec.quantised(output.voltages)
         self._answered = counter
         return self._transmit()
@@ -282,7 +300,13 @@ class BridgeCore:
         self._stated = sample.counter
         return (ValveState(sample.stamp_ns, self._on_wire, sample.readings.spools),)
 
-    def command(self, stamp_ns: int, names: Sequence[str], voltages: Sequence[float]) -> Step:
+    def command(
+        self,
+        stamp_ns: int,
+        names: Sequence[str],
+        voltages: Sequence[float],
+        number: int | None = None,
+    ) -> Step:
         """Take a command.
 
         Parameters
@@ -292,6 +316,8 @@ class BridgeCore:
         names : sequence of str
         voltages : sequence of float
             V.
+        number : int, optional
+            Of the message, counted by its publisher.
 
         Returns
         -------
@@ -300,8 +326,12 @@ class BridgeCore:
         if not self.active or not self.ready or self.sample is None:
             self.commands.not_driving += 1
             return NOTHING
-        counter = self.clock.counter_of(stamp_ns)
+        if self._quiet and self.gate.state is GateState.WAITING:
+            self.commands.outdated += 1
+            return NOTHING
+        counter = self._answerable(stamp_ns)
         was = self.gate.state
+        self._look_at_number(number)
         outcome = self.gate.command(counter, names, voltages)
         name = outcome.value
         setattr(self.commands, name, getattr(self.commands, name) + 1)
@@ -311,6 +341,23 @@ class BridgeCore:
         if outcome is Outcome.RELEASED or self.gate.state is not was:
             return self.stop_now()
         return NOTHING
+
+    def _answerable(self, stamp_ns: int) -> int | None:
+        """The counter of the sample with this stamp; None where there was no sample.
+
+        A cycle of which a frame was lost is no sample: nobody can answer it.
+        """
+        counter = self.clock.counter_of(stamp_ns)
+        outdated = counter is not None and counter < self._whole[0]
+        return counter if outdated or counter in self._whole else None
+
+    def _look_at_number(self, number: int | None) -> None:
+        """One publisher counts its messages up; two count in turns."""
+        last, self._number = self._number, number
+        if number is None or last is None or number > last:
+            return
+        if self.gate.state is GateState.DRIVING:
+            self.gate.trip("commands of two publishers: is there a second controller?")
 
     def _state_at(self, counter: int, answer: can.Message | None) -> tuple[ValveState, ...]:
         """The valve state of the newest cycle, if this is its answer."""
@@ -328,7 +375,8 @@ class BridgeCore:
     def silence(self, elapsed_s: float) -> Step:
         """The device sent nothing for a while of wall time.
 
-        In lockstep that is its right; in real time it ends driving.
+        In lockstep that is its right; in real time it ends driving as soon as the newest command
+        is as old as one may be, and what was heard before begins none.
 
         Parameters
         ----------
@@ -338,10 +386,29 @@ class BridgeCore:
         -------
         Step
         """
-        if self.lockstep or elapsed_s < SILENCE_S or self.gate.state is not GateState.DRIVING:
+        most_s = self.gate.limits.max_age_s
+        self._quiet = not self.lockstep and elapsed_s > most_s
+        if not self._quiet or self.gate.state is not GateState.DRIVING:
             return NOTHING
-        self.gate.trip(f"nothing from the device for {1e3 * SILENCE_S:.0f} ms")
+        self.gate.trip(f"nothing from the device for {1e3 * most_s:.0f} ms")
         return self.stop_now()
+
+    def hear_command(self, frame: Frame) -> Step:
+        """Take a valve frame off the bus: nothing is driven beside another sender.
+
+        Parameters
+        ----------
+        frame : Frame
+            Intact. Some buses let a sender hear its own.
+
+        Returns
+        -------
+        Step
+        """
+        if frame.data in self._sent:
+            return NOTHING
+        self.commands.foreign += 1
+        return self.condition(FOREIGN, "valve frames of another sender are on the bus")
 
     def fault(self, name: str, reason: str) -> Step:
         """A standing fault outside the commands began.
@@ -378,3 +445,13 @@ class BridgeCore:
             self.gate.end_fault(name)
             return NOTHING
         return NOTHING if name in self.gate.faults else self.fault(name, reason)
+
+
+def _inputs(status: Status, supply_pa: float) -> Inputs:
+    return Inputs(
+        emergency_stop_ok=status.emergency_stop_ok,
+        pump_on=status.pump_on,
+        enable_switch=status.enable_switch,
+        amplifier_watchdog=status.amplifier_watchdog,
+        supply_pa=supply_pa,
+    )

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.gate import GateState
+from hydro_msgs_docs.topics import IDLE, WAITING
 
 OK, WARN, ERROR = "ok", "warn", "error"
 
@@ -32,14 +33,19 @@ def summary(core: BridgeCore, waiting_for: list[str], *, silent: bool) -> tuple[
         return ERROR, f"tripped: {gate.reason}"
     if gate.faults:
         return ERROR, next(iter(gate.faults.values()))
-    if silent:
-        return (WARN if core.lockstep else ERROR), "nothing from the device"
+    if silent and not core.lockstep:
+        return ERROR, "nothing from the device"
     if not core.active:
-        return OK, "inactive: reading"
+        # In lockstep the machine stands still until it is answered, and may be silent.
+        return (WARN, f"{IDLE[0]}: no device") if silent else (OK, f"{IDLE[0]}: reading")
+    if silent:
+        return WARN, f"{WAITING}the device"
     if not core.ready:
-        return WARN, f"waiting for subscribers: {', '.join(waiting_for)}"
+        # Where all are there: the core becomes ready with the next sample that they get.
+        what = f"subscribers: {', '.join(waiting_for)}" if waiting_for else "the next sample"
+        return WARN, WAITING + what
     if gate.state is GateState.WAITING:
-        return WARN, "waiting for a first command"
+        return WARN, f"{WAITING}a first command"
     return OK, "driving"
 
 

@@ -67,7 +67,8 @@ class CommandCounters:
 
     As `Outcome` of the gate: `accepted` ones are driven; `repeated` said the same for a cycle
     again; `outdated` came for an older one; `released` took the last command back, 0 V in its
-    place; `denied` tripped the gate, or came while it was tripped.
+    place; `denied` tripped the gate, or came while it was tripped. `foreign` are valve frames on
+    the bus that the bridge did not send.
     """
 
     accepted: int = 0
@@ -76,3 +77,4 @@ class CommandCounters:
     released: int = 0
     denied: int = 0
     not_driving: int = 0
+    foreign: int = 0

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.calibration import Calibration
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 NAME = "calibrate"
 DEFAULT_BUS = "udp_multicast:239.74.163.2:43113"
 MAX_SHARE_PERCENT = 5.0
+#: Of what `--json` writes.
+SCHEMA = "hydro_hw_bridge/calibrated/1"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -58,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--wait", type=float, default=60.0, metavar="S", help="for pump and inputs (60)"
     )
+    add_json(parser, "file, values and what was noted with them")
     return parser
 
 
@@ -90,7 +94,9 @@ def _main(arguments: Sequence[str]) -> int:
             content, notes = _measure(session, robot, options, references, start)
         finally:
             session.stop()
-    print(_write(options.out, robot.name, codec.mapping.name, content, notes))
+    file = _write(options.out, robot.name, codec.mapping.name, content, notes)
+    data = {"schema": SCHEMA, "file": str(file), "robot": robot.name, "notes": notes}
+    report(options.json, {**data, **content}, str(file))
     return 0
 
 
@@ -146,20 +152,38 @@ def _measure(
         _say("pressure zeros: waiting for the pump to be off")
         steps.wait_for_inputs(session, pump_on=False, timeout_s=options.wait)
         measured, spread = steps.pressure_zeros(session)
+        _say_zeros(measured, spread)
         zeros |= measured
         notes["pressure_std_pa"] = spread
     if references:
         _say("encoder references: the machine must stand still")
-        offsets |= steps.position_offsets(session, references)
+        found = steps.position_offsets(session, references)
+        _say_offsets(found, robot)
+        offsets |= found
         notes["reference"] = dict(references)
     if options.signs:
         _say("valve signs: waiting for emergency stop, enable and pump to allow driving")
         steps.wait_for_inputs(session, pump_on=True, timeout_s=options.wait)
         share = options.percent / 100.0
-        signs |= steps.valve_signs(session, robot, offsets, share, _say)
+        turned = steps.valve_signs(session, robot, offsets, share, _say)
+        _say("valve signs: " + ", ".join(f"{name} {sign:+d}" for name, sign in turned.items()))
+        signs |= turned
     content: dict[str, dict[str, Any]]
     content = {"pressure_zero_pa": zeros, "position_offset": offsets, "valve_sign": signs}
     return content, notes
+
+
+def _say_zeros(zeros: Mapping[str, float], spread: Mapping[str, float]) -> None:
+    _say("pressure zeros, gauge, mean and standard deviation of the readings:")
+    for name, zero in zeros.items():
+        _say(f"  {name:20s} {zero:+10.1f} Pa ({zero / 1e5:+.4f} bar)  {spread[name]:8.1f} Pa")
+
+
+def _say_offsets(offsets: Mapping[str, float], robot: Robot) -> None:
+    _say("encoder references, to add to the readings:")
+    for name, offset in offsets.items():
+        unit = "m" if robot.joints[robot.joint_index(name)].prismatic else "rad"
+        _say(f"  {name:20s} {offset:+12.6f} {unit}")
 
 
 def _write(

@@ -274,6 +274,10 @@ class Codec:
             oil_temperature_c=None if temperature is None else value(temperature),
         )
 
+    def status(self, sync: Frame) -> Status:
+        """The device's status bits in a sync frame."""
+        return self._status_of(sync.data)
+
     def _status_of(self, sync: bytes) -> Status:
         bits = tuple(raw.unpack(sync) for raw in self._status.values())
         known = self._statuses.get(bits)

@@ -66,6 +66,11 @@ class GateLimits:
         return self.slew_v_s * self.period_s
 
     @property
+    def max_age_s(self) -> float:
+        """The greatest age of a command that drives."""
+        return self.max_age_cycles * self.period_s
+
+    @property
     def first_age_cycles(self) -> int:
         """Age up to which a command may be the first: one at the limit would trip right after."""
         return max(1, self.max_age_cycles // 2)
@@ -107,6 +112,8 @@ class Output:
 #: Twice the slew limit, less what rounding may add to a step that is exactly legal.
 _RATE_FACTOR = 2.0
 _ROUNDING_V = 1e-9
+#: Of what a command says, so many names with so many characters are told.
+_NAMES_TOLD, _NAME_LENGTH = 8, 40
 #: How long the output stays slow after a trip was cleared: time to see what moves, and to stop it.
 REENABLE_S = 1.0
 
@@ -147,6 +154,7 @@ class Gate:
         self._applied = self._zero
         self._ramping = False
         self._cleared = False
+        self._released: int | None = None
 
     def carry_over(self, other: Gate) -> None:
         """Take over what must outlive a gate: its trip with the reason, faults and counts.
@@ -178,7 +186,7 @@ class Gate:
 
     def forget(self) -> None:
         """The device counts anew: nothing known of its cycles holds any longer."""
-        self._newest = self._inputs = None
+        self._newest = self._inputs = self._released = None
         self._first = 0
         self._defect = ""
 
@@ -274,7 +282,8 @@ class Gate:
         Parameters
         ----------
         counter : int or None
-            Sample counter of the cycle whose stamp it carries; None for a stamp of no cycle.
+            Sample counter of the cycle whose stamp it carries; None for a stamp of no complete
+            cycle.
         names : sequence of str
             Valves, in any order, each once.
         voltages : sequence of float
@@ -291,13 +300,13 @@ class Gate:
         if self.state is GateState.TRIPPED:
             return Outcome.DENIED
         if counter is None or self._newest is None or counter > self._newest:
-            return self._deny("command with a stamp that is of no cycle")
+            return self._deny("command with a stamp that is of no complete cycle")
+        if defect:
+            return self._deny(defect)  # whichever cycle it answers: who sends it is not sound
         if counter < self._first:
             return Outcome.OUTDATED
         if self.state is GateState.DRIVING and counter <= self._accepted:
-            return self._again(counter, values, defect)
-        if defect:
-            return self._deny(defect)
+            return self._again(counter, values)
         if self.state is GateState.DRIVING:
             return self._follow(counter, values)
         if self._newest - counter > self.limits.first_age_cycles:
@@ -308,18 +317,30 @@ class Gate:
         self.trip(reason)
         return Outcome.DENIED
 
-    def _again(self, counter: int, values: tuple[float, ...], defect: str) -> Outcome:
+    def _again(self, counter: int, values: tuple[float, ...]) -> Outcome:
         """A command for a cycle that was answered already."""
         if counter < self._accepted:
             return Outcome.OUTDATED
-        if not defect and values == self._command:
+        if values == self._command:
             return Outcome.REPEATED
-        if not defect and values == self._zero:
-            # A controller that stops takes its last command back: not an error, and 0 V at once.
-            self._wait()
-            self._first = counter + 1
-            return Outcome.RELEASED
+        if values == self._zero:
+            return self._release(counter)
         return self._deny("two different commands for one stamp: is there a second controller?")
+
+    def _release(self, counter: int) -> Outcome:
+        """A controller that stops takes its last command back: not an error, and 0 V at once.
+
+        Twice at once no controller stops: somebody else goes on driving.
+        """
+        before, self._released = self._released, counter
+        if before is not None and counter - before <= self.limits.max_age_cycles:
+            return self._deny(
+                f"commands taken back twice in {self._milliseconds(counter - before)}:"
+                " is there a second controller?"
+            )
+        self._wait()
+        self._first = counter + 1
+        return Outcome.RELEASED
 
     def _begin(self, counter: int, values: tuple[float, ...]) -> Outcome:
         missing = self._missing()
@@ -328,7 +349,7 @@ class Gate:
         self.state = GateState.DRIVING
         self._driving_since = counter
         self._ramping = True
-        self._accept(counter, values, 1)
+        self._accept(counter, values)
         return Outcome.ACCEPTED
 
     def _follow(self, counter: int, values: tuple[float, ...]) -> Outcome:
@@ -336,7 +357,7 @@ class Gate:
         legal = self.limits.legal_step_v * cycles
         if values == self._zero:
             # Whoever stops may stop at once.
-            self._accept(counter, values, cycles)
+            self._accept(counter, values)
             return Outcome.ACCEPTED
         for name, value, before in zip(
             self.limits.valve_names, values, self._command, strict=True
@@ -347,21 +368,28 @@ class Gate:
                     f"{name}: step of {step:.3f} V in {self._milliseconds(cycles)}"
                     f" (limit {_RATE_FACTOR * legal:.3f} V)"
                 )
-        self._accept(counter, values, cycles)
+        self._accept(counter, values)
         return Outcome.ACCEPTED
 
-    def _accept(self, counter: int, values: tuple[float, ...], cycles: int) -> None:
+    def _accept(self, counter: int, values: tuple[float, ...]) -> None:
         self._accepted, self._command = counter, values
         slow = self._slow(counter)
-        if self._ramping and values != self._zero:
-            # From 0 V towards a controller that is elsewhere already, never faster than legal.
-            legal = (self.limits.reenable_step_v if slow else self.limits.legal_step_v) * cycles
+        if values != self._zero:
+            # From 0 V, or after missing commands, towards a controller that is elsewhere already:
+            # however many cycles lie between, the valves see one step.
+            most = self._most(slow)
             values = tuple(
-                before + min(max(value - before, -legal), legal)
+                _towards(value, before, most)
                 for value, before in zip(values, self._applied, strict=True)
             )
-        self._ramping = slow or (self._ramping and values != self._command)
+        self._ramping = slow or values != self._command
         self._applied = values
+
+    def _most(self, slow: bool) -> float:
+        """The largest change of the output at once, V."""
+        if slow:
+            return self.limits.reenable_step_v
+        return self.limits.legal_step_v * (1.0 if self._ramping else _RATE_FACTOR)
 
     def _slow(self, counter: int) -> bool:
         """Whether this is the first second of driving after a trip was cleared."""
@@ -377,7 +405,7 @@ class Gate:
         valves = self.limits.valve_names
         if sorted(names) != sorted(valves) or len(voltages) != len(valves):
             return (
-                f"command for valves {', '.join(names) or 'none'} with {len(voltages)} voltages,"
+                f"command for valves {_told(names) or 'none'} with {len(voltages)} voltages,"
                 f" expected each of {', '.join(valves)} once"
             ), ()
         at = dict(zip(names, voltages, strict=True))
@@ -423,3 +451,19 @@ class Gate:
 
     def _age_limit(self) -> str:
         return f"limit {self._milliseconds(self.limits.max_age_cycles)}"
+
+
+def _towards(value: float, before: float, most: float) -> float:
+    """A value, or as near to it as a step of at most so much comes."""
+    step = value - before
+    return value if abs(step) <= most + _ROUNDING_V else before + math.copysign(most, step)
+
+
+def _told(names: Sequence[str]) -> str:
+    """Names out of a message, which may hold anything, as text for a log."""
+    shown = [
+        name[:_NAME_LENGTH].encode("unicode_escape").decode("ascii")
+        for name in names[:_NAMES_TOLD]
+    ]
+    rest = [f"and {len(names) - _NAMES_TOLD} more"] if len(names) > _NAMES_TOLD else []
+    return ", ".join(shown + rest)

@@ -12,6 +12,7 @@ from hydro_hw_bridge.e2e import PROTECTED_BITS
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.mapping import BusMapping, Channel
 from hydro_hw_bridge.signals import RawSignal, raw_signal
+from hydro_model.errors import in_short
 from hydro_model.robot import Robot
 
 MAX_DBC_BYTES = 4_000_000
@@ -202,8 +203,7 @@ def _read(dbc: Path) -> Any:
     except BridgeError:
         raise
     except Exception as error:  # the parser raises IndexError, TypeError, ArithmeticError ...
-        line = " ".join(str(error).split()) or type(error).__name__
-        raise BridgeError(f"{dbc}: not a valid DBC: {line[:400]}") from error
+        raise BridgeError(f"{dbc}: not a valid DBC: {in_short(error)}") from error
 
 
 def _check_sizes(dbc: Path, text: str) -> None:

@@ -171,7 +171,7 @@ def _mapping(top: Fields, path: Path, robot: Robot) -> BusMapping:
     return BusMapping(
         name=top.name("name"),
         source=path,
-        dbc=top.file_below("dbc", path.parent),
+        dbc=top.file_below("dbc", path),
         bitrate=int(top.positive("bitrate")),
         frames=_frames(top.fields("frames")),
         counter=sync.text("counter"),

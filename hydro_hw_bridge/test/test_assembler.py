@@ -136,13 +136,33 @@ def test_a_repeated_cycle_does_not_change_what_was_accepted(
     assert_unmixed(codec, again)
 
 
+@pytest.mark.parametrize("complete", [False, True])
+def test_of_two_different_frames_none_is_used(
+    assembler: Assembler, frames: Frames, codec: Codec, complete: bool
+) -> None:
+    """Another sender's frame under the device's identifier, before the cycle is whole or after."""
+    true, false = frames(5), frames(21)  # the same alive counter
+    cycle = [*true, false[2]] if complete else [*true[:3], false[2], *true[3:]]
+    assert len(feed(assembler, cycle)) == complete
+    assert assembler.counters.contradicted == 1
+    assert_unmixed(codec, feed(assembler, frames(6))[0])
+
+
+def test_a_contradicted_cycle_may_be_sent_again(
+    assembler: Assembler, frames: Frames, codec: Codec
+) -> None:
+    true, false = frames(5), frames(21)
+    assert feed(assembler, [*true[:2], false[2], *true[2:]]) == []
+    assert_unmixed(codec, feed(assembler, true)[0])
+
+
 def test_two_tries_make_one_sample(assembler: Assembler, frames: Frames) -> None:
     part = frames(5)
     assert feed(assembler, part[:3]) == []
     cycles = feed(assembler, [part[0], *part[3:], *part[1:3]])
     assert [c.kind for c in cycles] == [CycleKind.NEW]
     assert assembler.counters.complete == 1
-    assert assembler.counters.incomplete == 0
+    assert assembler.counters.incomplete == 1
     assert assembler.counters.repeated == 0
 
 

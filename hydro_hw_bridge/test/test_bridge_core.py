@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_core import CLOSING_CYCLES
+from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, FOREIGN
+from hydro_hw_bridge.bridge_report import summary
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.gate import GateState
 
@@ -47,6 +48,36 @@ def test_real_time_tells_the_device_zero_while_it_waits(real_time: Any) -> None:
     assert command.voltages == (0.0, 0.0)
     assert real_time.command(4, 1.0) is NOTHING  # subscribers are not there yet
     assert real_time.core.commands.not_driving == 1
+
+
+def test_a_bridge_that_waits_says_for_what(real_time: Any) -> None:
+    def said(*missing: str) -> str:
+        return summary(real_time.core, list(missing), silent=False)[1]
+
+    real_time.cycle(3)
+    assert said() == "inactive: reading"
+    real_time.core.activate()
+    assert said("/joint_states (0 of 1)") == "waiting for subscribers: /joint_states (0 of 1)"
+    assert said() == "waiting for the next sample"  # the subscribers are there
+    real_time.core.ready = True
+    assert said() == "waiting for a first command"
+    real_time.cycle(4)
+    real_time.command(4, 1.0)
+    assert said() == "driving"
+
+
+def test_silence_is_an_error_in_real_time_and_waiting_in_lockstep(
+    real_time: Any, lockstep: Any
+) -> None:
+    def said(bench: Any) -> tuple[str, str]:
+        return summary(bench.core, [], silent=True)
+
+    assert said(real_time) == ("error", "nothing from the device")
+    assert said(lockstep) == ("warn", "inactive: no device")
+    for bench in (real_time, lockstep):
+        bench.drive()
+    assert said(real_time) == ("error", "nothing from the device")
+    assert said(lockstep) == ("warn", "waiting for the device")
 
 
 def test_real_time_sends_each_command_at_once(real_time: Any) -> None:
@@ -118,11 +149,147 @@ def test_silence_of_the_device(real_time: Any, lockstep: Any) -> None:
         bench.start()
         bench.cycle(1)
         bench.command(1, 1.0)
-        assert bench.core.silence(0.049) is NOTHING
-    assert not real_time.sent(real_time.core.silence(0.05).answer).enable
-    assert "nothing from the device for 50 ms" in real_time.core.gate.reason
+        assert bench.core.silence(0.010) is NOTHING
+    assert not real_time.sent(real_time.core.silence(0.011).answer).enable
+    assert "nothing from the device for 10 ms" in real_time.core.gate.reason
     assert lockstep.core.silence(1000.0) is NOTHING
     assert lockstep.core.gate.state is GateState.DRIVING
+
+
+def _without(bench: Any, counter: int, lost: int, **changes: Any) -> list[Any]:
+    """Steps of a cycle that lacks one of its frames."""
+    messages = bench.codec.encode_cycle(bench.readings(counter, **changes))
+    frames = [bench.codec.receive(m) for k, m in enumerate(messages) if k != lost]
+    return [bench.core.receive(frame, NOW) for frame in frames]
+
+
+@pytest.mark.parametrize("bit", ["emergency_stop_ok", "enable_switch", "pump_on"])
+def test_a_permissive_acts_by_its_frame_alone(real_time: Any, bit: str) -> None:
+    """Whether or not the rest of the cycle comes."""
+    real_time.drive()
+    steps = _without(real_time, 2, 3, **{bit: False})
+    answers = [step.answer for step in steps if step.answer is not None]
+    assert len(answers) == 1
+    assert not real_time.sent(answers[0]).enable
+    assert real_time.core.gate.state is GateState.TRIPPED
+
+
+def test_a_permissive_of_a_frame_of_the_past_says_nothing(real_time: Any) -> None:
+    real_time.drive()
+    real_time.cycle(2)
+    real_time.cycle(3)
+    assert all(step is NOTHING for step in _without(real_time, 2, 3, emergency_stop_ok=False))
+    assert real_time.core.gate.state is GateState.DRIVING
+
+
+def test_a_cycle_that_is_no_sample_cannot_be_answered(real_time: Any) -> None:
+    """Of every cycle a frame is lost, and somebody goes on commanding by stamps he made up."""
+    real_time.drive()
+    for counter in range(2, 5):
+        _without(real_time, counter, 3)
+        real_time.command(counter, 1.0)
+    assert "a stamp that is of no complete cycle" in real_time.core.gate.reason
+    assert real_time.core.commands.accepted == 1
+
+
+def test_an_answer_to_a_sample_before_a_lost_one_is_taken(real_time: Any) -> None:
+    real_time.drive()
+    real_time.cycle(2)
+    _without(real_time, 3, 3)
+    assert real_time.command(2, 1.0).answer is not None
+
+
+def test_without_samples_driving_ends(real_time: Any) -> None:
+    real_time.drive()
+    for counter in range(2, 9):
+        _without(real_time, counter, 3)
+    assert "no command for 12 ms" in real_time.core.gate.reason
+
+
+def test_two_different_frames_of_one_cycle_end_driving(real_time: Any) -> None:
+    real_time.drive()
+    messages = real_time.codec.encode_cycle(real_time.readings(2))
+    other = real_time.codec.encode_cycle(real_time.readings(2, positions=(0.31, -0.5)))
+    frames = [real_time.codec.receive(m) for m in (*messages[:2], other[1], *messages[2:])]
+    steps = [real_time.core.receive(frame, NOW) for frame in frames]
+    assert all(step.sample is None for step in steps)
+    assert "two different frames ENCODERS of one cycle" in real_time.core.gate.reason
+    assert [real_time.sent(s.answer).enable for s in steps if s.answer is not None] == [False]
+
+
+def test_a_cycle_that_was_no_sample_cannot_be_answered_later(real_time: Any) -> None:
+    real_time.drive()
+    _without(real_time, 2, 3)
+    real_time.cycle(3)
+    real_time.command(2, 1.0)
+    assert "a stamp that is of no complete cycle" in real_time.core.gate.reason
+
+
+def test_a_stamp_of_long_ago_is_outdated_and_no_reason_to_stop(real_time: Any) -> None:
+    real_time.drive()
+    for counter in range(2, 100):
+        real_time.cycle(counter)
+        real_time.command(counter, 1.0)
+    real_time.command(3, 1.0)
+    assert real_time.core.commands.outdated == 1
+    assert real_time.core.gate.state is GateState.DRIVING
+
+
+def test_samples_of_before_a_restart_are_none(real_time: Any) -> None:
+    real_time.core.activate(ready=True)
+    for counter in (1, 2, 3, 0, 0, 1):
+        real_time.cycle(counter)
+    _without(real_time, 2, 3)
+    real_time.command(2, 1.0)
+    assert "a stamp that is of no complete cycle" in real_time.core.gate.reason
+
+
+@pytest.mark.parametrize("numbers", [(700, 12, 701), (7, 7, 8)])
+def test_commands_of_two_publishers_end_driving(real_time: Any, numbers: tuple[int, ...]) -> None:
+    real_time.drive()
+    zero = real_time.core.clock.zero_stamp_ns
+    for counter, number in zip((2, 3, 4), numbers, strict=True):
+        real_time.cycle(counter)
+        stamp_ns = zero + counter * PERIOD
+        real_time.core.command(stamp_ns, real_time.codec.valve_names, (1.0, 0.0), number)
+    assert "commands of two publishers" in real_time.core.gate.reason
+    assert real_time.core.commands.accepted == 2
+
+
+def test_a_publisher_that_starts_anew_while_nothing_is_driven_is_one(real_time: Any) -> None:
+    real_time.core.activate(ready=True)
+    zero = real_time.core.clock.zero_stamp_ns or 0
+    for counter, number in ((1, 700), (2, 1), (3, 2)):
+        real_time.cycle(counter)
+        zero = real_time.core.clock.zero_stamp_ns
+        stamp_ns = zero + counter * PERIOD
+        if number == 1:
+            real_time.core.gate.arm()
+        real_time.core.command(stamp_ns, real_time.codec.valve_names, (1.0, 0.0), number)
+    assert real_time.core.gate.state is GateState.DRIVING
+
+
+def test_valve_frames_of_another_sender_end_driving_until_they_are_gone(real_time: Any) -> None:
+    real_time.drive()
+    own, codec = real_time.codec.receive(real_time.wire.sent[-1]), real_time.codec
+    assert real_time.core.hear_command(own) is NOTHING  # as some buses let a sender hear itself
+    other = codec.receive(codec.encode_command(1, (9.0, 0.0), enable=True))
+    assert not real_time.sent(real_time.core.hear_command(other).answer).enable
+    assert real_time.core.commands.foreign == 1
+    assert "another sender" in real_time.core.gate.clear()[1]
+    real_time.core.condition(FOREIGN, "")
+    assert real_time.core.gate.clear()[0]
+
+
+def test_after_silence_no_old_sample_begins_to_drive(real_time: Any) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    assert real_time.core.silence(10.0) is NOTHING
+    assert real_time.command(1, 1.0) is NOTHING
+    assert real_time.core.commands.outdated == 1
+    assert real_time.core.gate.state is GateState.WAITING
+    real_time.cycle(2)
+    assert real_time.command(2, 1.0).answer is not None
 
 
 @pytest.mark.parametrize("name", ["real_time", "lockstep"])

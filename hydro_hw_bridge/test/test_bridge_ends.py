@@ -195,4 +195,4 @@ def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:
     assert (gate.state, gate.reason, gate.trips) == (GateState.TRIPPED, reason, 1)
     bench.cycle(10)
     assert not any(frame.enable for frame in bench.collect()[-3:])
-    assert gate.clear()[0]
+    assert gate.clear() == (True, f"cleared: {reason}")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -80,11 +82,17 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
                 taken[frame.name] = frame.data
         stands_at = codec.readings(taken).positions
 
-    code, first, _ = calibrate(
+    code, first, told = calibrate(
         tmp_path, *files, "--zeros", "--reference", f"lift={stands_at[0]:.6f}"
     )
     assert code == 0
     found = load_calibration(Path(first))
+    # What was measured is told with its units, not only where it is kept.
+    shown = re.findall(r"^  (\S+) +([-+][\d.]+) (Pa|rad)\b", told, re.M)
+    units = dict.fromkeys(codec.pressure_names, "Pa") | {"lift": "rad"}
+    assert {name: unit for name, _, unit in shown} == units
+    told_zeros = {name: float(value) for name, value, unit in shown if unit == "Pa"}
+    assert told_zeros == pytest.approx(found.pressure_zero_pa, abs=0.06)
     assert Path(first).name == f"{found.name}.calibration.yaml"
     assert set(found.pressure_zero_pa) == set(codec.pressure_names)
     assert found.pressure_zero_pa["supply"] == pytest.approx(50e3, abs=2e3)
@@ -92,9 +100,14 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     assert found.position_offset == {"lift": pytest.approx(-0.01, abs=1e-5)}
 
     os.kill(rig.pid, signal.SIGUSR1)
-    code, second, told = calibrate(tmp_path, *files, "--signs", "--from", first)
+    asked = ("--signs", "--from", first, "--json", "-")
+    code, second, told = calibrate(tmp_path, *files, *asked)
     assert code == 0, told
-    both = load_calibration(Path(second))
+    data = json.loads(second)
+    assert "valve signs: lift_valve +1, tilt_valve -1" in told.splitlines()
+    both = load_calibration(Path(data["file"]))
+    kept = ("pressure_zero_pa", "position_offset", "valve_sign")
+    assert {key: data[key] for key in kept} == {key: getattr(both, key) for key in kept}
     assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
     assert both.pressure_zero_pa == found.pressure_zero_pa
     assert both.position_offset == found.position_offset

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from hydro_hw_bridge.faults.bench import WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import BAD, CommandFault
-from hydro_hw_bridge.faults.injections import AGE, AT_ONCE, FAMILIES, WATCHDOG, Injection, drawn
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
+from hydro_hw_bridge.faults.injections import FAMILIES, drawn
+from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.faults.machine_faults import MachineFault
+from hydro_hw_bridge.faults.naming import SILENT, Diagnosis, Named
 from hydro_hw_bridge.faults.trial import Outcome, Trial
 from hydro_hw_bridge.faults.wave import Wave
 from hydro_hw_bridge.gate import GateLimits
@@ -18,6 +23,7 @@ from hydro_model.robot import Robot
 
 SEEDS_PER_FAMILY = 8
 AT = 20
+TRIPS = Named(("trips",))
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +55,7 @@ def test_every_promise_is_kept_over_many_seeds(trial: Trial, family: str, lockst
 @pytest.mark.parametrize("kind", BAD)
 def test_a_bad_command_never_reaches_the_valves(trial: Trial, kind: str) -> None:
     amount = 11.0 if kind == "beyond" else 6.0
-    injection = Injection("publisher", CommandFault(kind, AT, 1, amount, 1), AT_ONCE, ("trip",))
+    injection = Injection("publisher", CommandFault(kind, AT, 1, amount, 1), AT_ONCE, TRIPS)
     outcome = trial.run(injection, 1)
     kept(outcome)
     assert outcome.tripped
@@ -60,7 +66,7 @@ def test_a_bad_command_never_reaches_the_valves(trial: Trial, kind: str) -> None
 def test_a_permissive_that_opens_stops_within_its_cycle_and_stays_so(
     trial: Trial, kind: str
 ) -> None:
-    outcome = trial.run(Injection("machine", MachineFault(kind, AT, 1), AT_ONCE, ("trip",)), 2)
+    outcome = trial.run(Injection("machine", MachineFault(kind, AT, 1), AT_ONCE, TRIPS), 2)
     kept(outcome)
     assert outcome.tripped  # although it was open for one cycle only
 
@@ -70,27 +76,27 @@ def test_too_little_supply_stops_within_its_cycle(trial: Trial, robot: Robot) ->
     # 2 MPa less than the minimum, in the transducer's counts: a pressure that can be.
     raw = trial.codec.layout.signals[signal]
     fault = BusFault("jump", AT, 2, DEVICE, (), signal, round(-17.5e6 / raw.scale))
-    outcome = trial.run(Injection("bus", fault, AT_ONCE, ("trip",)), 3)
+    outcome = trial.run(Injection("bus", fault, AT_ONCE, TRIPS), 3)
     kept(outcome)
     assert outcome.reason.startswith("supply pressure")
 
 
 def test_a_dead_bridge_is_answered_by_the_amplifiers_watchdog(trial: Trial) -> None:
-    injection = Injection("machine", MachineFault("bridge_dead", AT, 60), WATCHDOG, ())
+    injection = Injection("machine", MachineFault("bridge_dead", AT, 60), WATCHDOG, Named())
     outcome = trial.run(injection, 4)
     kept(outcome)
     assert outcome.stop_cycles == WATCHDOG  # 50 ms of device time, no more and no less
 
 
 def test_a_silent_controller_is_answered_by_the_gate(trial: Trial) -> None:
-    outcome = trial.run(Injection("publisher", CommandFault("silent", AT, 20), AGE, ("trip",)), 5)
+    outcome = trial.run(Injection("publisher", CommandFault("silent", AT, 20), AGE, TRIPS), 5)
     kept(outcome)
     assert outcome.stop_cycles == AGE
     assert outcome.reason == "no command for 12 ms (limit 10 ms)"
 
 
 def test_a_sample_counter_that_stands_still_stops_in_real_time(trial: Trial) -> None:
-    outcome = trial.run(Injection("bus", BusFault("frozen", AT, 40), AGE + 1, ()), 6)
+    outcome = trial.run(Injection("bus", BusFault("frozen", AT, 40), AGE + 1, Named()), 6)
     kept(outcome)
     assert "sample counter stood still" in outcome.reason
 
@@ -100,34 +106,37 @@ def test_valve_frames_that_are_late_on_the_bus_never_drive_for_long(
     trial: Trial, late: int
 ) -> None:
     fault = BusFault("late", AT, 60, BRIDGE, amount=late)
-    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
+    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, Named()), late))
 
 
 @pytest.mark.parametrize("late", [*range(1, 16), 23])
 def test_machine_frames_that_are_all_late_never_drive_for_long(trial: Trial, late: int) -> None:
     """The bridge sees nothing wrong, as its clock is the machine's: the machine does."""
     fault = BusFault("late", AT, 60, DEVICE, amount=late)
-    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, ()), late))
+    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, Named()), late))
 
 
 @pytest.mark.parametrize("late", range(17, 32))
 def test_a_frame_far_too_late_is_in_no_sample(trial: Trial, late: int) -> None:
     fault = BusFault("late", AT, 2, DEVICE, (trial.codec.device_ids[1],), amount=late)
-    kept(trial.run(Injection("bus", fault, None, ("cycles_incomplete",)), late))
+    kept(trial.run(Injection("bus", fault, None, Named(("cycles_incomplete",))), late))
 
 
-def test_a_frame_of_exactly_sixteen_cycles_ago_is_the_known_limit(trial: Trial) -> None:
-    """Its alive counter is that of the present cycle. The safety case says so."""
+def test_a_frame_of_exactly_sixteen_cycles_ago_contradicts_the_present_one(trial: Trial) -> None:
+    """Its alive counter is that of the present cycle: which is the device's nobody can tell."""
     fault = BusFault("late", AT, 1, DEVICE, (trial.codec.device_ids[1],), amount=16)
-    outcome = trial.run(Injection("bus", fault, None, ("cycles_duplicates",)), 1)
-    assert outcome.broken == (f"partial sample: cycle {AT + 16}: ENCODERS not of it",)
+    reason = "two different frames ENCODERS of one cycle"
+    named = Named(("cycles_contradicted",), reason)
+    outcome = trial.run(Injection("bus", fault, None, named), 1)
+    kept(outcome)
+    assert reason in outcome.reason
 
 
 @pytest.mark.parametrize("joint", ["lift", "tilt"])
 def test_an_encoder_that_is_stuck_ends_driving(trial: Trial, joint: str) -> None:
     signal = trial.codec.mapping.joints[joint].signal
     fault = BusFault("stuck", AT, 600, DEVICE, (), signal)
-    outcome = trial.run(Injection("bus", fault, None, ("readings_stuck",)), 1)
+    outcome = trial.run(Injection("bus", fault, None, Named(("readings_stuck",))), 1)
     kept(outcome)
     assert f"{joint}: encoder stuck" in outcome.reason
 
@@ -136,7 +145,7 @@ def test_a_clock_that_steps_changes_no_voltage(trial: Trial) -> None:
     runs = []
     for amount_s in (0.0, -3600.0, 0.5):
         fault = MachineFault("clock_step", AT, 1, amount_s)
-        kept(trial.run(Injection("machine", fault, None, ()), 7))
+        kept(trial.run(Injection("machine", fault, None, Named()), 7))
         runs.append((trial.bench.rows, [s.stamp_ns for s in trial.bench.samples]))
     assert runs[0] == runs[1] == runs[2]
 
@@ -151,5 +160,84 @@ def test_the_same_seed_gives_the_same_run(trial: Trial) -> None:
 
 def test_a_broken_promise_is_told(trial: Trial) -> None:
     """The judge itself: a harmless fault of which a stop is promised."""
-    outcome = trial.run(Injection("publisher", CommandFault("twice", AT), AT_ONCE, ("trip",)), 8)
+    outcome = trial.run(Injection("publisher", CommandFault("twice", AT), AT_ONCE, TRIPS), 8)
     assert [text.partition(" ")[0] for text in outcome.broken] == ["0", "shows"]
+
+
+def test_every_fault_has_to_show_or_is_argued(trial: Trial) -> None:
+    for family in FAMILIES:
+        for seed in range(100):
+            injection = drawn(seed, trial.codec, family)
+            for part in injection.parts or (injection,):
+                for lockstep in (False, True):
+                    named = part.naming(lockstep=lockstep)
+                    assert bool(named.shows or named.says) != bool(named.silent), part
+                    assert not named.silent or len(SILENT[named.silent]) > 20
+
+
+def test_what_has_to_show_and_does_not_is_told(trial: Trial) -> None:
+    now = Diagnosis({"trips": 1, "cycles_lost": 2, "cycles_complete": 9}, ("", "pump is off"))
+    before = Diagnosis({"trips": 1, "cycles_lost": 0, "cycles_complete": 5}, ("", ""))
+    assert now.grown(before) == {"cycles_lost"}
+    assert now.lacks(Named(("trips", "cycles_lost"), "pump"), before) == []
+    assert now.lacks(Named(("trips",)), before) == ["shows in none of trips"]
+    assert now.lacks(Named(says="enable"), before) == [
+        "said nowhere: 'enable' (found: pump is off)"
+    ]
+    # Of several, each has to: the second grows a counter that the first does not.
+    parts = (
+        Injection("machine", MachineFault("pump", AT), None, Named(("cycles_lost",))),
+        Injection("publisher", CommandFault("twice", AT), None, Named(("commands_repeated",))),
+    )
+    both = Injection("several", parts[0].fault, None, Named(), parts=parts)
+    assert both.kind == "2 faults"
+    assert both.unnamed(now, before, lockstep=False) == [
+        "twice: shows in none of commands_repeated, trips"
+    ]
+    assert both.unnamed(now, before, {parts[1].fault}, lockstep=False) == []
+    # Whatever several are: a permissive that is open stops at once, and each shows.
+    kept(trial.run(replace(both, parts=tuple(_shown(part) for part in parts)), 9))
+    assert not trial.bench.rows[AT].permitted
+    assert trial.bench.rows[AT].stopped
+
+
+def _shown(part: Injection) -> Injection:
+    return replace(part, named=TRIPS)
+
+
+@pytest.mark.parametrize("kind", ["babble", "foreign"])
+def test_frames_of_others_are_many_and_of_the_right_length(trial: Trial, kind: str) -> None:
+    codec, cycles = trial.codec, 400
+    line = FaultLine(codec, [BusFault(kind, 0, cycles, amount=10, seed=3)])
+    trial.run(drawn(0, codec, "lost"), 0)
+    device = trial.bench.device
+    own, others = 0, []
+    for counter in range(cycles):
+        device.core.counter = counter
+        sent = {bytes(m.data) for m in device.frames()}
+        for message in device.frames():
+            for one in line.take(message, DEVICE):
+                known = bytes(one.data) in sent and one.arbitration_id in codec.device_ids
+                own += known
+                others += [] if known else [(counter, one)]
+    assert own == cycles * len(codec.device_ids)
+    assert len(others) == pytest.approx(10 * cycles, rel=0.05)
+    frames = [(counter, codec.receive(one)) for counter, one in others]
+    whole = [(counter, f) for counter, f in frames if f is not None and len(f.data) == 8]
+    assert len(whole) > 0.7 * len(others)
+    intact = sum(f.intact for _, f in whole)
+    if kind == "foreign":
+        assert intact == len(others)
+        assert all(f.alive == counter & 15 for counter, f in whole)
+    else:
+        assert 1 <= intact < 0.01 * len(whole)  # by chance: one in 256
+
+
+def test_a_pressure_that_is_stuck_is_named_and_stops_nothing(trial: Trial) -> None:
+    signal = trial.codec.mapping.pressures["supply"].signal
+    named = Named(("readings_still",), "pressure supply without any noise")
+    injection = Injection("bus", BusFault("stuck", AT, 1010, DEVICE, (), signal), None, named)
+    outcome = trial.run(injection, 1)
+    kept(outcome)
+    assert not outcome.tripped
+    assert trial.bench.rows[-1].enabled

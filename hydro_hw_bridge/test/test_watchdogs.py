@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import IMPOSSIBLE, SILENCE_S, BridgeCore
+from hydro_hw_bridge.bridge_core import IMPOSSIBLE, BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import GateLimits, GateState
@@ -114,25 +114,25 @@ def test_in_lockstep_a_counter_may_stand_still(lockstep: Any) -> None:
 
 def test_silence_ends_driving_at_its_limit_in_real_time(real_time: Any) -> None:
     real_time.drive()
-    assert real_time.core.silence(math.nextafter(SILENCE_S, 0.0)) is NOTHING
-    step = real_time.core.silence(SILENCE_S)
-    assert real_time.core.gate.reason == "nothing from the device for 50 ms"
+    assert real_time.core.silence(LIMITS.max_age_s) is NOTHING
+    step = real_time.core.silence(math.nextafter(LIMITS.max_age_s, 1.0))
+    assert real_time.core.gate.reason == "nothing from the device for 10 ms"
     assert real_time.sent(step.answer).voltages == (0.0, 0.0)
-    assert real_time.core.silence(10.0 * SILENCE_S) is NOTHING
+    assert real_time.core.silence(10.0 * LIMITS.max_age_s) is NOTHING
     assert real_time.core.gate.trips == 1
 
 
 def test_silence_is_no_trip_where_nothing_is_driven(real_time: Any) -> None:
     real_time.core.activate(ready=True)
     real_time.cycle(1)
-    assert real_time.core.silence(10.0 * SILENCE_S) is NOTHING
+    assert real_time.core.silence(10.0 * LIMITS.max_age_s) is NOTHING
     assert real_time.core.gate.state is GateState.WAITING
 
 
 def test_a_device_that_counts_anew_in_silence_has_no_cycle_to_answer(real_time: Any) -> None:
     real_time.drive()
     real_time.core.sample = None
-    assert real_time.core.silence(SILENCE_S) is NOTHING
+    assert real_time.core.silence(2.0 * LIMITS.max_age_s) is NOTHING
     assert real_time.core.gate.state is GateState.TRIPPED
 
 
@@ -148,8 +148,17 @@ def test_a_position_that_jumps_ends_driving(real_time: Any) -> None:
     assert real_time.core.gate.clear()[0]
 
 
-def test_a_position_that_jumps_is_no_trip_where_nothing_is_driven(real_time: Any) -> None:
+def test_a_position_that_jumps_while_waiting_keeps_a_drive_from_beginning(real_time: Any) -> None:
     real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    real_time.cycle(2, positions=(0.9, -0.5))
+    assert "position jumped" in real_time.core.gate.reason
+    assert real_time.core.watch.counters.jumps == 1
+    real_time.command(2, 1.0)
+    assert real_time.core.gate.state is GateState.TRIPPED
+
+
+def test_a_position_that_jumps_is_counted_where_the_bridge_is_inactive(real_time: Any) -> None:
     real_time.cycle(1)
     real_time.cycle(2, positions=(0.9, -0.5))
     assert real_time.core.gate.state is GateState.WAITING

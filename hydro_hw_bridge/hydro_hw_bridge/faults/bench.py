@@ -98,6 +98,8 @@ class ValveInput:
         State of the bridge's gate.
     age_cycles : int
         Cycles since the sample that the newest command taken by the amplifiers answers.
+    permitted : bool
+        Emergency stop, pump and enable switch were all closed.
     """
 
     cycle: int
@@ -106,6 +108,7 @@ class ValveInput:
     watchdog: bool
     gate: str
     age_cycles: int
+    permitted: bool = True
 
     @property
     def stopped(self) -> bool:
@@ -224,7 +227,11 @@ class Bench:
         heard = False
         for message in inbox:
             frame = self.codec.receive(message)
-            if frame is None or frame.role == "command":
+            if frame is None:
+                continue
+            if frame.role == "command":
+                if frame.intact:
+                    self._follow(self.core.hear_command(frame))
                 continue
             heard = heard or (frame.role == "sync" and frame.intact)
             if frame.role == "claim":
@@ -280,8 +287,18 @@ class Bench:
                 amplifier.tripped,
                 self.core.gate.state.value,
                 self.cycle - self._answered_cycle,
+                not self._acting(*PERMISSIVES),
             )
         )
+
+    def absent(self) -> set[CommandFault]:
+        """Faults of the publisher that met no command, as there was no sample to answer."""
+        return set(self.publisher) - self._publisher.met
+
+    def be_sound(self) -> None:
+        """End what is still wrong with the publisher: in lockstep its cycles may not have come."""
+        if any(fault.acts(self.cycle) for fault in self.publisher):
+            self._publisher = Publisher((), round(1e9 * self.limits.period_s))
 
     def partial_samples(self) -> list[str]:
         """Samples that are not, frame by frame, what the device sent in one of its cycles."""

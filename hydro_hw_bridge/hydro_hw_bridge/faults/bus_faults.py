@@ -8,7 +8,8 @@ DEVICE, BRIDGE = "device", "bridge"
 
 #: Frames with other contents under valid checks: what a broken sensor or counter sends.
 CONTENT = ("frozen", "frozen_alive", "stuck", "jump", "extreme", "clock_bit")
-#: Frames that do not arrive as they were sent.
+#: Frames that do not arrive as they were sent, and those of others. Noise passes a check by chance
+#: alone; a foreign sender knows counter and CRC: nothing tells its frames from the machine's.
 TRANSPORT = (
     "lost",
     "late",
@@ -18,6 +19,7 @@ TRANSPORT = (
     "bit_flip",
     "truncated",
     "babble",
+    "foreign",
     "second_bridge",
 )
 #: The bridge's own end of the bus.
@@ -38,13 +40,13 @@ class BusFault:
     direction : {"device", "bridge"}
         Who sends the frames.
     frames : tuple of int
-        Identifiers; empty for all of the direction.
+        Identifiers; empty for all of the direction. Of babble and foreign those that are sent.
     signal : str
         `FRAME.Signal`, of the kinds stuck, jump and extreme.
     amount : int
         late: cycles; repeated: copies more; bit_flip: the bit; truncated: bytes left; jump: raw
-        counts; extreme: 0 for the lowest raw value, otherwise the highest; babble: frames per
-        cycle; split: how many frames stay in their own cycle.
+        counts; extreme: 0 for the lowest raw value, otherwise the highest; babble, foreign: frames
+        per cycle; split: how many frames stay in their own cycle.
     seed : int
         Of what is random in it.
     """
@@ -63,5 +65,6 @@ class BusFault:
         return self.first_cycle <= cycle < self.first_cycle + self.cycles
 
     def about(self, identifier: int, direction: str) -> bool:
-        """Whether a frame is among those it is about."""
-        return direction == self.direction and (not self.frames or identifier in self.frames)
+        """Whether a frame is among those it is about; others send beside any."""
+        of_all = not self.frames or self.kind in ("babble", "foreign")
+        return direction == self.direction and (of_all or identifier in self.frames)

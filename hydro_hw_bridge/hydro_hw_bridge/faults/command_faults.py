@@ -67,10 +67,16 @@ class Publisher:
     ----------
     faults : iterable of CommandFault
     period_ns : int
+
+    Attributes
+    ----------
+    met : set of CommandFault
+        Those that had a command to spoil.
     """
 
     def __init__(self, faults: Iterable[CommandFault], period_ns: int) -> None:
         self._faults = tuple(faults)
+        self.met: set[CommandFault] = set()
         self._period_ns = period_ns
         self._held: list[tuple[int, Command]] = []
         self._before: Command | None = None
@@ -112,6 +118,7 @@ class Publisher:
         for fault in self._faults:
             if not fault.acts(cycle):
                 continue
+            self.met.add(fault)
             if fault.kind == "late":
                 self._held += [(cycle + int(fault.amount), c) for c in out]
                 out = []

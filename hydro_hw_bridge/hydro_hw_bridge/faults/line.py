@@ -10,10 +10,10 @@ import can
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, LINK, BusFault
 from hydro_hw_bridge.faults.contents import Contents, copy_of
+from hydro_hw_bridge.faults.noise import Noise
 
 #: Cycles whose frames are remembered, to tell a whole sample from a partial one.
 KEPT_CYCLES = 4096
-_FOREIGN = 0x7FF
 
 
 class FaultLine:
@@ -38,6 +38,7 @@ class FaultLine:
         self._codec = codec
         self._faults = tuple(faults)
         self._contents = Contents(codec)
+        self._noise = Noise(codec)
         self._random = {fault: random.Random(fault.seed) for fault in self._faults}
         self._sync = codec.device_ids[0]
         self._held: list[tuple[int, str, can.Message]] = []
@@ -53,7 +54,8 @@ class FaultLine:
             "reordered": self._reordered,
             "bit_flip": _flipped,
             "truncated": lambda fault, m: [copy_of(m, bytes(m.data)[: fault.amount])],
-            "babble": self._babble,
+            "babble": self._among_others,
+            "foreign": self._among_others,
             "second_bridge": self._second_bridge,
         }
 
@@ -165,22 +167,8 @@ class FaultLine:
         self._swapped[fault.direction].append(message)
         return []
 
-    def _babble(self, fault: BusFault, message: can.Message) -> list[can.Message]:
-        """Once a cycle, frames of others: foreign identifiers, and our own with noise in them."""
-        if fault.direction == DEVICE and message.arbitration_id != self._sync:
-            return [message]
-        own = (*self._codec.device_ids, *self._codec.bridge_ids)
-        source = self._random[fault]
-        noise = [
-            can.Message(
-                arbitration_id=source.choice((*own, source.randrange(_FOREIGN))),
-                is_extended_id=source.random() < 0.2,
-                data=source.randbytes(source.randrange(9)),
-                check=False,
-            )
-            for _ in range(fault.amount)
-        ]
-        return [*noise, message]
+    def _among_others(self, fault: BusFault, message: can.Message) -> list[can.Message]:
+        return self._noise.beside(fault, message, self._counter, self._random[fault])
 
     def _second_bridge(self, fault: BusFault, message: can.Message) -> list[can.Message]:
         if message.arbitration_id != self._sync:

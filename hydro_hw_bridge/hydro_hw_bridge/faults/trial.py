@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from hydro_hw_bridge import bridge_report
 from hydro_hw_bridge.faults.bench import SECOND_BRIDGE, Bench, Commander, ValveInput, WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BusFault
 from hydro_hw_bridge.faults.command_faults import CommandFault
-from hydro_hw_bridge.faults.injections import AGE, AT_ONCE, WATCHDOG, Injection
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
 from hydro_hw_bridge.faults.machine_faults import MachineFault
+from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_hw_bridge.gate import GateLimits, GateState
 from hydro_hw_bridge.rig.core import RigCore
 
@@ -20,6 +20,8 @@ from hydro_hw_bridge.rig.core import RigCore
 AFTER, AGAIN = 12, 30
 #: Half a step of the wire's voltage, twice: two rounded values.
 ROUNDING_V = 1e-3
+#: Somebody whose frames nothing tells from the machine's: samples may hold them.
+FOREIGN = "foreign"
 #: What a command may be old at the valves: 10 ms, and held for the watchdog's time.
 OLDEST = AGE + WATCHDOG
 
@@ -41,6 +43,8 @@ class Outcome:
         Promises that were not kept; empty where all were.
     step_v, reenable_step_v : float
         Largest step per cycle at the valves while driving, and after re-enabling.
+    named : tuple of str
+        Counters of `/diagnostics` that grew with the fault.
     """
 
     injection: Injection
@@ -51,6 +55,7 @@ class Outcome:
     broken: tuple[str, ...]
     step_v: float
     reenable_step_v: float
+    named: tuple[str, ...]
 
 
 @dataclass
@@ -87,38 +92,49 @@ class Trial:
         -------
         Outcome
         """
-        fault = injection.fault
-        bench = self.bench = Bench(
+        bench = self.bench = self._bench_of(injection, seed, lockstep=lockstep)
+        bench.run(injection.first_cycle)
+        before = Diagnosis.of(bench.core, bench.end)
+        rest = AFTER + random.Random(seed).randrange(8)
+        bench.run(injection.end_cycle - injection.first_cycle + rest)
+        core = bench.core
+        after = Diagnosis.of(core, bench.end)
+        tripped, reason = core.gate.state is GateState.TRIPPED, core.gate.reason
+        broken = self._judged(bench, injection)
+        broken += injection.unnamed(after, before, bench.absent(), lockstep=lockstep)
+        rows = list(bench.rows)
+        step_v = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
+        again_v = 0.0
+        if tripped or not core.active or "bridge_dead" in injection.kinds:
+            again_v, complaint = self._drive_again(bench, injection.kinds, lockstep=lockstep)
+            broken += complaint
+        if FOREIGN not in injection.kinds:
+            broken += [f"partial sample: {text}" for text in bench.partial_samples()]
+        stop = _first_stop(rows, injection.fault.first_cycle)
+        named = tuple(sorted(after.grown(before)))
+        return Outcome(
+            injection, lockstep, stop, tripped, reason, tuple(broken), step_v, again_v, named
+        )
+
+    def _bench_of(self, injection: Injection, seed: int, *, lockstep: bool) -> Bench:
+        faults = injection.faults
+        return Bench(
             self.make_rig(seed),
             self.codec,
             self.limits,
             self.make_commander(seed),
-            bus=[fault] if isinstance(fault, BusFault) else (),
-            publisher=[fault] if isinstance(fault, CommandFault) else (),
-            machine=[fault] if isinstance(fault, MachineFault) else (),
+            bus=[one for one in faults if isinstance(one, BusFault)],
+            publisher=[one for one in faults if isinstance(one, CommandFault)],
+            machine=[one for one in faults if isinstance(one, MachineFault)],
             lockstep=lockstep,
         )
-        held = int(fault.amount) if fault.kind == "late" else 0
-        rest = AFTER + random.Random(seed).randrange(8)
-        bench.run(fault.first_cycle + fault.cycles + held + rest)
-        core = bench.core
-        tripped, reason = core.gate.state is GateState.TRIPPED, core.gate.reason
-        broken = [*self._judged(bench, injection), *self._unnamed(bench, injection, tripped)]
-        rows = list(bench.rows)
-        step_v = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
-        again_v = 0.0
-        if tripped or not core.active or fault.kind == "bridge_dead":
-            again_v, complaint = self._drive_again(bench, fault.kind, lockstep=lockstep)
-            broken += complaint
-        broken += [f"partial sample: {text}" for text in bench.partial_samples()]
-        stop = _first_stop(rows, fault.first_cycle)
-        return Outcome(injection, lockstep, stop, tripped, reason, tuple(broken), step_v, again_v)
 
     def _judged(self, bench: Bench, injection: Injection) -> list[str]:
         rows, first = bench.rows, injection.fault.first_cycle
         broken = []
-        if not any(row.enabled and any(row.voltages) for row in rows[:first]):
+        if not any(r.enabled and any(r.voltages) for r in rows[: injection.first_cycle]):
             broken.append("the valves were not driven before the fault")
+        broken += [f"driven at cycle {r.cycle} without a permissive" for r in rows if _unmet(r)]
         stop, limit = _first_stop(rows, first), injection.limit_cycles
         # In lockstep only what is answered at once: the device's time waits for the rest.
         told = limit is not None and (limit == AT_ONCE or not bench.lockstep)
@@ -129,23 +145,13 @@ class Trial:
             broken.append(f"a command {oldest} cycles old at the valves")
         return [*broken, *_steps_above(rows, 2.0 * self.limits.legal_step_v), *_unlatched(rows)]
 
-    def _unnamed(self, bench: Bench, injection: Injection, tripped: bool) -> list[str]:
-        if not injection.shows or bench.lockstep:
-            return []
-        values = bridge_report.values(bench.core, bench.end, {})
-        device = bench.device.counters
-        for key in ("missed", "corrupt", "stale"):
-            values[f"device_{key}"] = getattr(device, key)
-        values["device_missed"] = sum(row.age_cycles > 0 for row in bench.rows)
-        values["trip"] = int(tripped)
-        if any(values[key] for key in injection.shows):
-            return []
-        return [f"shows in none of {', '.join(injection.shows)}"]
-
-    def _drive_again(self, bench: Bench, kind: str, *, lockstep: bool) -> tuple[float, list[str]]:
+    def _drive_again(
+        self, bench: Bench, kinds: frozenset[str], *, lockstep: bool
+    ) -> tuple[float, list[str]]:
         """Clear the trip as an operator does, and drive: slowly."""
         core = bench.core
-        if kind == "bridge_dead":
+        bench.be_sound()
+        if "bridge_dead" in kinds:
             bench.start_bridge()
         elif not core.active:
             core.activate(ready=True)
@@ -161,15 +167,20 @@ class Trial:
         rows = bench.rows[start - 1 :]
         if not any(row.enabled for row in rows[1:]):
             return 0.0, ["not driving again after the trip was cleared"]
-        if lockstep and kind == "bridge_dead":
+        if lockstep and "bridge_dead" in kinds:
             # Its time stood still at the voltage of before, which may still be on its way out of
             # the amplifiers; a new bridge ramps from 0 V.
             rows = rows[1 + bench.rig.truth.command_delay_cycles :]
         largest = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
-        cleared = kind not in ("bridge_dead", "deactivated")
+        cleared = not kinds & {"bridge_dead", "deactivated"}
         most = self.limits.reenable_step_v if cleared else self.limits.legal_step_v
         above = largest > most + ROUNDING_V
         return largest, [f"step of {largest:.3f} V after re-enabling"] if above else []
+
+
+def _unmet(row: ValveInput) -> bool:
+    """Driven although a permissive is open."""
+    return not row.permitted and not row.stopped
 
 
 def _first_stop(rows: list[ValveInput], first: int) -> int | None:
@@ -179,10 +190,9 @@ def _first_stop(rows: list[ValveInput], first: int) -> int | None:
 
 
 def _step(before: ValveInput, after: ValveInput) -> float:
-    """The step to a voltage other than 0, per cycle between the two answers."""
-    cycles = max(1, (after.cycle - after.age_cycles) - (before.cycle - before.age_cycles))
+    """The step to a voltage other than 0, however many cycles lie between the two answers."""
     pairs = zip(before.voltages, after.voltages, strict=True)
-    return max(abs(b - a) for a, b in pairs) / cycles if any(after.voltages) else 0.0
+    return max(abs(b - a) for a, b in pairs) if any(after.voltages) else 0.0
 
 
 def _steps_above(rows: list[ValveInput], most_v: float) -> list[str]:

@@ -41,7 +41,8 @@ class AxisExtras:
         Torque ``-coupling w / sqrt(1 + w^2)`` with the rate w of another joint (its index),
         N m s/rad.
     mount_stiffness, mount_gap, mount_damping : float
-        Spring between rod and pin (0: rigid), half its play, and its damper, N/m, m, N s/m.
+        Spring between rod and pin (0: rigid), half its play, and its damper where it lies on,
+        N/m, m, N s/m.
     flex_inertia, flex_rate, flex_damping : float
         Part of the load's inertia about the joint that hangs on a spring, kg m^2; its natural
         frequency rad/s; damping ratio.

@@ -14,6 +14,8 @@ from hydro_hw_bridge.rig.kernel_frames import apply, point_columns
 #: Piston against the cylinder's end, or a joint without a cylinder against its limit.
 _STOP_STIFFNESS = 5.0e7
 _STOP_DAMPING = 5.0e5
+#: What is left of a mount's damper while its pin touches neither side, N s/m.
+_LOOSE_DAMPING = 2.0e4
 
 
 @inlined
@@ -100,8 +102,9 @@ def _spring(bent, cyl):  # type: ignore[no-untyped-def]
 def mounted(bent, push, cyl):  # type: ignore[no-untyped-def]
     """What a mount, `bent` by so much, passes on of a piston's `push`, N; the bend's rate, m/s."""
     hold = _spring(bent, cyl)
-    slip = (push - hold) / (cyl.viscous + cyl.mount_damping)
-    return hold + cyl.mount_damping * slip, slip
+    damping = cyl.mount_damping if abs(bent) >= cyl.mount_gap else _LOOSE_DAMPING
+    slip = (push - hold) / (cyl.viscous + damping)
+    return hold + damping * slip, slip
 
 
 @inlined

@@ -24,7 +24,7 @@ def test_default_is_deny(assert_tripped: Make) -> None:
     gate = Gate(LIMITS)
     assert gate.output == OFF
     assert gate.command(5, NAMES, (0.0, 0.0)) is Outcome.DENIED
-    assert_tripped(gate, "of no cycle")
+    assert_tripped(gate, "of no complete cycle")
 
 
 def test_first_command_before_a_complete_cycle_is_denied(assert_tripped: Make) -> None:
@@ -154,7 +154,7 @@ def test_a_stamp_of_no_cycle_trips(
 ) -> None:
     gate = driving()
     assert gate.command(counter, NAMES, (0.0, 0.0)) is Outcome.DENIED
-    assert_tripped(gate, "of no cycle")
+    assert_tripped(gate, "of no complete cycle")
 
 
 def test_commands_from_before_are_not_taken(waiting: Make) -> None:
@@ -188,7 +188,23 @@ def test_rate_trips_above_twice_the_slew_limit_and_never_on_a_legal_step(
             assert_tripped(gate, f"{NAMES[valve]}: step of")
             assert f"limit {2 * cycles * limits.legal_step_v:.3f} V" in gate.reason
         else:
-            assert gate.output.voltages == tuple(voltages)
+            # However many cycles the command had, the valves see one step.
+            most = 2.0 * limits.legal_step_v
+            assert gate.output.voltages[valve] == sign * min(abs(voltages[valve]), most)
+            assert gate.output.voltages[1 - valve] == 0.0
+
+
+def test_a_command_after_missing_ones_is_reached_in_legal_steps(driving: Make, step: Make) -> None:
+    """From one end to the other while four commands were lost: never more than twice the limit."""
+    gate = driving(-10.0, 0.0)
+    gate.limits = replace(LIMITS, slew_v_s=2000.0)  # 4 V legal per cycle
+    outputs = []
+    for counter in (105, *range(106, 112)):
+        assert step(gate, counter, 10.0, 0.0) is Outcome.ACCEPTED
+        outputs.append(gate.output.voltages[0])
+    assert outputs == [-2.0, 2.0, 6.0, 10.0, 10.0, 10.0, 10.0]
+    assert step(gate, 112, 2.0, 0.0) is Outcome.ACCEPTED
+    assert gate.output.voltages[0] == 2.0
 
 
 def test_a_full_swing_at_the_slew_limit_is_legal_whatever_its_rounding(
@@ -346,7 +362,62 @@ def test_one_command_per_stamp(driving: Make, assert_tripped: Make) -> None:
 def test_a_defective_second_command_trips(driving: Make, assert_tripped: Make) -> None:
     gate = driving(1.0)
     assert gate.command(100, NAMES, (math.nan, 0.0)) is Outcome.DENIED
-    assert_tripped(gate, "two different commands")
+    assert_tripped(gate, "lift_valve: command is not finite")
+
+
+@pytest.mark.parametrize("back", [1, 3, 10, 90])
+@pytest.mark.parametrize("voltage", [math.nan, 99.0])
+def test_a_defective_command_for_any_cycle_trips(
+    driving: Make, assert_tripped: Make, back: int, voltage: float
+) -> None:
+    gate = driving(1.0)
+    assert gate.command(100 - back, NAMES, (voltage, 0.0)) is Outcome.DENIED
+    assert_tripped(gate, "lift_valve: command")
+
+
+def test_two_controllers_of_which_one_says_nothing_are_noticed(
+    driving: Make, step: Make, assert_tripped: Make
+) -> None:
+    """One drives, the other answers every cycle with 0 V."""
+    gate = driving(5.0, 1.0)
+    outcomes = []
+    for counter in range(101, 110):
+        outcomes += [step(gate, counter, 5.0, 1.0), gate.command(counter, NAMES, (0.0, 0.0))]
+    assert outcomes[:4] == [
+        Outcome.ACCEPTED, Outcome.RELEASED, Outcome.ACCEPTED, Outcome.DENIED
+    ]  # fmt: skip
+    assert_tripped(gate, "taken back twice in 2 ms: is there a second controller?")
+
+
+def test_a_controller_that_stops_again_later_is_no_second_one(driving: Make, step: Make) -> None:
+    gate = driving(5.0, 1.0)
+    for begin in (101, 101 + LIMITS.max_age_cycles + 1):
+        for counter in (begin - 1, begin):
+            step(gate, counter, 5.0, 1.0)
+        assert gate.command(begin, NAMES, (0.0, 0.0)) is Outcome.RELEASED
+    last = begin + LIMITS.max_age_cycles
+    for counter in (last - 1, last):
+        step(gate, counter, 5.0, 1.0)
+    assert gate.command(last, NAMES, (0.0, 0.0)) is Outcome.DENIED
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["x" * 500], "valves " + "x" * 40 + " with"),
+        ([f"v{i}" for i in range(8)], "v6, v7 with 8 voltages"),
+        ([f"v{i}" for i in range(1000)], "v7, and 992 more with 1000 voltages"),
+        (["\x1b[2J\nfine"], "\\x1b[2J\\nfine with"),
+    ],
+)
+def test_what_a_message_says_is_told_short_and_escaped(
+    driving: Make, names: list[str], told: str
+) -> None:
+    gate = driving(1.0)
+    gate.advance(101)
+    gate.command(101, names, [0.0] * len(names))
+    assert told in gate.reason
+    assert len(gate.reason) < 400
 
 
 def test_a_controller_that_stops_releases_the_valves_without_a_trip(

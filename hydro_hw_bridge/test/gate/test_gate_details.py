@@ -108,13 +108,13 @@ def test_stamps_are_compared_by_value() -> None:
     assert gate.command(int("1000"), NAMES, (1.0, 0.0)) is Outcome.OUTDATED
 
 
-def test_a_late_step_of_the_first_ramp_is_as_large_as_its_cycles(waiting: Make) -> None:
+def test_a_late_step_of_the_first_ramp_is_one_step(waiting: Make) -> None:
     gate = waiting(100)
     gate.command(100, NAMES, (7.0, 0.0))
     gate.advance(102)
     gate.check(GOOD)
     assert gate.command(102, NAMES, (7.0, 0.0)) is Outcome.ACCEPTED
-    assert gate.output.voltages == (6.0, 0.0)
+    assert gate.output.voltages == (4.0, 0.0)
 
 
 def test_the_rate_limit_itself_is_legal(driving: Make, step: Make) -> None:
@@ -155,3 +155,18 @@ def test_reasons_give_the_numbers(waiting: Make, driving: Make) -> None:
         gate = waiting(100)
         gate.command(100, names, voltages)
         assert gate.reason == said
+
+
+def test_the_greatest_age_in_seconds() -> None:
+    assert LIMITS.max_age_s == 0.010
+
+
+def test_a_step_at_the_limit_less_its_rounding_is_taken_whole(driving: Make) -> None:
+    """A command after a missing one, nearer to the limit of one cycle than rounding tells."""
+    most = 2.0 * LIMITS.legal_step_v
+    for value in (most - 0.5e-9, most, most + 0.5e-9, most + 1e-9):
+        gate = driving()
+        gate.advance(102)
+        gate.check(GOOD)
+        assert gate.command(102, NAMES, (value, 0.0)) is Outcome.ACCEPTED
+        assert gate.output.voltages[0] == value

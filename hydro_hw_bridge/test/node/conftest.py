@@ -208,12 +208,18 @@ class Ros:
         self.command.publish(joint_state(stamp_ns, NAMES, effort=list(voltages)))
 
     def answer_to(self, device: Device, stamp_ns: int, *voltages: float) -> CommandFrame:
-        """Ask until a valve frame comes: the first one. A repeated command changes nothing."""
+        """Ask until a valve frame comes: the first one. A repeated command changes nothing.
+
+        In real time a device that was silent for 10 ms has to speak before it is driven.
+        """
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
             self.ask(stamp_ns, *voltages)
             if (answer := device.next_command(AGAIN_S)) is not None:
                 return answer
+            if not device.lockstep:
+                device.send(device.counter)
+                device.next_command(AGAIN_S)
         raise AssertionError(f"no valve frame within {PATIENCE_S} s of a command")
 
     def diagnosis(self) -> dict[str, str]:

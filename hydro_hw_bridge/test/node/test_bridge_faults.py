@@ -102,4 +102,4 @@ def test_silence_is_counted_from_sync_frames_not_from_any(
         for message in (encoders, claim):
             device.bus.send(message)
         time.sleep(0.005)
-    ros.until(lambda: "nothing from the device for 50 ms" in ros.diagnosis()["message"])
+    ros.until(lambda: "nothing from the device for 10 ms" in ros.diagnosis()["message"])

@@ -1,0 +1,219 @@
+"""Injections on the bus, each drawn.
+
+Parameters
+----------
+source : random.Random
+    What is random in an injection is drawn from it.
+codec : Codec
+at : int
+    First cycle of the fault.
+"""
+
+from __future__ import annotations
+
+import random
+
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, LINK, BusFault
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STUCK, WATCHDOG, Injection
+from hydro_hw_bridge.faults.naming import Named
+
+#: A frame that comes exactly so many cycles late, or a multiple, and before the one that belongs
+#: there, has the alive counter of the present cycle: nothing in it tells it apart. Frames of one
+#: identifier do not overtake each other on CAN, so no injection makes them.
+ALIVE_SPAN = 16
+#: A pressure that is the same for so many cycles is named.
+STILL = 1000
+TOO_OLD, NOTHING_HEARD = "no command for", "nothing from the device for 10 ms"
+AGAIN = Named(("cycles_repeated",))
+#: In lockstep nothing arrives: the machine's time stands still meanwhile.
+QUIET = Named(silent="a machine in lockstep that is silent")
+
+
+def lost(source: random.Random, codec: Codec, at: int) -> Injection:
+    """One of the machine's frames does not arrive."""
+    cycles = source.choice((1, 2, 4, 7, 12, 40))
+    frame = source.choice(codec.device_ids)
+    sync = frame == codec.device_ids[0]
+    limit = None
+    if cycles >= (WATCHDOG + 5 if sync else AGE + 1):
+        limit = WATCHDOG if sync else AGE
+    says = (NOTHING_HEARD if sync else TOO_OLD) if limit else ""
+    shows = ("cycles_lost", "cycles_incomplete", "cycles_out_of_order")
+    fault = BusFault("lost", at, cycles, DEVICE, (frame,))
+    # In lockstep the cycle is sent again until it is answered: nothing trips.
+    again = Named((*shows, *AGAIN.shows, "cycles_duplicates"))
+    return Injection("bus", fault, limit, Named(shows, says), again)
+
+
+def late(source: random.Random, codec: Codec, at: int) -> Injection:
+    """The machine's frames arrive cycles later."""
+    amount = source.randrange(1, ALIVE_SPAN)
+    frames = () if source.random() < 0.3 else (source.choice(codec.device_ids),)
+    fault = BusFault("late", at, source.randint(1, 12), DEVICE, frames, amount=amount)
+    shows = ("cycles_out_of_order", "cycles_lost", "cycles_incomplete")
+    return Injection("bus", fault, None, Named(shows), Named((*shows, *AGAIN.shows)))
+
+
+def split(source: random.Random, codec: Codec, at: int) -> Injection:
+    """The rest of a cycle's frames arrives in the next one."""
+    stay = source.randint(1, len(codec.device_ids) - 1)
+    fault = BusFault("split", at, source.randint(1, 10), amount=stay)
+    again = Named((*AGAIN.shows, "cycles_out_of_order", "cycles_duplicates"))
+    return Injection("bus", fault, None, Named(("cycles_incomplete",)), again)
+
+
+def repeated(source: random.Random, codec: Codec, at: int) -> Injection:
+    """One of the machine's frames arrives several times."""
+    frame = source.choice(codec.device_ids)
+    fault = BusFault("repeated", at, 6, DEVICE, (frame,), amount=source.randint(1, 5))
+    named = Named(("cycles_duplicates", "cycles_repeated", "cycles_out_of_order"))
+    if frame == codec.device_ids[0]:
+        named = Named(silent="the machine's sync frame repeated")
+    return Injection("bus", fault, None, named)
+
+
+def reordered(source: random.Random, codec: Codec, at: int) -> Injection:
+    """The machine's frames overtake each other."""
+    fault = BusFault("reordered", at, 12, seed=source.randrange(1 << 30))
+    shows = ("cycles_out_of_order", "cycles_incomplete")
+    again = Named((*shows, *AGAIN.shows, "cycles_duplicates"))
+    return Injection("bus", fault, None, Named(shows), again)
+
+
+def corrupt(source: random.Random, codec: Codec, at: int) -> Injection:
+    """A bit of the machine's frames is another, or their end is missing."""
+    frames = () if source.random() < 0.3 else (source.choice(codec.device_ids),)
+    if source.random() < 0.7:
+        fault = BusFault("bit_flip", at, 4, DEVICE, frames, amount=source.randrange(64))
+    else:
+        fault = BusFault("truncated", at, 4, DEVICE, frames, amount=source.randrange(8))
+    return Injection("bus", fault, None, Named(("cycles_corrupt",)))
+
+
+def counters(source: random.Random, codec: Codec, at: int) -> Injection:
+    """The machine's counters stand still: all of a cycle, or one frame's alive counter."""
+    cycles = source.choice((3, 8, 40))
+    # In the first of its cycles the counter is still the right one.
+    limit = AGE + 1 if cycles > AGE + 1 else None
+    if source.random() < 0.5:
+        says = "sample counter stood still" if limit else ""
+        named = Named(("cycles_repeated", "cycles_duplicates"), says)
+        return Injection("bus", BusFault("frozen", at, cycles), limit, named, AGAIN)
+    frame = (source.choice(codec.device_ids[1:]),)
+    shows = ("cycles_out_of_order", "cycles_corrupt")
+    fault = BusFault("frozen_alive", at, cycles, DEVICE, frame)
+    return Injection("bus", fault, limit, Named(shows, TOO_OLD if limit else ""), Named(shows))
+
+
+def sensor(source: random.Random, codec: Codec, at: int) -> Injection:
+    """A position jumps, or a sensor reads the end of its range."""
+    joints, pressures = codec.mapping.joints, codec.mapping.pressures
+    if source.random() < 0.5:
+        name = source.choice(sorted(joints))
+        counts = source.choice((-1, 1)) * source.randint(4000, 1 << 20)
+        fault = BusFault("jump", at, 3, DEVICE, (), joints[name].signal, counts)
+        named = Named(("readings_jumps",), f"{name}: position jumped")
+        return Injection("bus", fault, AT_ONCE, named)
+    channels = {**joints, **pressures}
+    name = source.choice(sorted(channels))
+    fault = BusFault("extreme", at, 3, DEVICE, (), channels[name].signal, source.randrange(2))
+    named = (
+        Named(("readings_jumps",), f"{name}: position jumped")
+        if name in joints
+        else Named(("readings_out_of_range",), f"pressure {name} cannot be")
+    )
+    return Injection("bus", fault, AT_ONCE, named)
+
+
+def stuck(source: random.Random, codec: Codec, at: int) -> Injection:
+    """A sensor gives the same value on and on, while the machine moves."""
+    mapping = codec.mapping
+    kind = source.choice(("encoder", "encoder", "pressure"))
+    long = source.random() < 0.7
+    channels = mapping.joints if kind == "encoder" else mapping.pressures
+    name = source.choice(sorted(channels))
+    limit = None
+    if kind == "encoder":
+        cycles = STUCK + 20 if long else source.randint(20, 200)
+        limit = STUCK if long else None
+        named = Named(("readings_stuck",), f"{name}: encoder stuck")
+        brief = "an encoder stuck for less than 0.5 s"
+    else:
+        cycles = STILL + 20 if long else source.randint(20, 200)
+        named = Named(("readings_still",), f"pressure {name} without any noise")
+        brief = "a pressure stuck for less than 2 s"
+    fault = BusFault("stuck", at, cycles, DEVICE, (), channels[name].signal)
+    return Injection(
+        "bus", fault, limit, named if long else Named(silent=brief), None, sensor=kind
+    )
+
+
+def babble(source: random.Random, codec: Codec, at: int) -> Injection:
+    """Noise under the machine's identifiers, beside its frames."""
+    seed = source.randrange(1 << 30)
+    frames = () if source.random() < 0.5 else (source.choice(codec.device_ids),)
+    fault = BusFault("babble", at, 40, DEVICE, frames, amount=source.randint(5, 15), seed=seed)
+    return Injection("bus", fault, None, Named(("cycles_corrupt",)))
+
+
+def foreign(source: random.Random, codec: Codec, at: int) -> Injection:
+    """Somebody who knows counters and checks sends under one of the machine's identifiers."""
+    seed = source.randrange(1 << 30)
+    frame = (source.choice(codec.device_ids),)
+    fault = BusFault("foreign", at, 10, DEVICE, frame, amount=source.randint(1, 10), seed=seed)
+    shows = ("duplicates", "out_of_order", "lost", "repeated", "restarts", "corrupt")
+    named = Named((*(f"cycles_{name}" for name in shows), "trips"))
+    return Injection("bus", fault, None, named)
+
+
+def intruder(source: random.Random, codec: Codec, at: int) -> Injection:
+    """A second bridge, or a machine on the other clock."""
+    kind = source.choice(("second_bridge", "clock_bit"))
+    frames = (codec.device_ids[0],) if kind == "clock_bit" else ()
+    fault = BusFault(kind, at, 3, DEVICE, frames, seed=source.randrange(1 << 30))
+    says = "second bridge" if kind == "second_bridge" else "the device's clock is"
+    return Injection("bus", fault, AT_ONCE, Named(("trips",), says))
+
+
+def link(source: random.Random, codec: Codec, at: int) -> Injection:
+    """The bridge's own end of the bus: bus-off, a full queue, an interface that is gone."""
+    kind = source.choice(LINK)
+    cycles = source.choice((2, 10, 60))
+    limit = WATCHDOG if cycles > WATCHDOG else None
+    fault = BusFault(kind, at, cycles)
+    if kind == "bus_off":
+        named = Named(("bus_error_frames",), "bus-off")
+        return Injection("bus", fault, limit, named)
+    if kind == "queue_full":
+        named = Named(("bus_dropped",), "valve frames cannot be sent" if cycles > AGE else "")
+        return Injection("bus", fault, limit, named, Named(("bus_dropped",)))
+    shows = ("bus_send_errors", "cycles_lost", "trips")
+    named = Named(shows, f"{NOTHING_HEARD}|{TOO_OLD}" if cycles > AGE else "")
+    return Injection("bus", fault, limit, named, QUIET)
+
+
+def answers(source: random.Random, codec: Codec, at: int) -> Injection:
+    """What the bridge sends is lost, late, repeated, broken, or stands beside noise."""
+    kind = source.choice(("lost", "late", "repeated", "bit_flip", "truncated", "babble"))
+    cycles, amount = source.choice((1, 4, 40)), source.randint(1, 7)
+    if kind == "late":
+        cycles, amount = source.choice((4, 40)), source.randint(1, 30)
+    if kind == "bit_flip":
+        amount = source.randrange(64)
+    gone = kind in ("lost", "bit_flip", "truncated") or (kind == "late" and amount > AGE)
+    limit = WATCHDOG if gone and cycles > WATCHDOG else None
+    seed = source.randrange(1 << 30)
+    fault = BusFault(kind, at, cycles, BRIDGE, amount=amount, seed=seed)
+    if limit:
+        named = Named(("trips",), "watchdog shut them down")
+    elif gone:
+        named = Named(silent="valve frames lost, broken or late for less than 50 ms")
+    elif kind == "late":
+        named = Named(silent="valve frames late, and still in time")
+    elif kind == "repeated":
+        named = Named(silent="valve frames repeated")
+    else:
+        named = Named(silent="noise under the valve frame's identifier")
+    # There the machine asks again for what it did not get.
+    return Injection("bus", fault, limit, named, AGAIN if gone or kind == "late" else None)

@@ -1,0 +1,49 @@
+"""How old a valve command the simulated amplifiers take."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hydro_hw_bridge.bus import Bus, BusName
+from hydro_hw_bridge.codec import Codec, CommandFrame
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.device import Device
+from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_model.robot import Robot
+
+#: 10 ms that drive, 50 ms of 0 V and enable off.
+DRIVES, STOPS = 5, 25
+COMMAND = CommandFrame(0, 16, (1.0, 0.0), True)
+
+
+@pytest.fixture(scope="module")
+def device(robot: Robot, codec: Codec) -> Device:
+    core = RigCore(robot, load_truth("realistic", robot))
+    return Device(core, codec, Bus(BusName("no", "bus"), object()), lockstep=False)
+
+
+@pytest.mark.parametrize("counter", [1000, 2, (1 << 16) + 3, (1 << 32) - 1])
+@pytest.mark.parametrize(("enable", "oldest"), [(True, DRIVES), (False, STOPS)])
+def test_a_command_is_taken_up_to_its_age_and_then_counted(
+    device: Device, counter: int, enable: bool, oldest: int
+) -> None:
+    device.core.counter = counter
+    before = device.counters.stale
+    for age in range(oldest + 1):
+        command = replace(COMMAND, answered=(counter - age) % (1 << 16), enable=enable)
+        assert device.is_fresh(command)
+    assert device.counters.stale == before
+    for age in (oldest + 1, oldest + 2, 300, -1):  # the last is of a cycle that has not been
+        command = replace(COMMAND, answered=(counter - age) % (1 << 16), enable=enable)
+        assert not device.is_fresh(command)
+    assert device.counters.stale == before + 4
+
+
+def test_of_a_counter_of_four_bits_no_more_than_it_can_tell(device: Device) -> None:
+    device.core.counter = 1000
+    for age in range(16):
+        command = replace(COMMAND, answered=(1000 - age) % 16, answered_bits=4, enable=False)
+        assert device.is_fresh(command)
+        assert device.is_fresh(replace(command, enable=True)) is (age <= DRIVES)
