@@ -65,6 +65,7 @@ class ControllerNode(LifecycleNode):
             settings.start_delay_s,
             settings.adaptation,
             settings.tip_speed_limit_m_s,
+            settings.runaway,
         )
 
     def _on_parameters(self, changed: list[Parameter]) -> SetParametersResult:
@@ -191,7 +192,7 @@ class ControllerNode(LifecycleNode):
 
     def _status(self) -> tuple[bytes, str]:
         if not self._active or self._hot is None:
-            return OK, "inactive" if self._hot is not None else "not configured"
+            return OK, topics.IDLE[0] if self._hot is not None else topics.IDLE[1]
         last = self._core.last
         count, lacking = self._hot.malformed
         if last is not None and last.output.fault:

@@ -22,6 +22,7 @@ from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
 from hydro_control.output import Output
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
+from hydro_control.runaway import RunawayLimits, RunawayWatch
 from hydro_control.sample import Sample
 from hydro_control.sensor_correction import SensorCorrection
 from hydro_control.trajectory import Waypoint
@@ -111,6 +112,8 @@ class ControllerCore:
         Off by default.
     tip_speed_m_s : float
         Faster tip paths are refused, faster required motion is slowed.
+    runaway : RunawayLimits, optional
+        What measured motion ends in 0 V until `restart`; by default the shipped limits.
 
     Raises
     ------
@@ -124,6 +127,7 @@ class ControllerCore:
     start_delay_s: float = 0.0
     adaptation: AdaptationSettings | None = None
     tip_speed_m_s: float = TIP_SPEED_M_S
+    runaway: RunawayLimits = field(default_factory=RunawayLimits)
     counts: Counts = field(default_factory=Counts)
     message: str = ""
 
@@ -139,6 +143,7 @@ class ControllerCore:
         self._last: Answer | None = None
         self._adaptation_reset = False
         self._watch = AppliedWatch()
+        self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         if self.path is not None:
             check_path(self.robot, self.path)
             refuse_fast(self.path, self.tip_speed_m_s)
@@ -167,6 +172,7 @@ class ControllerCore:
         self._run, self._last = None, None
         self._adaptation_reset = False
         self._watch.clear()
+        self._runaway.forget()
         self.message = ""
 
     @property
@@ -212,12 +218,24 @@ class ControllerCore:
         gauge = self._gauge(sample)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
-        output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead(now_s))
+        if self._runaway.fault:
+            output = self.law.stopped(sample.q, reference, self._runaway.fault)
+        else:
+            output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead(now_s))
         self._count(sample.stamp_ns, output)
         moving = any(reference.velocity.tolist())
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
+
+    def _guard(self, run: _Run) -> None:
+        """Judge the measured motion; what runs away is at 0 V until `restart`."""
+        watch = self._runaway
+        fault = watch.judge(run.now_s, run.q, driven=not self._watch.withheld)
+        self.law.let_beyond(watch.lower, watch.upper)
+        if fault:
+            run.player.hold(run.q, run.now_s)
+            run.stop, run.pending, run.anew = False, None, False
 
     def _ahead(self, now_s: float) -> Reference | None:
         """The reference at the instant that the law looks ahead to."""
@@ -257,6 +275,7 @@ class ControllerCore:
         run.now_s = (sample.stamp_ns - run.first_ns) / _SECOND_NS
         if finite:
             run.q = sample.q
+            self._guard(run)
         if self._watch.withheld:
             self._follow(run)
         elif run.following:
@@ -371,6 +390,8 @@ class ControllerCore:
         if not waypoints:
             run.stop = True
             return
+        if self._runaway.fault:
+            raise self._refusal(f"the controller stopped: {self._runaway.fault}")
         if run.following:
             raise self._refusal("the valves do not get the commands")
         wait_s = (start_ns - run.first_ns) / _SECOND_NS - run.now_s if start_ns else 0.0

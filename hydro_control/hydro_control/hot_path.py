@@ -119,11 +119,11 @@ class HotPath:
     def state(self) -> str:
         """What it is doing, in words."""
         if not self._matched:
-            return "waiting for the bridge" + (
+            return f"{topics.WAITING}the bridge" + (
                 " and the recorders" if self._required[self._joint_reference] else ""
             )
         if self._core.last is None:
-            return "waiting for sensors"
+            return f"{topics.WAITING}sensors"
         return "following" if self._core.moving else "holding"
 
     @property

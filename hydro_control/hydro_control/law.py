@@ -24,7 +24,7 @@ from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
 from hydro_control.filters import FilteredDifference, difference_lag_s
 from hydro_control.gains import Gains
-from hydro_control.law_arrays import SLEW, law_arrays, law_work
+from hydro_control.law_arrays import OPEN_LOWER, OPEN_UPPER, SLEW, law_arrays, law_work
 from hydro_control.law_kernels import (
     ROWS,
     Required,
@@ -183,7 +183,7 @@ class ControlLaw:
         """
         fault = not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
         if fault:
-            return self._stopped(q, reference, fault)
+            return self.stopped(q, reference, fault)
         steps, notes = self._advance(stamp_s)
         now = state = self._state.measured(q, np.array([p_a, p_b]), p_s, p_t, steps)
         if ahead is not None:
@@ -197,7 +197,7 @@ class ControlLaw:
         flow_term, signal = self._signals(state, rows, rate, leak, steps)
         if not math.isfinite(sum(signal.tolist())):
             fault = f"expected finite valve signals, found {signal.tolist()}"
-            return self._stopped(q, reference, fault)
+            return self.stopped(q, reference, fault)
         voltage_v = self._driven(signal, now.pressures)
         if self.adaptation is not None:
             self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
@@ -215,7 +215,31 @@ class ControlLaw:
             notes=notes + limit_notes(limits),
         )
 
-    def _stopped(self, q: FloatArray, reference: Reference, fault: str) -> Output:
+    def let_beyond(self, lower: FloatArray, upper: FloatArray) -> None:
+        """Let joints be beyond their ends, where the machine stands there already.
+
+        Parameters
+        ----------
+        lower, upper : (n,) array
+            Where they may be, rad or m. Required motion never leads further out.
+        """
+        self._arrays.limits[OPEN_LOWER], self._arrays.limits[OPEN_UPPER] = lower, upper
+
+    def stopped(self, q: FloatArray, reference: Reference, fault: str) -> Output:
+        """Answer a sample with 0 V, and forget those before.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint positions, rad or m.
+        reference : Reference
+        fault : str
+            Why.
+
+        Returns
+        -------
+        Output
+        """
         self.reset()
         return stopped(q, reference, len(self._voltage_v), fault)
 

@@ -21,7 +21,7 @@ C_PA, C_AT, C_PB, C_BT = range(4)
 # Columns of `LawArrays.at`.
 CYLINDER, VALVE = range(2)
 # Rows of `LawArrays.limits`, entries of `LawArrays.gains`.
-SPEED, LOWER, UPPER, BRAKING = range(4)
+SPEED, LOWER, UPPER, OPEN_LOWER, OPEN_UPPER = range(5)
 K_P, K_V, K_F, K_X, TIP_SPEED, PRESSURE, SLEW = range(7)
 
 
@@ -40,7 +40,8 @@ class LawArrays(NamedTuple):
     edges: FloatArray  # (n, 4)
     rated_v: FloatArray  # (n,)
     at: NDArray[np.int64]  # (n, 2) places in the robot's cylinders and valves
-    limits: FloatArray  # (4, n) velocities, lower and upper ends, decelerations before these
+    limits: FloatArray  # (5, n) velocities, ends, and where the joints may be
+    braking: FloatArray  # (2, n, POINTS) as of `hydro_control.braking`
     gains: FloatArray  # (7,) the last is the greatest step of a voltage
 
 
@@ -77,6 +78,7 @@ def law_arrays(
     """
     chain = chain_arrays(robot)
     speeds = [axis.joint.velocity_limit for axis in axes]
+    opened = limits.open_lower, limits.open_upper
     of_law = (gains.k_p_1_s, gains.k_v, gains.k_f_m2_ns, gains.k_x_m)
     of_limits = (limits.tip_speed_m_s, limits.pressure_pa, gains.slew_limit_v_s * dt_s)
     return LawArrays(
@@ -87,7 +89,8 @@ def law_arrays(
         edges=np.array([(v.c_pa, v.c_at, v.c_pb, v.c_bt) for v in (a.valve for a in axes)]),
         rated_v=np.array([axis.valve.rated_voltage_v for axis in axes]),
         at=np.array([(a.cylinder_index, a.valve_index) for a in axes], dtype=np.int64),
-        limits=np.array([speeds, limits.lower, limits.upper, limits.braking]),
+        limits=np.array([speeds, limits.lower, limits.upper, *opened]),
+        braking=limits.braking,
         gains=np.array([*of_law, *of_limits]),
     )
 

@@ -1,4 +1,4 @@
-"""`lifecycle TRANSITION NODE`: change or read the state of a lifecycle node, without ros2cli."""
+"""`lifecycle TRANSITION NODE`: change or read the state of a node, without ros2cli."""
 
 from __future__ import annotations
 
@@ -10,12 +10,24 @@ from typing import Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 from hydro_msgs_docs.local_topics import stay_local
 
 #: Time without an answer after which a node is asked again.
 _AGAIN_S = 5.0
 NAME = "lifecycle"
-_TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "shutdown")
+#: No transition: a bridge that has tripped stays active.
+CLEAR_TRIP = "clear_trip"
+#: Transitions, and the state that a node is in after each.
+_TRANSITIONS = {
+    "configure": "inactive",
+    "activate": "active",
+    "deactivate": "inactive",
+    "cleanup": "unconfigured",
+    "shutdown": "finalized",
+}
+#: Of what `--json` writes.
+SCHEMA = "hydro_control/lifecycle/1"
 
 
 class TransitionError(ControlError):
@@ -59,25 +71,41 @@ def run(arguments: Sequence[str]) -> int:
     node = rclpy.create_node(f"lifecycle_{args.transition}", start_parameter_services=False)
     try:
         target = "/" + args.node.strip("/")
-        if args.transition == "get":
-            print(_state(rclpy, node, target, args.timeout))
-        else:
-            _change(rclpy, node, target, args.transition, args.timeout)
+        found, text = _done(rclpy, node, target, args.transition, args.timeout)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+    asked = {"schema": SCHEMA, "node": target, "asked": args.transition}
+    report(args.json, {**asked, **found}, text)
     return 0
+
+
+def _done(
+    rclpy: Any, node: Any, target: str, asked: str, timeout_s: float
+) -> tuple[dict[str, str], str]:
+    """What came of it, for a program and for a person."""
+    if asked == "get":
+        state = _state(rclpy, node, target, timeout_s)
+        return {"state": state}, state
+    if asked == CLEAR_TRIP:
+        message = _clear_trip(rclpy, node, target, timeout_s)
+        return {"message": message}, message
+    _change(rclpy, node, target, asked, timeout_s)
+    return {"state": _TRANSITIONS[asked]}, ""
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog=NAME, description="Change or read the state of a lifecycle node."
+        prog=NAME,
+        description="Change or read the state of a lifecycle node, or clear the trip of a bridge"
+        " once its cause is gone.",
     )
-    parser.add_argument("transition", choices=(*_TRANSITIONS, "get"))
+    parser.add_argument("transition", choices=(*_TRANSITIONS, "get", CLEAR_TRIP))
     parser.add_argument("node", metavar="NODE", help="name of the node, such as controller")
     parser.add_argument(
         "--timeout", type=_seconds, default=10.0, metavar="S", help="seconds to wait (default 10)"
     )
+    add_json(parser, "node and state, or what the node said,")
     return parser
 
 
@@ -127,6 +155,16 @@ def _state(rclpy: Any, node: Any, target: str, timeout_s: float) -> str:
         rclpy, node, GetState, service, GetState.Request(), timeout_s, "get", again=True
     )
     return str(answer.current_state.label)
+
+
+def _clear_trip(rclpy: Any, node: Any, target: str, timeout_s: float) -> str:
+    from std_srvs.srv import Trigger
+
+    service = f"{target}/{CLEAR_TRIP}"
+    answer = _call(rclpy, node, Trigger, service, Trigger.Request(), timeout_s, CLEAR_TRIP)
+    if not answer.success:
+        raise TransitionError(f"{target} is not cleared: {answer.message}")
+    return str(answer.message)
 
 
 def _change(rclpy: Any, node: Any, target: str, transition: str, timeout_s: float) -> None:

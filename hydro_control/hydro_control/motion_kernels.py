@@ -17,7 +17,16 @@ from typing import Any
 
 from numba import njit
 
-from hydro_control.law_arrays import BRAKING, K_P, LOWER, SPEED, TIP_SPEED, UPPER
+from hydro_control.braking import DOWN, POINTS, REACTION_S, RETURN_S, UP
+from hydro_control.law_arrays import (
+    K_P,
+    LOWER,
+    OPEN_LOWER,
+    OPEN_UPPER,
+    SPEED,
+    TIP_SPEED,
+    UPPER,
+)
 from hydro_control.motion_limits import END_NOTE, TIP_SPEED_NOTE
 from hydro_control.required_motion import (
     ACCELERATION_PER_VELOCITY_1_S,
@@ -246,23 +255,39 @@ def _slower_tip(arrays: Any, work: Any, qd_r: Array, qdd_r: Array) -> int:
     return TIP_AT_SPEED
 
 
+@inlined
+def _speed_before_end(
+    energies: Array, lower: float, upper: float, q: float, beyond: float
+) -> tuple[float, float]:
+    """As `hydro_control.braking.speed_before_end`."""
+    step = (upper - lower) / (POINTS - 1)
+    at = clipped((q - lower) / step, 0.0, POINTS - 1.0)
+    # What is no number must not become an index.
+    k = min(int(at), POINTS - 2) if at > 0.0 else 0
+    rise = energies[k + 1] - energies[k]
+    energy, brake = energies[k] + (at - k) * rise, abs(rise) / step
+    early = brake * REACTION_S
+    speed = math.sqrt(early * early + 2.0 * energy) - early
+    return speed - max(beyond, 0.0) / RETURN_S, brake / (speed + early)
+
+
 @compiled
 def _before_the_ends(arrays: Any, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> int:
     """No joint faster towards an end than it can brake from."""
     noted = 0
     for i in range(q.shape[0]):
-        brake = arrays.limits[BRAKING, i]
-        up = math.sqrt(2.0 * brake * max(arrays.limits[UPPER, i] - q[i], 0.0))
-        down = math.sqrt(2.0 * brake * max(q[i] - arrays.limits[LOWER, i], 0.0))
-        asked = qd_r[i]
-        kept = clipped(asked, -down, up)
-        if kept == asked:
-            continue
-        noted = BEFORE_END
-        towards = 1.0 if asked > 0.0 else -1.0
-        # Along sqrt(2 a d) the speed falls by a while the joint moves at it.
-        slowing = -brake if qd[i] * towards > 0.0 else 0.0
-        qd_r[i], qdd_r[i] = kept, towards * min(qdd_r[i] * towards, slowing)
+        lower, upper = arrays.limits[LOWER, i], arrays.limits[UPPER, i]
+        beyond = q[i] - arrays.limits[OPEN_UPPER, i], arrays.limits[OPEN_LOWER, i] - q[i]
+        for side in (UP, DOWN):
+            towards = 1.0 if side == UP else -1.0
+            energies = arrays.braking[side, i]
+            most, fall = _speed_before_end(energies, lower, upper, q[i], beyond[side])
+            if not qd_r[i] * towards > most:
+                continue
+            noted = BEFORE_END
+            # The speed that is kept falls as fast as the joint comes nearer.
+            slowing = -fall * max(qd[i] * towards, 0.0)
+            qd_r[i], qdd_r[i] = towards * most, towards * min(qdd_r[i] * towards, slowing)
     return noted
 
 

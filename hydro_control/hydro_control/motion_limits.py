@@ -8,9 +8,11 @@ elsewhere than the arm, an arm that drifted, a command from feedback alone. Pure
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
+from hydro_control.braking import DOWN, UP, braking_energies, speed_before_end
 from hydro_control.errors import ControlError
 from hydro_control.required_motion import JointMotion
 from hydro_model.cylinder import stroke
@@ -18,8 +20,6 @@ from hydro_model.kinematics import tip_state
 from hydro_model.paths import Path, TipPath
 from hydro_model.robot import FloatArray, Robot
 
-#: Braking before an end: this many velocity limits per second, so at most 0.2 s from full speed.
-BRAKING_PER_VELOCITY_1_S = 5.0
 #: Points of a joint's range at which strokes are looked at.
 _GRID = 2001
 #: Tip speed unless told otherwise.
@@ -42,8 +42,11 @@ class MotionLimits:
     ----------
     lower, upper : (n,) array
         Joint positions within the joints' limits and the cylinders' strokes, rad or m.
-    braking : (n,) array
-        Deceleration that required motion brakes with, rad/s^2 or m/s^2.
+    open_lower, open_upper : (n,) array
+        Where the joints may be: the ends, or beyond one as far as the machine stood when driving
+        began. From further out it is asked back.
+    braking : (2, n, POINTS) array
+        Speeds from which the joints stop before their ends, as of `braking_energies`.
     tip_speed_m_s : float
     pressure_pa : float
         Gauge; no valve feeds a chamber above it: the transducers' range.
@@ -51,6 +54,8 @@ class MotionLimits:
 
     lower: FloatArray
     upper: FloatArray
+    open_lower: FloatArray
+    open_upper: FloatArray
     braking: FloatArray
     tip_speed_m_s: float
     pressure_pa: float
@@ -81,7 +86,9 @@ def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimit
     return MotionLimits(
         lower=lower,
         upper=upper,
-        braking=BRAKING_PER_VELOCITY_1_S * speeds,
+        open_lower=lower.copy(),
+        open_upper=upper.copy(),
+        braking=braking_energies(robot, lower, upper, speeds),
         tip_speed_m_s=tip_speed_m_s,
         pressure_pa=robot.sensors.pressure_range_pa,
     )
@@ -92,9 +99,10 @@ def limited(
 ) -> JointMotion:
     """A required motion that keeps the limits.
 
-    Towards an end a joint is never asked for more than the speed that it can still brake from,
-    ``sqrt(2 a d)`` at a distance d, and beyond an end for none; away from an end it may always
-    go. Where the tip would be too fast the whole motion is slowed, so that its direction stays.
+    Towards an end a joint is never asked for more than the speed that it can still brake from
+    (`hydro_control.braking`), and beyond an end for none; beyond where it may be it is asked
+    back. Away from an end it may always go. Where the tip would be too fast the whole motion is
+    slowed, so that its direction stays.
 
     Parameters
     ----------
@@ -131,22 +139,20 @@ def _slower_tip(
 def _before_the_ends(
     limits: MotionLimits, q: FloatArray, qd: FloatArray, motion: JointMotion
 ) -> JointMotion:
-    up = np.sqrt(2.0 * limits.braking * np.maximum(limits.upper - q, 0.0))
-    down = np.sqrt(2.0 * limits.braking * np.maximum(q - limits.lower, 0.0))
-    kept = np.clip(motion.qd_r, -down, up)
-    changed = kept != motion.qd_r
-    if not np.any(changed):
+    kept, qdd_r = motion.qd_r.copy(), motion.qdd_r.copy()
+    beyond = q - limits.open_upper, limits.open_lower - q
+    for i, side in product(range(len(q)), (UP, DOWN)):
+        towards = 1.0 if side == UP else -1.0
+        at = float(limits.lower[i]), float(limits.upper[i]), float(q[i]), float(beyond[side][i])
+        most, fall = speed_before_end(limits.braking[side, i], *at)
+        if kept[i] * towards > most:
+            kept[i] = towards * most
+            # The speed that is kept falls as fast as the joint comes nearer.
+            slowing = fall * max(float(qd[i]) * towards, 0.0)
+            qdd_r[i] = towards * min(float(qdd_r[i]) * towards, -slowing)
+    if np.array_equal(kept, motion.qd_r):
         return motion
-    towards = np.sign(motion.qd_r)
-    # Along sqrt(2 a d) the speed falls by a while the joint moves at it.
-    brake = np.where(qd * towards > 0.0, limits.braking, 0.0)
-    slowing = towards * np.minimum(motion.qdd_r * towards, -brake)
-    return replace(
-        motion,
-        qd_r=kept,
-        qdd_r=np.where(changed, slowing, motion.qdd_r),
-        notes=(*motion.notes, END_NOTE),
-    )
+    return replace(motion, qd_r=kept, qdd_r=qdd_r, notes=(*motion.notes, END_NOTE))
 
 
 def refuse_fast(path: Path, tip_speed_m_s: float) -> None:

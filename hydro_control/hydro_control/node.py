@@ -84,6 +84,10 @@ def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
     return own
 
 
+#: A signal is heard between two waits of the executor: no longer than this after it came.
+_SPIN_S = 0.02
+
+
 def _start_ros(rclpy: Any, arguments: Sequence[str], signals: Any) -> None:
     from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 
@@ -113,7 +117,7 @@ def _spin(rclpy: Any, node: ControllerNode) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     while rclpy.ok() and not received and node.failure is None:
-        executor.spin_once(timeout_sec=0.05)
+        executor.spin_once(timeout_sec=_SPIN_S)
     node.stop_driving()
     executor.remove_node(node)
     if node.failure is not None:

@@ -11,8 +11,11 @@ from hydro_control.axes import Axis
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray
 
-#: Share of the stroke kept from either end, so that eq. 23 stays finite at the end stops.
-STROKE_MARGIN = 0.01
+#: Share of the stroke kept from either end. There what the swept column leaves out is most of the
+#: oil: hoses and valve blocks hold a third of a litre to two, as much as 10 to 70 % of a stroke of
+#: such cylinders. Counted on as too stiff, the oil is fed too little: the force comes late, and
+#: the arm swings before the end. Too soft by this much the loop stays steady with no hose at all.
+STROKE_MARGIN = 0.1
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from hydro_control.adaptation_settings import KINDS, AdaptationSettings, kinds_o
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.motion_limits import TIP_SPEED_M_S
+from hydro_control.runaway import RunawayLimits
 from hydro_msgs_docs.real_time import OPTIONS, RealTimeOptions
 
 Value = str | int | float | bool
@@ -39,6 +40,7 @@ class Parameter:
 
 _GAINS = Gains()
 _ADAPT = AdaptationSettings()
+_RUNAWAY = RunawayLimits()
 
 PARAMETERS = (
     Parameter("robot", "xs031", "", "a *.hydraulics.yaml or model.yaml, or a shipped robot"),
@@ -97,6 +99,24 @@ PARAMETERS = (
         "greatest tip speed: faster tip paths are refused, faster required motion is slowed",
         0.01,
         20,
+    ),
+    Parameter(
+        "fault_end_share",
+        _RUNAWAY.end_share,
+        "",
+        "0 V where a joint is measured beyond its end, or further out than where it began, by more"
+        " than this share of its range; latched",
+        1e-3,
+        0.09,
+    ),
+    Parameter(
+        "fault_speed_factor",
+        _RUNAWAY.speed_factor,
+        "",
+        "0 V where a joint or the tip is measured faster than its limit times this, the tip by"
+        " 0.2 m/s at least; latched",
+        1.1,
+        10,
     ),
     Parameter(
         "adaptation",
@@ -231,6 +251,7 @@ class Settings:
     required_recorders : int
     gains : Gains
     tip_speed_limit_m_s : float
+    runaway : RunawayLimits
     adaptation : AdaptationSettings
     real_time : RealTimeOptions
     """
@@ -241,6 +262,7 @@ class Settings:
     required_recorders: int
     gains: Gains
     tip_speed_limit_m_s: float
+    runaway: RunawayLimits
     adaptation: AdaptationSettings
     real_time: RealTimeOptions
 
@@ -255,6 +277,7 @@ def read(node: Any) -> Settings:
         required_recorders=values["required_recorders"],
         gains=Gains(**{f.name: values[f.name] for f in fields(Gains)}),
         tip_speed_limit_m_s=values["tip_speed_limit_m_s"],
+        runaway=RunawayLimits(values["fault_end_share"], values["fault_speed_factor"]),
         adaptation=AdaptationSettings(
             kinds=kinds_of(values["adaptation"]),
             **{

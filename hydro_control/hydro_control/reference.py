@@ -212,11 +212,25 @@ class ReferencePlayer:
             path = TipPath(segments, tip_link=self.robot.tip_link)
         else:
             path = JointPath(segments, joints=self.robot.joint_names)
+        start = segments[0].sample(0.0)[0]
         try:
-            check_path(self.robot, path, near=q, step_s=step_s)
+            pose = start if space == "joint" else joints_at_tip(self.robot, start, q)
+            check_path(_reaching(self.robot, pose), path, near=q, step_s=step_s)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
         refuse_fast(path, self._tip_speed_m_s)
+
+
+def _reaching(robot: Robot, q: FloatArray) -> Robot:
+    """The robot with joint limits that take in a pose: from beyond an end the way back is open."""
+    poses = q.tolist()
+    if all(j.lower <= at <= j.upper for j, at in zip(robot.joints, poses, strict=True)):
+        return robot
+    joints = tuple(
+        replace(joint, lower=min(joint.lower, at), upper=max(joint.upper, at))
+        for joint, at in zip(robot.joints, poses, strict=True)
+    )
+    return replace(robot, joints=joints)
 
 
 def _hold(space: Literal["tip", "joint"], position: FloatArray) -> Plan:

@@ -10,9 +10,12 @@ from typing import Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 from hydro_msgs_docs.local_topics import stay_local
 
 NAME = "send_path"
+#: Of what `--json` writes.
+SCHEMA = "hydro_control/sent_path/1"
 
 
 class SendError(ControlError):
@@ -66,8 +69,47 @@ def run(arguments: Sequence[str]) -> int:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    print(f"{topic}: {len(message.points)} points, {path.duration_s:.2f} s")
+    text = f"{topic}: {len(message.points)} points, {path.duration_s:.2f} s"
+    report(args.json, sent_dict(args.path, path, topic, len(message.points)), text)
     return 0
+
+
+def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
+    """What was sent, for a program.
+
+    Parameters
+    ----------
+    name : str
+        Of the path, as given.
+    path : hydro_model.paths.TipPath or hydro_model.paths.JointPath
+    topic : str
+    points : int
+        Of the message.
+
+    Returns
+    -------
+    dict
+        `start` and `end` are positions: of the tip in `frame`, m, or of the `joints`, rad or m.
+    """
+    from hydro_control.trajectory import waypoints_of
+    from hydro_model.paths import TipPath
+
+    waypoints = waypoints_of(path)
+    of = (
+        {"kind": "tip", "frame": path.frame, "tip_link": path.tip_link}
+        if isinstance(path, TipPath)
+        else {"kind": "joint", "joints": list(path.joints)}
+    )
+    return {
+        "schema": SCHEMA,
+        "path": name,
+        "topic": topic,
+        **of,
+        "points": points,
+        "duration_s": path.duration_s,
+        "start": waypoints[0].position.tolist(),
+        "end": waypoints[-1].position.tolist(),
+    }
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -78,6 +120,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--timeout", type=float, default=5.0, metavar="S", help="seconds to wait (default 5)"
     )
+    add_json(parser, "what was sent")
     return parser
 
 

@@ -1,7 +1,8 @@
-"""Parameters of a configured controller: a change is refused, whatever it is."""
+"""Parameters of a controller: refused while it is configured, taken within their ranges before."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from typing import Any
@@ -12,11 +13,19 @@ rclpy = pytest.importorskip("rclpy")
 
 from rclpy.parameter import Parameter  # noqa: E402
 
+from hydro_control import parameters  # noqa: E402
 from hydro_control.controller_node import ControllerNode  # noqa: E402
-from hydro_control.parameters import PARAMETERS  # noqa: E402
+from hydro_control.parameters import PARAMETERS, Value  # noqa: E402
 
 pytestmark = pytest.mark.ros
 DOMAIN = 10 + (os.getpid() + 60) % 90
+#: Texts that a configured controller could use.
+TEXTS = {
+    "robot": "patu655",
+    "path": "xs031/parallelogram",
+    "adaptation": "payload, friction",
+    "cpu_affinity": "0",
+}
 
 
 @pytest.fixture
@@ -29,15 +38,79 @@ def node(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     rclpy.try_shutdown()
 
 
+def others(rule: parameters.Parameter) -> list[Value]:
+    """Legal values that are not the default: of a number both ends of its range."""
+    if isinstance(rule.default, str):
+        return [TEXTS[rule.name]]
+    if isinstance(rule.default, bool):
+        return [not rule.default]
+    kind = type(rule.default)
+    ends: list[Value] = [kind(rule.lower), kind(rule.upper)]
+    return [value for value in ends if value != rule.default]
+
+
+def illegal(rule: parameters.Parameter) -> list[Value]:
+    """Just outside the range, not finite, or of another type."""
+    if isinstance(rule.default, str | bool):
+        return [1.5]
+    if isinstance(rule.default, int):
+        return [int(rule.lower) - 1, int(rule.upper) + 1, "1"]
+    step = 1e-3 * (rule.upper - rule.lower)
+    beyond = [rule.lower - step, rule.upper + step, math.inf, -math.inf, math.nan]
+    return [*beyond, int(rule.upper), "1"]
+
+
+def taken(node: Any, name: str, value: Value) -> bool:
+    """Whether a value was accepted; the node has it then, and what it had before else."""
+    before = node.get_parameter(name).value
+    result = node.set_parameters([Parameter(name, value=value)])[0]
+    assert node.get_parameter(name).value == (value if result.successful else before)
+    assert result.successful or result.reason
+    return bool(result.successful)
+
+
+@pytest.mark.parametrize("active", [False, True])
 def test_every_parameter_is_refused_once_configured_and_taken_again_after_cleanup(
-    node: Any,
+    node: Any, active: bool
 ) -> None:
     node.trigger_configure()
+    if active:
+        node.trigger_activate()
     for rule in PARAMETERS:
-        before = node.get_parameter(rule.name).value
-        result = node.set_parameters([Parameter(rule.name, value=rule.default)])[0]
-        assert not result.successful, rule.name
-        assert "clean up first" in result.reason
-        assert node.get_parameter(rule.name).value == before
+        for value in (rule.default, *others(rule), *illegal(rule)):
+            assert not taken(node, rule.name, value), (rule.name, value)
+        refused = node.set_parameters([Parameter(rule.name, value=others(rule)[0])])[0]
+        assert "clean up first" in refused.reason
+        assert node.get_parameter(rule.name).value == rule.default
+    if active:
+        node.trigger_deactivate()
     node.trigger_cleanup()
-    assert node.set_parameters([Parameter("k_v", value=1.0)])[0].successful
+    for rule in PARAMETERS:
+        assert taken(node, rule.name, others(rule)[0]), rule.name
+
+
+def test_before_it_is_configured_every_value_in_range_is_taken_and_no_other(node: Any) -> None:
+    for rule in PARAMETERS:
+        for value in (*others(rule), rule.default):
+            assert taken(node, rule.name, value), (rule.name, value)
+        for value in illegal(rule):
+            assert not taken(node, rule.name, value), (rule.name, value)
+
+
+def test_what_was_set_before_is_what_the_configured_controller_has(node: Any) -> None:
+    given: dict[str, Value] = {
+        "k_p_1_s": 11.0,
+        "slew_limit_v_s": 250.0,
+        "tip_speed_limit_m_s": 0.4,
+        "fault_end_share": 0.03,
+        "fault_speed_factor": 2.5,
+        "adaptation": "payload",
+    }
+    for name, value in given.items():
+        assert taken(node, name, value)
+    node.trigger_configure()
+    core = node._core
+    assert (core.gains.k_p_1_s, core.gains.slew_limit_v_s) == (11.0, 250.0)
+    assert core.law.limits.tip_speed_m_s == 0.4
+    assert (core.runaway.end_share, core.runaway.speed_factor) == (0.03, 2.5)
+    assert core.law.adaptation is not None

@@ -66,35 +66,45 @@ class Machine:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=DOMAIN)
         self.node = rclpy.create_node("machine", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._ended = False
+        self._spinner = threading.Thread(target=self._spin)
+        self._spinner.start()
         kinds = {"joints": topics.JOINT_STATES, "pressures": topics.CHAMBER_PRESSURES}
         self.publishers = {
-            name: self.node.create_publisher(_kind(topic), topic, topics.reliable())
-            for name, topic in kinds.items()
+            name: self.publisher(topic, topics.reliable()) for name, topic in kinds.items()
         }
         self.heard: dict[str, list[Any]] = {}
         for topic in (topics.VALVE_COMMAND, topics.JOINT_REFERENCE, topics.TIP_REFERENCE):
             self.listen(topic)
         self.listen(topics.DIAGNOSTICS)
-        executor = SingleThreadedExecutor(context=self.context)
-        executor.add_node(self.node)
-        self._spinner = threading.Thread(target=self._spin, args=(executor,))
-        self._ended = False
-        self._spinner.start()
 
-    def _spin(self, executor: Any) -> None:
+    def _spin(self) -> None:
         while not self._ended:
-            executor.spin_once(timeout_sec=0.02)
+            self._executor.spin_once(timeout_sec=0.02)
+
+    def make(self, make: Callable[[], Any]) -> Any:
+        """What a call creates, called where the node spins: rclpy's wait set takes no others."""
+        made = self._executor.create_task(make)
+        assert _wait_for(made.done)
+        return made.result()
+
+    def publisher(self, topic: str, quality: Any) -> Any:
+        return self.make(lambda: self.node.create_publisher(_kind(topic), topic, quality))
 
     def listen(self, topic: str) -> None:
         heard = self.heard.setdefault(topic, [])
-        self.node.create_subscription(_kind(topic), topic, heard.append, topics.reliable(1000))
+        kind, quality = _kind(topic), topics.reliable(1000)
+        self.make(lambda: self.node.create_subscription(kind, topic, heard.append, quality))
 
     def transition(self, name: str) -> None:
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
         number = getattr(Transition, f"TRANSITION_{name.upper()}")
-        client = self.node.create_client(ChangeState, "/controller/change_state")
+        service = "/controller/change_state"
+        client = self.make(lambda: self.node.create_client(ChangeState, service))
         assert client.wait_for_service(PATIENCE_S)
         request = ChangeState.Request()
         request.transition.id = number
@@ -107,6 +117,7 @@ class Machine:
 
         self._ended = True
         self._spinner.join()
+        self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
 

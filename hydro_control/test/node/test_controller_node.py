@@ -20,7 +20,6 @@ from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import joint_state, stamp_ns
 
 rclpy = pytest.importorskip("rclpy")
-from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_control import hot_path  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
@@ -166,7 +165,7 @@ def test_waits_for_the_recorders(
 def test_commands_that_the_valves_do_not_get_are_noticed(
     machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
 ) -> None:
-    valves = machine.node.create_publisher(JointState, topics.VALVE_STATE, topics.reliable(1000))
+    valves = machine.publisher(topics.VALVE_STATE, topics.reliable(1000))
     controller()
     assert wait_for(lambda: valves.get_subscription_count() == 1)
     time.sleep(0.2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import time
 from collections.abc import Callable
@@ -37,8 +38,12 @@ def test_a_sent_path_is_played_and_a_far_one_refused(
         return any("starts 1.000 rad or m from where the robot stands" in m for m in messages)
 
     assert wait_for(refused)
-    sent = run_module("send_path", str(near), "--timeout", "100")
+    sent = run_module("send_path", str(near), "--timeout", "100", "--json", "-")
     assert sent.returncode == 0, sent.stderr
+    told = json.loads(sent.stdout)
+    assert (told["kind"], told["joints"], told["duration_s"]) == ("joint", ["tilt"], 2.0)
+    assert (told["topic"], told["path"]) == (topics.JOINT_TRAJECTORY, str(near))
+    assert (told["start"], told["end"]) == ([-1.5], pytest.approx([-1.4]))
     cycle, speed = 3, 0.0
     end = time.monotonic() + patience_s
     while speed < 0.05 and time.monotonic() < end:
@@ -82,11 +87,35 @@ def test_lifecycle_command_says_what_is_open(
     assert (
         run_module("lifecycle_command", "get", "controller", *patient).stdout == "unconfigured\n"
     )
-    assert run_module("lifecycle_command", "configure", "controller", *patient).returncode == 0
+    for asked in ("configure", "get"):
+        done = run_module("lifecycle_command", asked, "controller", *patient, "--json", "-")
+        assert done.returncode == 0, done.stderr
+        told = json.loads(done.stdout)
+        assert (told["node"], told["asked"], told["state"]) == ("/controller", asked, "inactive")
     absent = run_module("lifecycle_command", "get", "nobody", "--timeout", "0.2")
     assert absent.returncode == 1
     assert "no node answers at /nobody/get_state" in absent.stderr
     assert run_module("lifecycle_command", "fly", "controller").returncode == 2
+
+
+def test_lifecycle_command_clears_a_trip(
+    machine: Any, run_module: Callable[..., Any], patience_s: float
+) -> None:
+    from std_srvs.srv import Trigger
+
+    said = [(False, "still there: the emergency stop is pressed"), (True, "cleared: too old")]
+
+    def answer(_request: Any, response: Any) -> Any:
+        response.success, response.message = said.pop(0)
+        return response
+
+    machine.make(lambda: machine.node.create_service(Trigger, "/some_bridge/clear_trip", answer))
+    words = ("lifecycle_command", "clear_trip", "some_bridge", "--timeout", str(patience_s))
+    refused, cleared = run_module(*words), run_module(*words)
+    assert refused.returncode == 1
+    assert "/some_bridge is not cleared: still there: the emergency stop" in refused.stderr
+    assert cleared.returncode == 0
+    assert cleared.stdout == "cleared: too old\n"
 
 
 def test_adaptation_is_told_and_reset(
@@ -108,7 +137,8 @@ def test_adaptation_is_told_and_reset(
     assert wait_for(lambda: told().get("adaptation") == "payload null_bias")
     assert told()["adaptation_frozen"] == "yes"
     assert float(told()["adapted/payload_kg"]) == 0.0
-    client = machine.node.create_client(Trigger, "/controller/reset_adaptation")
+    service = "/controller/reset_adaptation"
+    client = machine.make(lambda: machine.node.create_client(Trigger, service))
     assert client.wait_for_service(patience_s)
     future = client.call_async(Trigger.Request())
     assert wait_for(future.done)

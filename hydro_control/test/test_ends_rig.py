@@ -1,0 +1,257 @@
+"""Ends, speeds and run-aways in closed loop: the shipped law on the rig's truth plant.
+
+An ideal body does as it is asked; a loaded cylinder does not. The rig has no stop at a joint's
+end: past it the lift topples over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from hydro_control import motion_limits
+from hydro_control.core import ControllerCore, Sample
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.motion_limits import limits_of
+from hydro_control.required_motion import Reference
+from hydro_control.trajectory import Waypoint
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.payload import Payload
+from hydro_hw_bridge.rig.truth import Truth
+from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_model.kinematics import tip_position
+from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot_files import load_robot
+
+ROBOT = load_robot("xs031")
+TRUTH = load_truth("realistic", ROBOT)
+LIMITS = limits_of(ROBOT)
+MIDDLE = (0.825, -1.275)
+SPEEDS = np.array([joint.velocity_limit for joint in ROBOT.joints])
+#: Of the shipped limit beyond which the controller stops: 0.035 and 0.045 rad.
+MARGIN = 0.02 * (LIMITS.upper - LIMITS.lower)
+#: What a jumped reference may carry a joint past its end; 1.61 rad before braking was counted on
+#: by what the cylinders have.
+MOST_BEYOND = 0.012
+NONE = np.empty(0)
+
+
+@dataclass
+class Loop:
+    """Rig and controller, cycle by cycle; the true positions and the voltages so far."""
+
+    core: ControllerCore
+    rig: RigCore
+    q: list[FloatArray] = field(default_factory=list)
+    voltage_v: list[FloatArray] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.rig.cycle_s)):
+            self._cycle()
+
+    def _cycle(self) -> None:
+        read = self.rig.readings().measurement
+        pressure = np.array(read.pressures_pa) + ROBOT.atmospheric_pressure_pa
+        chambers = pressure[:4].reshape(2, 2)
+        stamp_ns = 10**18 + len(self.q) * 2_000_000
+        lines = float(pressure[4]), float(pressure[5])
+        q = np.array(read.positions)
+        answer = self.core.answer(Sample(stamp_ns, q, chambers[:, 0], chambers[:, 1], *lines))
+        assert answer is not None
+        self.core.applied(stamp_ns, answer.output.voltage_v)
+        self.rig.actuate(answer.output.voltage_v.tolist())
+        self.q.append(self.rig.plant.q.copy())
+        self.voltage_v.append(answer.output.voltage_v)
+        self.faults.append(answer.output.fault)
+
+    def go_to(self, goal: tuple[float, ...], seconds: float) -> None:
+        point = Waypoint(seconds, np.array(goal), NONE, NONE)
+        self.core.request_trajectory("joint", ROBOT.joint_names, [point])
+
+    def beyond(self) -> FloatArray:
+        """How far every joint was beyond an end at most, rad."""
+        q = np.array(self.q)
+        return np.asarray(np.maximum(q - LIMITS.upper, LIMITS.lower - q).max(axis=0))
+
+    def speeds(self) -> tuple[FloatArray, float]:
+        """Greatest speeds of the joints and of the tip."""
+        q = np.array(self.q)
+        tip = np.array([tip_position(ROBOT, row) for row in q])
+        fast = [np.abs(x[5:] - x[:-5]) / 0.01 for x in (q, tip)]
+        return fast[0].max(axis=0), float(np.linalg.norm(fast[1], axis=1).max())
+
+
+def loop(
+    start: tuple[float, ...] = MIDDLE,
+    *,
+    truth: Truth = TRUTH,
+    payload_kg: float = 0.0,
+    core: ControllerCore | None = None,
+) -> Loop:
+    reach = tuple(replace(j, lower=j.lower - 0.2, upper=j.upper + 0.3) for j in ROBOT.joints)
+    wide = replace(ROBOT, joints=reach)  # a machine may stand where it should not
+    rig = RigCore(wide, truth, seed=1, q=start, payloads=[Payload(payload_kg)])
+    return Loop(core or ControllerCore(ROBOT, Gains()), rig)
+
+
+def jumping(
+    monkeypatch: pytest.MonkeyPatch, space: Literal["joint", "tip"], position: FloatArray
+) -> ControllerCore:
+    """A controller whose reference stands elsewhere from the first sample on."""
+    core, still = ControllerCore(ROBOT, Gains()), np.zeros_like(position)
+    follow: Callable[[Sample], Reference] = core._reference
+
+    def elsewhere(sample: Sample) -> Reference:
+        follow(sample)
+        return Reference(space, position, still, still)
+
+    monkeypatch.setattr(core, "_reference", elsewhere)
+    return core
+
+
+ELSEWHERE: dict[str, tuple[Literal["joint", "tip"], FloatArray]] = {
+    "above": ("joint", LIMITS.upper + 5.0),
+    "below": ("joint", LIMITS.lower - 5.0),
+    "lift a little above": ("joint", np.array([LIMITS.upper[0] + 0.3, -1.5])),
+    "stretched": ("tip", np.array([50.0, 0.0, 0.0])),
+    "at the base": ("tip", np.zeros(3)),
+    "up": ("tip", np.array([0.0, 0.0, 50.0])),
+}
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_no_reference_carries_the_arm_past_its_ends(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    driven = loop(core=jumping(monkeypatch, *ELSEWHERE[name]))
+    driven.run(6.0)
+    assert not any(driven.faults)
+    assert np.all(driven.beyond() < MOST_BEYOND)
+    fastest, tip_m_s = driven.speeds()
+    assert np.all(fastest < 1.25 * SPEEDS)
+    assert tip_m_s < 1.1 * LIMITS.tip_speed_m_s
+    q = np.array(driven.q[-500:])
+    assert np.all(np.ptp(q, axis=0) < 5e-3)  # it stands at the end
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, 100.0])
+def test_a_payload_that_nobody_told_leaves_the_ends_kept(
+    monkeypatch: pytest.MonkeyPatch, payload_kg: float
+) -> None:
+    core = jumping(monkeypatch, "joint", LIMITS.upper + 5.0)
+    driven = loop(core=core, payload_kg=payload_kg)
+    driven.run(6.0)
+    assert not any(driven.faults)
+    assert np.all(driven.beyond() < MOST_BEYOND)
+
+
+def counted_on_everywhere(
+    robot: Robot, lower: FloatArray, upper: FloatArray, speeds: FloatArray
+) -> FloatArray:
+    """Braking as if every cylinder had as much at its end as in mid-range: far too late."""
+    grid = np.linspace(0.0, 1.0, 65)
+    span = 5.0 * (speeds * (upper - lower))[:, None]
+    return np.array([span * (1.0 - grid), span * grid])
+
+
+def test_an_arm_that_runs_away_is_at_0_v_and_stays_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion_limits, "braking_energies", counted_on_everywhere)
+    driven = loop(core=jumping(monkeypatch, "joint", LIMITS.upper + 5.0))
+    driven.run(6.0)
+    first = next(i for i, fault in enumerate(driven.faults) if fault)
+    assert "joint 'lift' is measured at 1.7" in driven.faults[first]
+    assert "latched" in driven.faults[first]
+    assert set(driven.faults[first:]) == {driven.faults[first]}
+    # Told within BELIEVED samples and the cycle between plant and sample.
+    at = np.array(driven.q)[first - 4 : first + 1, 0]
+    assert at[0] <= LIMITS.upper[0] + MARGIN[0] <= at[-1]
+    assert not np.any(driven.voltage_v[first:])
+    # The closed spool holds it: 3.31 rad without, and the lever is gone at 2.14 rad.
+    assert driven.beyond()[0] < 0.1
+    monkeypatch.undo()
+    with pytest.raises(ControlError, match=r"the controller stopped: joint 'lift' is measured"):
+        driven.go_to(MIDDLE, 4.0)
+    driven.core.restart()
+    driven.run(0.5)
+    driven.go_to((1.2, -1.0), 4.0)
+    driven.run(5.0)
+    assert driven.faults[-1] == ""
+    assert np.abs(driven.q[-1] - [1.2, -1.0]).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("start", "back", "out"),
+    [
+        ((1.80, -1.5), (1.5, -1.5), (1.84, -1.5)),
+        ((1.0, -2.5), (1.0, -2.1), (1.0, -2.55)),
+        ((-0.09, -1.5), (0.2, -1.5), (-0.11, -1.5)),
+        ((1.0, -0.05), (1.0, -0.6), (1.0, -0.02)),
+    ],
+)
+def test_a_machine_that_stands_beyond_an_end_is_driven_back_and_never_out(
+    start: tuple[float, ...], back: tuple[float, ...], out: tuple[float, ...]
+) -> None:
+    driven = loop(start)
+    driven.run(1.0)
+    # Unasked it stays where it is, but for what every hold starts with.
+    assert np.abs(np.array(driven.q) - start).max() < 6e-3
+    with pytest.raises(ControlError, match="cannot follow the path"):
+        driven.go_to(out, 2.0)
+    driven.go_to(back, 3.0)
+    driven.run(4.0)
+    assert not any(driven.faults)
+    assert np.abs(driven.q[-1] - back).max() < 5e-3
+    with pytest.raises(ControlError, match="cannot follow the path"):
+        driven.go_to(start, 3.0)
+
+
+def test_too_far_beyond_an_end_nothing_is_driven() -> None:
+    driven = loop((1.95, -1.5))
+    driven.run(0.5)
+    assert "expected -0.2250 to 1.8750 to be driven back from" in driven.faults[-1]
+    assert not np.any(driven.voltage_v[10:])
+
+
+#: Legal trajectories from mid-range to near an end or several.
+NEAR_ENDS = [
+    ((0.0, -2.39), 2.0),
+    ((0.0, -2.39), 4.0),
+    ((-0.04, -2.39), 2.0),
+    ((1.0, -2.39), 1.5),
+    ((1.69, -2.39), 2.0),
+    ((1.69, -1.2), 2.0),
+    ((1.65, -0.5), 2.0),
+    ((1.69, -0.2), 2.0),
+    ((0.8, -0.16), 1.5),
+    ((-0.04, -0.16), 2.0),
+]
+
+
+@pytest.mark.parametrize("dead_m3", [2e-4, None, 1.3e-3], ids=["little", "realistic", "much"])
+@pytest.mark.parametrize(("goal", "seconds"), NEAR_ENDS)
+def test_a_trajectory_to_near_an_end_settles(
+    goal: tuple[float, ...], seconds: float, dead_m3: float | None
+) -> None:
+    """Whatever oil hoses and valve blocks hold beside the cylinder: no overshoot, no swinging."""
+    cylinders = TRUTH.cylinders
+    if dead_m3 is not None:
+        cylinders = tuple(
+            replace(c, dead_volume_a_m3=dead_m3, dead_volume_b_m3=dead_m3) for c in cylinders
+        )
+    driven = loop(truth=replace(TRUTH, cylinders=cylinders))
+    driven.run(0.1)
+    driven.go_to(goal, seconds)
+    driven.run(seconds + 4.0)
+    assert not any(driven.faults)
+    assert np.all(driven.beyond() < 0.0)
+    q, voltage = np.array(driven.q[-1000:]), np.array(driven.voltage_v[-1000:])
+    # What is left are the creep and the stick-slip of an unlisted friction, and noise.
+    assert np.all(np.ptp(q, axis=0) < 5e-3)
+    assert np.abs(q[-1] - goal).max() < 5e-3
+    assert np.all(voltage.std(axis=0) < 0.5)
