@@ -41,6 +41,14 @@ class Chunk:
     checked: bool
 
 
+def declared_bytes(body: bytes) -> int:
+    """Size to which a chunk says that it unfolds; 0 where its head is not complete.
+
+    `body` is the chunk's record.
+    """
+    return int(_FIXED.unpack_from(body, 0)[2]) if len(body) >= _FIXED.size else 0
+
+
 def decompress_chunk(body: bytes, limit_bytes: int, *, truncated: bool = False) -> Chunk:
     """Decompress a chunk record's body.
 

@@ -1,27 +1,54 @@
-"""Cells of text logs as numbers: decimal points or commas, empty cells, dates and times of day."""
+"""Cells of text logs as numbers: decimal points or commas, thousands, empty cells, cut lines."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from datetime import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.log_dates import dated, why_unread
 from hydro_ident.bag.log_file import SHOWN
 from hydro_ident.errors import BagError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
-_CLOCK = re.compile(
-    r"(?:(\d{4}-\d\d-\d\d|\d{4}/\d\d/\d\d)[T ])?(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)Z?"
-)
+#: By decimal sign: numbers whose thousands are parted by the other sign, beyond doubt.
+_GROUPED = {
+    ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
+    ",": re.compile(r"\s*[+-]?\d{1,3}(?:\.\d{3})+,\d*\s*"),
+}
 
 #: Line number and cells.
 Row = tuple[int, list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Cells of a table as columns.
+
+    Attributes
+    ----------
+    columns : mapping of str to (N,) array
+    lines : (N,) int array
+        Line of the file that each sample stands in.
+    start : str
+        Moment at which the first column of dates begins, ISO 8601, else empty.
+    notes : tuple of str
+        What was assumed and what was left out.
+    unread : mapping of str to str
+        Why a column holds no number, where that can be told.
+    """
+
+    columns: Mapping[str, FloatArray]
+    lines: IntArray
+    start: str = ""
+    notes: tuple[str, ...] = ()
+    unread: Mapping[str, str] = field(default_factory=dict)
 
 
 def check_names(names: Sequence[str], path: Path) -> None:
@@ -46,8 +73,8 @@ def check_names(names: Sequence[str], path: Path) -> None:
 
 
 def columns_of(
-    path: Path, names: Sequence[str], rows: Sequence[Row], decimal: str
-) -> tuple[dict[str, FloatArray], str]:
+    path: Path, names: Sequence[str], rows: Sequence[Row], decimal: str, *, at_end: bool = True
+) -> Cells:
     """Cells as columns of numbers.
 
     Parameters
@@ -57,35 +84,56 @@ def columns_of(
     names : sequence of str
     rows : sequence of (int, list of str)
     decimal : str
+    at_end : bool
+        The last row is the file's: where it is too short, whoever wrote it was stopped in it, and
+        it is left out.
 
     Returns
     -------
-    dict of str to array, str
-        Columns, and the moment at which the first column of dates begins, ISO 8601, else empty.
+    Cells
 
     Raises
     ------
     BagError
         Lines of different lengths, or a cell that is no number.
     """
-    for number, row in rows:
-        extra = [cell for cell in row[len(names) :] if cell.strip()]
-        if len(row) < len(names) or extra:
-            raise BagError(
-                f"{path}, line {number}: expected {len(names)} columns, found {len(row)}"
-            )
+    rows, notes = _whole(path, names, rows, at_end=at_end)
     at = [number for number, _ in rows]
     columns: dict[str, FloatArray] = {}
+    unread: dict[str, str] = {}
     start = ""
     for i, name in enumerate(names):
         cells = [row[i] for _, row in rows]
-        dated = _seconds(cells)
-        if dated is None:
-            columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
-        else:
-            columns[name], moment = dated
-            start = start or moment
-    return columns, start
+        dates = dated(cells)
+        if dates is not None:
+            columns[name] = dates.seconds
+            start = start or dates.start
+            notes += [f"column '{name[:SHOWN]}': {dates.note}"] if dates.note else []
+            continue
+        columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
+        if why := why_unread(cells):
+            unread[name] = why
+    return Cells(columns, np.array(at, dtype=np.int64), start, tuple(notes), unread)
+
+
+def _whole(
+    path: Path, names: Sequence[str], rows: Sequence[Row], *, at_end: bool
+) -> tuple[Sequence[Row], list[str]]:
+    """Rows that have a cell for every name, and what was left out."""
+    for k, (number, row) in enumerate(rows):
+        extra = [cell for cell in row[len(names) :] if cell.strip()]
+        if len(row) >= len(names) and not extra:
+            continue
+        found = f"expected {len(names)} columns, found {len(row)}"
+        if at_end and not extra and 0 < k == len(rows) - 1:
+            return rows[:-1], [f"line {number}, the last one, is cut and left out: {found}"]
+        tried = (
+            "text that holds the delimiter has to stand in quotes"
+            if extra
+            else "leave a line that was cut out of a copy of the file"
+        )
+        raise BagError(f"{path}, line {number}: {found}; {tried}")
+    return rows, []
 
 
 def is_number(text: str, decimal: str) -> bool:
@@ -95,15 +143,21 @@ def is_number(text: str, decimal: str) -> bool:
     ----------
     text, decimal : str
     """
-    if decimal == ",":
-        if "." in text:
-            return False
-        text = text.replace(",", ".", 1)
+    if decimal == "," and "." in text and not _GROUPED[","].fullmatch(text):
+        return False
     try:
-        float(text)
+        float(_plain(text, decimal))
     except ValueError:
         return False
     return "_" not in text
+
+
+def _plain(text: str, decimal: str) -> str:
+    """A cell as Python writes numbers."""
+    other = "," if decimal == "." else "."
+    if other in text and _GROUPED[decimal].fullmatch(text):
+        text = text.replace(other, "")
+    return text.replace(",", ".", 1) if decimal == "," else text
 
 
 def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str) -> FloatArray:
@@ -140,50 +194,16 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
         if cell.strip().lower() in MISSING:
             continue
         if not is_number(cell, decimal):
-            hint = "; is the decimal sign a comma?" if _COMMA_NUMBER.fullmatch(cell) else ""
             raise BagError(
                 f"{where}, line {lines[k]}: expected a number,"
-                f" found '{cell.strip()[:SHOWN]}'{hint}"
+                f" found '{cell.strip()[:SHOWN]}'{_hint(cell, last=k == len(cells) - 1)}"
             )
-        result[k] = float(given[k])
+        result[k] = float(_plain(cell, decimal))
     return result
 
 
-def is_moment(cell: str) -> bool:
-    """Whether a cell is a date with a time, or a time of day.
-
-    Parameters
-    ----------
-    cell : str
-    """
-    return _moment(cell) is not None
-
-
-def _moment(cell: str) -> tuple[str, float] | None:
-    """Day (or nothing) and seconds of it."""
-    match = _CLOCK.fullmatch(cell.strip())
-    if match is None:
-        return None
-    day, hours, minutes, seconds = match.groups()
-    of_day = int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
-    return (day or "").replace("/", "-"), of_day
-
-
-def _seconds(cells: Sequence[str]) -> tuple[FloatArray, str] | None:
-    """Dates and times of day as seconds since the first; None where they are none."""
-    if not cells or _moment(cells[0]) is None:
-        return None
-    moments = [_moment(cell) for cell in cells]
-    days: dict[str, float] = {}
-    seconds = np.full(len(cells), np.nan)
-    for k, moment in enumerate(moments):
-        if moment is not None:
-            day, of_day = moment
-            if day not in days:
-                days[day] = 86400.0 * datetime.fromisoformat(day).toordinal() if day else 0.0
-            seconds[k] = days[day] - next(iter(days.values())) + of_day
-    # Over midnight a time of day without a date begins anew.
-    if "" in days:
-        seconds += 86400.0 * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -43200.0)
-    start = cells[0].strip().replace("/", "-").replace(" ", "T") if next(iter(days)) else ""
-    return seconds - seconds[0], start
+def _hint(cell: str, *, last: bool) -> str:
+    """What may be behind a cell that is no number."""
+    if _COMMA_NUMBER.fullmatch(cell):
+        return "; is the decimal sign a comma, or does it part thousands? then write it without"
+    return "; the last line: leave it out of a copy of the file if it was cut" if last else ""

@@ -15,14 +15,13 @@ from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.log_signal import Clock, LogSignal
+from hydro_ident.bag.log_times import EPOCH, EPOCH_S, epoch_unit, stop_of
 from hydro_ident.errors import BagError
 
 #: Instants of different clocks this share of the finest period apart are one.
-_SAME = 0.05
+SAME = 0.05
 #: Share of a slower clock's instants that have to lie on the finest clock's for a quiet report.
-_SHARED = 0.5
-#: Stamps are int32 seconds since 1970.
-_END_S = 2.0**31
+SHARED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,16 +85,17 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
         raise BagError(f"{mapping.source}: expected at least one signal of the log")
     clocks = {clock_of(log, mapping, signal) for signal in signals}
     times = {
-        name: _checked(log, _seconds(log, mapping, name, signals), padded=len(clocks) > 1)
+        name: _checked(log, *_seconds(log, mapping, name, signals), padded=len(clocks) > 1)
         for name in sorted(clocks)
     }
     remarks = [_beginning(log, name, seconds, times) for name, seconds in times.items()]
     inside = {n: (t >= mapping.from_s) & (t <= mapping.to_s) for n, t in times.items()}
-    cut = sum(int(np.count_nonzero(~kept)) for kept in inside.values())
+    # Cells without a time, below a slower clock's last, are no samples.
+    cut = sum(int(np.count_nonzero(~kept & np.isfinite(times[n]))) for n, kept in inside.items())
     if cut:
         remarks.append(f"{cut} samples outside from_s to to_s left out")
     cycles, rows, joined = _cycles({n: t[inside[n]] for n, t in times.items()}, mapping.within_s)
-    stamps = _stamps_ns(log, cycles, mapping.start_ns)
+    stamps = _stamps_ns(log, mapping, cycles)
     all_rows = {}
     for name, kept in inside.items():
         all_rows[name] = np.full(len(kept), -1, dtype=np.int64)
@@ -103,44 +103,57 @@ def timeline_of(log: Log, mapping: LogMap) -> Timeline:
     return Timeline(stamps, all_rows, tuple(r for r in [*remarks, *joined] if r))
 
 
-def _seconds(log: Log, mapping: LogMap, name: str, signals: Sequence[LogSignal]) -> FloatArray:
+def _seconds(
+    log: Log, mapping: LogMap, name: str, signals: Sequence[LogSignal]
+) -> tuple[FloatArray, str, float]:
+    """Times of a clock, s, the signal that they are of (none: counted), and its factor."""
     if name:
         clock = mapping.clocks.get(name, Clock(name, mapping.time.factor if mapping.time else 1.0))
     elif mapping.time is not None:
         clock = mapping.time
     else:
         count = len(log.column(signals[0].signal, str(mapping.source)))
-        return np.arange(count) / mapping.rate_hz
-    return clock.seconds(log.column(clock.signal, f"{mapping.source}, time"))
+        return np.arange(count) / mapping.rate_hz, "", 1.0
+    recorded = log.column(clock.signal, f"{mapping.source}, time")
+    return clock.seconds(recorded), clock.signal, clock.factor
 
 
-def _checked(log: Log, seconds: FloatArray, *, padded: bool) -> FloatArray:
+def _checked(
+    log: Log, seconds: FloatArray, signal: str, factor: float, *, padded: bool
+) -> FloatArray:
     """Times that increase; beside other clocks a slower one's column may end before the table."""
     if len(seconds) < 2:
         raise BagError(f"{log.path}: expected at least 2 samples, found {len(seconds)}")
-    if not np.isfinite(seconds).any():
-        raise BagError(f"{log.path}: expected numbers or dates in the time, found neither")
     known = np.isfinite(seconds)
+    if not known.any():
+        raise BagError(
+            f"{log.path}: expected numbers or dates in the time, found neither"
+            + log.why_unread(signal)
+        )
     last = int(np.flatnonzero(known)[-1])
     if not known[: last + 1 if padded else None].all():
-        raise BagError(f"{log.path}: sample {int(np.flatnonzero(~known)[0]) + 1} has no time")
-    late = np.flatnonzero(np.diff(seconds[: last + 1]) <= 0.0)
-    if len(late):
-        k = int(late[0])
-        hint = "; times that were rounded too coarsely: give time: {rate_hz: ...}"
+        raise BagError(_no_time_at(log, signal, known))
+    if (np.diff(seconds[: last + 1]) <= 0.0).any():
         raise BagError(
-            f"{log.path}: expected a time that increases, found {seconds[k]:.9g} s and then"
-            f" {seconds[k + 1]:.9g} s at sample {k + 2}"
-            + (hint if seconds[k] == seconds[k + 1] else "")
+            f"{log.path}: expected a time that increases, found '{signal}'"
+            f" {stop_of(log, signal, factor)}"
         )
     return seconds
 
 
-def _stamps_ns(log: Log, cycles: FloatArray, start_ns: int) -> IntArray:
+def _no_time_at(log: Log, signal: str, known: np.ndarray) -> str:
+    k = int(np.flatnonzero(~known)[0])
+    text = f"{log.path}: sample {k + 1} has no time"
+    if signal not in log.lines:
+        return text
+    return f"{text} ('{signal}', {log.place(signal, k)}): leave such lines out of a copy"
+
+
+def _stamps_ns(log: Log, mapping: LogMap, cycles: FloatArray) -> IntArray:
     if len(cycles) < 2:
         raise BagError(f"{log.path}: expected at least 2 samples, found {len(cycles)}")
-    _check_span(log, start_ns * 1e-9 + cycles)
-    stamps = np.asarray(start_ns + np.round(cycles * 1e9).astype(np.int64))
+    _check_span(log, mapping, cycles)
+    stamps = np.asarray(mapping.start_ns + np.round(cycles * 1e9).astype(np.int64))
     same = np.flatnonzero(np.diff(stamps) <= 0)
     if len(same):
         raise BagError(
@@ -149,12 +162,21 @@ def _stamps_ns(log: Log, cycles: FloatArray, start_ns: int) -> IntArray:
     return stamps
 
 
-def _check_span(log: Log, seconds: FloatArray) -> None:
+def _check_span(log: Log, mapping: LogMap, cycles: FloatArray) -> None:
+    seconds = mapping.start_ns * 1e-9 + cycles
     if seconds.min() < 0.0:
         raise BagError(f"{log.path}: {-seconds.min():g} s before 1970: give a later 'start'")
-    if seconds.max() >= _END_S:
+    if seconds.max() >= EPOCH_S[1]:
+        clock = mapping.time
+        unit = epoch_unit(cycles / clock.factor) if clock is not None else ""
+        hint = (
+            f"; '{clock.signal}' counts {unit} from 1970: give it unit: {unit}, and"
+            f' start: "{EPOCH}"'
+            if clock is not None and unit
+            else "; is the unit of the time right, and 'start'?"
+        )
         raise BagError(
-            f"{log.path}: expected times before 2038, found {seconds.max():g} s of 1970"
+            f"{log.path}: expected times before 2038, found {seconds.max():g} s of 1970{hint}"
         )
 
 
@@ -179,9 +201,9 @@ def _cycles(
         return np.zeros(0), {n: np.full(len(t), -1, np.int64) for n, t in times.items()}, []
     finest = order[0]
     cycles, remarks = known[finest], []
-    within = within_s or _SAME * _period(known[finest])
+    within = within_s or SAME * _period(known[finest])
     for name in order[1:]:
-        near = _nearest(cycles, known[name])
+        near = nearest(cycles, known[name])
         shift = np.abs(cycles[near] - known[name])
         shared = shift <= within
         cycles = np.union1d(cycles, known[name][~shared])
@@ -189,7 +211,7 @@ def _cycles(
     rows = {}
     for name, t in times.items():
         rows[name] = np.full(len(t), -1, dtype=np.int64)
-        rows[name][np.isfinite(t)] = _nearest(cycles, t[np.isfinite(t)])
+        rows[name][np.isfinite(t)] = nearest(cycles, t[np.isfinite(t)])
     return cycles, rows, remarks
 
 
@@ -197,7 +219,19 @@ def _period(seconds: FloatArray) -> float:
     return float(np.median(np.diff(seconds))) if len(seconds) > 1 else np.inf
 
 
-def _nearest(line: FloatArray, instants: FloatArray) -> IntArray:
+def nearest(line: FloatArray, instants: FloatArray) -> IntArray:
+    """Index of the instant of a line that is nearest.
+
+    Parameters
+    ----------
+    line : (N,) array
+        Increasing.
+    instants : (K,) array
+
+    Returns
+    -------
+    (K,) int array
+    """
     right = np.clip(np.searchsorted(line, instants), 1, len(line) - 1)
     left = right - 1
     closer = np.abs(line[left] - instants) <= np.abs(line[right] - instants)
@@ -211,7 +245,7 @@ def _shared_remark(
     text = f"{called}: {int(shared.sum())} of {len(shared)} instants are the finest clock's"
     if shared.any() and shift[shared].max() > 1e-9:
         text += f" (moved by up to {shift[shared].max() * 1e6:.3g} us)"
-    if shared.mean() < _SHARED:
+    if shared.mean() < SHARED:
         text += (
             f"; the others have cycles of their own, which no analysis can join: time:"
             f" {{within_s: {0.5 * period:.3g}}} would move each to the nearest"

@@ -9,8 +9,10 @@ import numpy as np
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_clocks import Timeline, clock_of
 from hydro_ident.bag.log_file import Log
+from hydro_ident.bag.log_guess import read_columns
 from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.log_signal import LogSignal, turns
+from hydro_ident.bag.log_times import times_among
 from hydro_ident.errors import BagError
 
 #: Periods by which angles are wrapped.
@@ -98,7 +100,10 @@ class Columns:
         columns = [self._recorded(name, where, len(rows)) for name in signal.names]
         recorded = columns[0] - columns[1] if signal.minus else columns[0]
         if not np.isfinite(recorded).any():
-            raise BagError(f"{self.log.path}: '{' - '.join(signal.names)}' holds no number")
+            raise BagError(
+                f"{self.log.path}: '{' - '.join(signal.names)}' holds no number"
+                + self.log.why_unread(*signal.names)
+            )
         self._say_wraps(recorded, signal, where)
         values = signal.values(recorded)
         if signal.wrap and joint:
@@ -112,9 +117,12 @@ class Columns:
         column = self.log.column(name, where)
         self.used.add(name)
         if len(column) != count:
+            times = times_among(read_columns(self.log), self.log)
+            alike = [r.column for r in times if len(self.log.columns[r.column]) == len(column)]
+            hint = f" ('{alike[0]}' has as many)" if alike else ""
             raise BagError(
                 f"{self.log.path}: expected {count} samples of '{name}' as of its time, found"
-                f" {len(column)}: name its own with 'time: SIGNAL'"
+                f" {len(column)}: name its own with 'time: SIGNAL'{hint}"
             )
         return column
 

@@ -19,6 +19,7 @@ from hydro_ident.bag.log_clocks import timeline_of
 from hydro_ident.bag.log_columns import Columns
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_map import LogMap
+from hydro_ident.bag.log_unpaired import check_times
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
@@ -129,8 +130,8 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
     Raises
     ------
     BagError
-        A signal is missing or of another length than its time, time does not increase, there is
-        no position, or `out` exists.
+        A signal is missing, of another length than its time or in just the lines of another one,
+        time does not increase, there is no position, or `out` exists.
     """
     if Path(out).exists():
         raise BagError(f"{out}: exists already, nothing overwritten")
@@ -140,6 +141,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         columns = Columns(log, mapping, timeline)
         topics = topics_of(columns)
         temperature = columns.of(mapping.oil_temperature, "oil_temperature")
+        odd = check_times(log, mapping, columns.used)
     stamps, topics, temperature, remark = _kept(mapping, timeline.stamps_ns, topics, temperature)
     kept = {"mapping": mapping.source.read_text(encoding="utf-8"), **metadata}
     if mapping.robot is not None:
@@ -159,7 +161,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         longest_s=float(steps.max()),
         counts=counts,
         unused=tuple(name for name in log.columns if name not in columns.used),
-        remarks=(*log.notes, *timeline.remarks, *columns.remarks, *remark),
+        remarks=(*log.notes, *timeline.remarks, *columns.remarks, *odd, *remark),
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.errors import BagError
 
 _MAX_NAMES = 12
@@ -59,6 +59,10 @@ class Log:
         When the log began, ISO 8601, where the file says so; empty: it does not.
     notes : tuple of str
         What the reader found: kind of file, delimiter, lines left out.
+    lines : mapping of str to (N,) int array
+        Of a text's signals: the line in which each sample stands.
+    unread : mapping of str to str
+        Why a signal holds no number, where the reader can tell.
     """
 
     path: Path
@@ -67,6 +71,25 @@ class Log:
     clocks: Mapping[str, str] = field(default_factory=dict)
     start: str = ""
     notes: tuple[str, ...] = ()
+    lines: Mapping[str, IntArray] = field(default_factory=dict)
+    unread: Mapping[str, str] = field(default_factory=dict)
+
+    def place(self, name: str, index: int) -> str:
+        """Where a sample of a signal is, for messages.
+
+        Parameters
+        ----------
+        name : str
+        index : int
+            From 0.
+
+        Returns
+        -------
+        str
+            As `line 12`, or `sample 11` where the file has no lines.
+        """
+        lines = self.lines.get(name)
+        return f"sample {index + 1}" if lines is None else f"line {int(lines[index])}"
 
     def column(self, name: str, where: str) -> FloatArray:
         """A signal by name.
@@ -85,6 +108,20 @@ class Log:
         if name not in self.columns:
             raise BagError(f"{where}: no signal '{name}' in {self.path} (it has: {self._names()})")
         return self.columns[name]
+
+    def why_unread(self, *names: str) -> str:
+        """Why signals hold no number, to go behind a message.
+
+        Parameters
+        ----------
+        *names : str
+
+        Returns
+        -------
+        str
+            Empty where the reader cannot tell.
+        """
+        return "".join(f": {self.unread[name]}" for name in names if name in self.unread)
 
     def _names(self) -> str:
         names = list(self.columns)

@@ -66,6 +66,32 @@ class Reading:
     high: float
 
 
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """A column and what the mapping makes of it.
+
+    Attributes
+    ----------
+    column : str
+    section : str
+        Key of the mapping; empty: left out.
+    name : str
+        On the topic.
+    entry : mapping of str to object
+        The entry's keys.
+    level : str
+        One of `LEVELS`; `open` where something is to be filled in.
+    why : tuple of str
+    """
+
+    column: str
+    section: str
+    name: str
+    entry: Mapping[str, object]
+    level: str
+    why: tuple[str, ...]
+
+
 def weakest(*levels: str) -> str:
     """The least sure of some levels.
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_cells import Row, columns_of, is_number, numbers
 from hydro_ident.bag.log_file import CsvLayout, Log
 from hydro_ident.bag.log_text import dialect, split
@@ -64,6 +64,9 @@ def read_control_desk(path: Path, lines: Lines, layout: CsvLayout) -> Log:
     columns: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
+    lines_at: dict[str, IntArray] = {}
+    rasters = f", {len(sections)} rasters" if len(sections) > 1 else ""
+    notes = [f"ControlDesk CSV{rasters}"]
     for index, section in enumerate(sections, 1):
         time = f"time[{index}]" if len(sections) > 1 else "time"
         delimiter, decimal = dialect([line for _, line in section], layout)
@@ -73,14 +76,15 @@ def read_control_desk(path: Path, lines: Lines, layout: CsvLayout) -> Log:
         data = [(n, r[1:]) for n, r in rows[begin:] if any(c.strip() for c in r[1:])]
         names = _signal_names(path, described, section[0][0], len(data[0][1]) if data else 0)
         names = [time, *(_free(name, columns) for name in names[1:])]
-        read, _ = columns_of(path, names, data, decimal)
-        columns |= read
+        cells = columns_of(path, names, data, decimal, at_end=index == len(sections))
+        columns |= cells.columns
+        notes += cells.notes
+        lines_at |= dict.fromkeys(names, cells.lines)
         clocks |= dict.fromkeys(names[1:], time)
         given = next((row for tag, row in described.items() if "unit" in tag), [])
         units |= {n: unit_in(n) for n in names if unit_in(n)}
         units |= {n: u.strip("[]") for n, u in zip(names, given, strict=False) if u}
-    rasters = f", {len(sections)} rasters" if len(sections) > 1 else ""
-    return Log(path, columns, units=units, clocks=clocks, notes=(f"ControlDesk CSV{rasters}",))
+    return Log(path, columns, units=units, clocks=clocks, notes=tuple(notes), lines=lines_at)
 
 
 def _sections(lines: Lines) -> list[list[tuple[int, str]]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_memory import require
+from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")

@@ -14,6 +14,7 @@ import numpy as np
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.errors import BagError
+from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 
 #: What a suggested mapping has where a person has to say.
@@ -252,8 +253,17 @@ def unit_of(fields: Fields, quantity: str) -> float:
     return units[name]
 
 
+#: What is expected where a number is still to be filled in.
+_TO_FILL_IN = {
+    "rate_hz": "samples per second, or in its place signal: the log's time",
+    "late_s": "how much later than the zero of `time` this clock's zero is, s",
+    "raw": "two numbers as recorded",
+    "span": "the two quantities that raw stands for, as on the transducer's label",
+}
+
+
 def no_other_keys(fields: Fields, allowed: Collection[str]) -> None:
-    """Only these keys.
+    """Only these keys, and their numbers filled in.
 
     Parameters
     ----------
@@ -263,9 +273,20 @@ def no_other_keys(fields: Fields, allowed: Collection[str]) -> None:
     Raises
     ------
     BagError
-        There is another; the message names it and those that are known.
+        There is another, and the message names it and those that are known; or a number still
+        says FILL_IN.
     """
     strange = set(fields.keys()) - set(allowed)
     if strange:
         expected, found = ", ".join(sorted(allowed)), min(strange)
         raise BagError(f"{fields.where}: unknown key '{found}' (known: {expected})")
+    for key, expected in _TO_FILL_IN.items():
+        if key in fields and _open(fields, key):
+            raise BagError(f"{fields.where}: '{key}' is still to be filled in: {expected}")
+
+
+def _open(fields: Fields, key: str) -> bool:
+    try:
+        return fields.text(key) == FILL_IN
+    except RobotError:  # a number
+        return False

@@ -7,15 +7,16 @@ reference, the mapping says FILL_IN, and `convert` refuses it until a person has
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_fill import fill
-from hydro_ident.bag.log_guess import LEVELS, Reading, read_columns, weakest
+from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_signal import FILL_IN
+from hydro_ident.bag.log_suggest_times import OwnTime, times_of
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_units import UNITS
 from hydro_model.robot import Robot
@@ -26,35 +27,7 @@ _REFERENCE_WORDS = frozenset(
 _MEASURED_WORDS = frozenset(
     ["ist", "act", "actual", "meas", "measured", "applied", "state", "fb", "feedback"]
 )
-#: Rates that logs of machines have, Hz, and the usual one.
-_RATES, _USUAL_HZ = (2.0, 2e4), 500.0
 _BELOW_PA = -5e3
-
-
-@dataclass(frozen=True, slots=True)
-class Guess:
-    """A column and what the mapping makes of it.
-
-    Attributes
-    ----------
-    column : str
-    section : str
-        Key of the mapping; empty: left out.
-    name : str
-        On the topic.
-    entry : mapping of str to object
-        The entry's keys.
-    level : str
-        One of `LEVELS`; `open` where something is to be filled in.
-    why : tuple of str
-    """
-
-    column: str
-    section: str
-    name: str
-    entry: Mapping[str, object]
-    level: str
-    why: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +43,17 @@ class Suggestion:
         In the order of the columns.
     missing : tuple of str
         What the robot has and the log seems not to hold.
+    start : str
+        Stamp of time 0, ISO 8601; empty: nothing tells.
+    start_why : str
     """
 
     log: Log
     robot: str
     guesses: tuple[Guess, ...]
-    missing: tuple[str, ...] = field(default=())
+    missing: tuple[str, ...] = ()
+    start: str = ""
+    start_why: str = ""
 
     @property
     def to_fill_in(self) -> tuple[str, ...]:
@@ -105,6 +83,7 @@ class Suggestion:
             ],
             "to_fill_in": list(self.to_fill_in),
             "missing": list(self.missing),
+            "start": self.start or None,
             "notes": list(self.log.notes),
         }
 
@@ -126,69 +105,39 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
     """
     readings = read_columns(log)
     targets = Targets(robot)
-    clock = _clock(log, readings)
-    kinds = {r.column: _section(r, targets) for r in readings if clock is None or r != clock}
+    times = times_of(log, readings)
+    kinds = {r.column: _section(r, targets) for r in readings if r.column not in times.guesses}
     named = targets.assign({r.column: (kinds[r.column], r) for r in readings if r.column in kinds})
     references = _references(log, [r for r in readings if kinds.get(r.column) == "pressures"])
-    guesses = []
+    guesses = [times.guesses[""]] if "" in times.guesses else []
     for reading in readings:
-        if clock is not None and reading.column == clock.column:
-            guesses.append(_time_guess(log, reading))
-        elif reading.column in log.clocks.values():
-            guesses.append(Guess(reading.column, "", "", {}, "sure", ("clock of a raster",)))
+        if reading.column in times.guesses:
+            guesses.append(times.guesses[reading.column])
         elif reading.column in named:
-            target = named[reading.column]
-            guesses.append(_entry(log, reading, target, targets, references))
+            guess = _entry(log, reading, named[reading.column], targets, references)
+            guesses.append(_with_time(guess, times.own.get(reading.column, OwnTime())))
         else:
             spare = (f"{kinds[reading.column]}: no name is left for it",)
             why = _unasked(reading) if kinds[reading.column] == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
-    if clock is None:
-        guesses.insert(0, Guess("", "time", "", {"rate_hz": FILL_IN}, "open", ("no time found",)))
-    return Suggestion(log, robot_name, tuple(guesses), targets.missing(named.values()))
+    missing = targets.missing(named.values())
+    start = times.start, times.start_why
+    return Suggestion(log, robot_name, tuple(guesses), missing, *start)
+
+
+def _with_time(guess: Guess, own: OwnTime) -> Guess:
+    if not own.time:
+        return guess
+    entry = {**guess.entry, "time": own.time}
+    return replace(
+        guess, entry=entry, level=weakest(guess.level, own.level), why=(*guess.why, own.why)
+    )
 
 
 def _unasked(reading: Reading) -> tuple[str, ...]:
     if reading.quantity in ("velocity", "acceleration"):
         return (*reading.why, "not taken: the analysis differentiates positions itself")
     return reading.why
-
-
-def _clock(log: Log, readings: Sequence[Reading]) -> Reading | None:
-    """The column that is the log's time: of several clocks the finest."""
-    paired = set(log.clocks.values())
-    found = [r for r in readings if r.column in paired] or [
-        r for r in readings if r.quantity == "time" and any("increases" in w for w in r.why)
-    ]
-    if paired:
-        return min(found, key=lambda r: _step(log, r.column), default=None)
-    return min(found, key=lambda r: LEVELS.index(r.level), default=None)
-
-
-def _step(log: Log, column: str) -> float:
-    values = log.columns[column]
-    return float(np.median(np.diff(values[np.isfinite(values)])))
-
-
-def _time_guess(log: Log, reading: Reading) -> Guess:
-    entry: dict[str, object] = {"signal": reading.column}
-    step = _step(log, reading.column)
-    if reading.unit is not None and reading.unit.quantity == "time":
-        entry["unit"] = reading.unit.unit
-        return Guess(reading.column, "time", "", entry, reading.level, reading.why)
-    fitting = {
-        unit: 1.0 / (step * factor)
-        for unit, factor in UNITS["time"].items()
-        if unit != "min" and _RATES[0] <= 1.0 / (step * factor) <= _RATES[1]
-    }
-    if not fitting:
-        entry["unit"] = FILL_IN
-        return Guess(reading.column, "time", "", entry, "open", (*reading.why, f"steps {step:g}"))
-    unit = min(fitting, key=lambda u: abs(np.log(fitting[u] / _USUAL_HZ)))
-    entry["unit"] = unit
-    level = "likely" if len(fitting) == 1 else "guess"
-    why = (*reading.why, f"steps of {step:.6g} {unit} are {fitting[unit]:.6g} Hz")
-    return Guess(reading.column, "time", "", entry, weakest(reading.level, level), why)
 
 
 def _section(reading: Reading, targets: Targets) -> str:

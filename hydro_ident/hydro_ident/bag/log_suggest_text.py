@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import yaml
 
+from hydro_ident.bag.log_guess import Guess
 from hydro_ident.bag.log_map import SCHEMA, SECTIONS
-from hydro_ident.bag.log_suggest import Guess, Suggestion
+from hydro_ident.bag.log_suggest import Suggestion
 
 _LEVELS = {"sure": "sure", "likely": "likely", "guess": "a guess", "open": "FILL IN"}
+
+
+_SAID = {"clocks": "      # late_s: how much later than the zero of `time` its zero is"}
 
 
 def mapping_text(suggestion: Suggestion) -> str:
@@ -36,25 +40,19 @@ def _head(s: Suggestion) -> Iterator[str]:
         yield f"robot: {_scalar(s.robot)}"
     else:
         yield "# robot: NAME      # without one the names below are free, and nothing checks them"
-    if s.log.start:
-        yield f'start: "{s.log.start}"      # as the file says; without a zone it counts as UTC'
+    if s.start:
+        yield f'start: "{s.start}"      # {s.start_why}'
 
 
 def _body(s: Suggestion) -> Iterator[str]:
     for guess in s.guesses:
         if guess.section == "time":
             yield f"# {_LEVELS[guess.level]}: {'; '.join(guess.why)}"
-            several = len(set(s.log.clocks.values())) > 1
-            yield f"time: {_flow(guess, {'keep': 'common'} if several else {})}"
-    own = {g.column for g in s.guesses if g.section == "time"}
-    others = [clock for clock in dict.fromkeys(s.log.clocks.values()) if clock not in own]
-    if others:
-        yield "clocks:      # late_s: how much later than the first clock its zero is"
-        yield from (f"  {_scalar(clock)}: {{late_s: 0}}" for clock in others)
-    for section in SECTIONS:
+            yield f"time: {_flow(guess)}"
+    for section in ("clocks", *SECTIONS):
         members = [g for g in s.guesses if g.section == section]
         if members:
-            yield f"{section}:"
+            yield f"{section}:{_SAID.get(section, '')}"
         for guess in members:
             yield f"  # {_LEVELS[guess.level]}: {'; '.join(guess.why)}"
             yield f"  {_scalar(guess.name)}: {_flow(guess)}"
@@ -73,8 +71,8 @@ def _tail(s: Suggestion) -> Iterator[str]:
         yield f"# The robot has these too, and no column looks like them: {'; '.join(s.missing)}"
 
 
-def _flow(guess: Guess, more: Mapping[str, object] | None = None) -> str:
-    pairs = [f"{k}: {_scalar(value)}" for k, value in {**guess.entry, **(more or {})}.items()]
+def _flow(guess: Guess) -> str:
+    pairs = [f"{k}: {_scalar(value)}" for k, value in guess.entry.items()]
     return "{" + ", ".join(pairs) + "}"
 
 

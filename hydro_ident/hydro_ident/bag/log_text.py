@@ -12,10 +12,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_moment, is_number
+from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_number
+from hydro_ident.bag.log_dates import is_moment
 from hydro_ident.bag.log_file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
-from hydro_ident.bag.log_memory import TextSize, read_text, require
+from hydro_ident.bag.log_memory import TextSize, read_text
 from hydro_ident.bag.log_units import spelt, unit_in
+from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
@@ -106,18 +108,29 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
         raise BagError(f"{path}: expected a line of names and lines of numbers, found fewer")
     delimiter, decimal = dialect([line for _, line in lines], layout)
     rows = split(lines, delimiter)
-    begin = next((k for k, (_, row) in enumerate(rows) if _is_data(row, decimal)), None)
+    # A date alone above the names is no line of a table of several columns.
+    usual = Counter(len(row) for _, row in rows).most_common(1)[0][0]
+    data = (k for k, (_, row) in enumerate(rows) if _is_data(row, decimal))
+    begin = next((k for k in data if len(rows[k][1]) > 1 or usual == 1), None)
     if begin is None:
         raise BagError(
             f"{path}: expected lines of numbers, found none with delimiter '{delimiter}' and"
             f" decimal '{decimal}': give csv: {{delimiter: , decimal: }} in the mapping"
         )
     names, units, skipped = _header(path, rows[:begin], rows[begin])
-    columns, start = columns_of(path, names, rows[begin:], decimal)
+    cells = columns_of(path, names, rows[begin:], decimal)
     shown = {"\t": "tab"}.get(delimiter, delimiter)
     notes = [f"delimiter '{shown}', decimal '{decimal}'"]
     notes += [f"{skipped} lines above the names left out"] if skipped else []
-    return Log(path, columns, units=units, start=start, notes=tuple(notes))
+    return Log(
+        path,
+        cells.columns,
+        units=units,
+        start=cells.start,
+        notes=(*notes, *cells.notes),
+        lines=dict.fromkeys(names, cells.lines),
+        unread=cells.unread,
+    )
 
 
 def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:

@@ -15,7 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from hydro_ident.bag.chunks import ChunkError, decompress_chunk
+from hydro_ident.bag import memory
+from hydro_ident.bag.chunks import ChunkError, declared_bytes, decompress_chunk
 from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, MESSAGE_HEAD, Gatherer
 from hydro_ident.bag.mcap_summary import summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
@@ -27,6 +28,8 @@ MAX_RECORD_BYTES = 1 << 29
 #: What chunks may unfold to: so much, and so many times the bytes read. A machine at rest, zeros
 #: without noise, is packed to a fiftieth at best.
 _FREE_BYTES, _LARGEST_RATIO = 1 << 27, 100
+#: Records and chunks above this are asked for: four times their size goes through memory at once.
+_LARGE_BYTES, _TIMES = 1 << 24, 4
 #: Text of schemas, channels and metadata that is kept of one file.
 _DESCRIBED_BYTES = 1 << 26
 
@@ -77,23 +80,28 @@ class McapFile:
         Raises
         ------
         BagError
-            The file cannot be opened or is no MCAP file.
+            The file cannot be opened, is no MCAP file or has a chunk that no memory is left for.
         """
         try:
             with open(self.path, "rb") as stream:
                 self.health.size_bytes = os.fstat(stream.fileno()).st_size
-                self._read_magic(stream)
-                yield from self._records(stream)
+                if self._read_magic(stream):
+                    yield from self._records(stream)
         except OSError as error:
             raise BagError(f"{self.path}: cannot be read: {error.strerror}") from error
 
-    def _read_magic(self, stream: IO[bytes]) -> None:
+    def _read_magic(self, stream: IO[bytes]) -> bool:
+        """False for a file that its writer had only just begun: a loss, no error."""
         magic = stream.read(len(MAGIC))
         if magic != MAGIC:
             what = "an empty file" if not magic else f"bytes {magic.hex(' ')}"
-            raise BagError(f"{self.path}: expected an MCAP file, found {what}")
+            if not MAGIC.startswith(magic):
+                raise BagError(f"{self.path}: expected an MCAP file, found {what}")
+            self.health.lose(f"expected an MCAP file, found {what}")
+            return False
         self._data_crc = zlib.crc32(magic)
         self.health.read_bytes = len(MAGIC)
+        return True
 
     def _records(self, stream: IO[bytes]) -> Iterator[MessageBlock]:
         loose = bytearray()  # messages outside chunks
@@ -114,8 +122,10 @@ class McapFile:
             if length > left:
                 self._cut(f"inside a record of {length} bytes")
                 if opcode == CHUNK:
+                    self._ask(left)
                     yield from self._chunk(stream.read(left), truncated=True)
                 break
+            self._ask(length)
             body = stream.read(length)
             if opcode == DATA_END:
                 self._data_end(body, stream)
@@ -134,6 +144,17 @@ class McapFile:
         if loose:
             yield from self._messages(bytes(loose))
         yield from self._handed_on()
+
+    def _ask(self, size: int) -> None:
+        """See that what is read as one piece fits into memory."""
+        if size > _LARGE_BYTES:
+            memory.require(
+                self.path,
+                _TIMES * size,
+                what="a chunk",
+                found="one that takes up to",
+                way_out="write it with smaller chunks",
+            )
 
     def _cut(self, where: str) -> None:
         health = self.health
@@ -195,6 +216,7 @@ class McapFile:
         health = self.health
         allowed = _FREE_BYTES + _LARGEST_RATIO * (health.read_bytes + len(body)) - self._unfolded
         limit = max(0, min(MAX_RECORD_BYTES, allowed))
+        self._ask(min(limit, declared_bytes(body)))
         try:
             chunk = decompress_chunk(body, limit, truncated=truncated)
         except ChunkError as error:

@@ -188,17 +188,3 @@ class _NoAliases(yaml.SafeDumper):
 def _dump(data: object) -> str:
     text = yaml.dump(data, Dumper=_NoAliases, sort_keys=False, default_flow_style=False)
     return str(text)
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or not at all."""
-    partial = path.with_name(path.name + ".part")
-    try:
-        with open(partial, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(partial, path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise

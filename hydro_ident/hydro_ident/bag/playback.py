@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
+import numpy as np
+
 from hydro_ident.bag.mcap_types import Channel
 from hydro_ident.bag.reader import files_of
 from hydro_ident.errors import BagError
@@ -30,15 +32,14 @@ def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
         # Blocks of one buffer come one after the other.
         for _, group in groupby(file.blocks(), key=lambda block: id(block.data)):
             blocks = list(group)
-            rows = sorted(
-                (int(log_ns), i, int(offset), int(length))
-                for i, block in enumerate(blocks)
-                for log_ns, offset, length in zip(
-                    block.log_ns, block.offset, block.length, strict=True
-                )
-            )
-            for log_ns, i, offset, length in rows:
-                yield blocks[i].channel, log_ns, blocks[i].data[offset : offset + length]
+            log_ns = np.concatenate([block.log_ns for block in blocks])
+            of_block = np.repeat(np.arange(len(blocks)), [len(block.offset) for block in blocks])
+            begins = np.concatenate([block.offset for block in blocks])
+            ends = begins + np.concatenate([block.length for block in blocks])
+            # Columns, not rows of Python objects: a chunk may hold millions of messages.
+            for at in np.argsort(log_ns, kind="stable"):
+                block = blocks[of_block[at]]
+                yield block.channel, int(log_ns[at]), block.data[begins[at] : ends[at]]
 
 
 def bag_channels(path: str | Path) -> list[Channel]:

@@ -6,6 +6,7 @@ The recorded bytes are published as they are, at the intervals at which they wer
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -17,10 +18,13 @@ from hydro_ident.bag.playback import bag_channels, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
 from hydro_model.command import run_command
+from hydro_model.output import STDOUT, add_json, report
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_msgs_docs.local_topics import stay_local
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
+#: Of what `--json` writes.
+SCHEMA = "hydro_ident/played/1"
 _LEAST_SLEEP_S = 0.0005
 _MOST_QOS_CHARACTERS = 100_000
 
@@ -54,6 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="until the first message (default 1)",
     )
+    add_json(parser, "at the end what was played")
     return parser
 
 
@@ -71,7 +76,9 @@ def _run(arguments: Sequence[str]) -> int:
         rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:
             player = Player(channels)
-            print(f"playing {len(channels)} topics of {options.bag}", flush=True)
+            stream = sys.stderr if options.json == STDOUT else sys.stdout
+            print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
+            began_s = time.monotonic()
             _sleep(options.delay, stop)
             while not stop:
                 player.play(options.bag, options.rate, stop)
@@ -80,7 +87,15 @@ def _run(arguments: Sequence[str]) -> int:
             player.finish()
         finally:
             rclpy.try_shutdown()
-    print(f"played {player.count} messages", flush=True)
+    data = {
+        "schema": SCHEMA,
+        "bag": str(options.bag),
+        "rate": options.rate,
+        "seconds": time.monotonic() - began_s,
+        "messages": player.count,
+        "topics": player.counts,
+    }
+    report(options.json, data, f"played {player.count} messages")
     return 0
 
 
@@ -128,6 +143,11 @@ class Player:
     ----------
     channels : sequence of Channel
 
+    Attributes
+    ----------
+    counts : dict of str to int
+        Messages published per topic.
+
     Raises
     ------
     BagError
@@ -138,7 +158,7 @@ class Player:
         from rclpy.node import Node
         from rclpy.qos_overriding_options import QoSOverridingOptions
 
-        self.count = 0
+        self.counts = {channel.topic: 0 for channel in channels}
         self._node = Node("player")
         self._publishers: dict[str, Any] = {}
         for channel in channels:
@@ -152,6 +172,11 @@ class Player:
                 _profile(channel),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
+
+    @property
+    def count(self) -> int:
+        """Messages published."""
+        return sum(self.counts.values())
 
     def play(self, bag: Path, rate: float, stop: Sequence[bool]) -> None:
         """Publish every message once, at its time.
@@ -175,7 +200,7 @@ class Player:
             if stop:
                 return
             publisher.publish(data)
-            self.count += 1
+            self.counts[channel.topic] += 1
 
     def finish(self) -> None:
         """Wait until subscribers have confirmed the last messages."""

@@ -6,6 +6,7 @@ words, beside what could be read.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -13,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FIELDS
-from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY, Status, add_statuses
+from hydro_ident.bag.decoder import Decoder
+from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.mcap_records import McapFile
 from hydro_ident.bag.mcap_types import FileHealth, MessageBlock
-from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_ident.bag.nearby import bags_beside
+from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
 from hydro_model.safe_yaml import parse
 
@@ -25,7 +27,9 @@ METADATA_FILE = "metadata.yaml"
 #: Name of the metadata record (and custom_data of metadata.yaml) of the project's own bags.
 PROJECT_METADATA = "hydro"
 _MAX_METADATA_BYTES = 16_000_000
-_MOST_NOTES = 1000
+#: A few thousand topics.
+_MAX_METADATA_NODES = 100_000
+_DIGITS = re.compile(r"([0-9]{1,18})")
 
 
 @dataclass(slots=True)
@@ -114,26 +118,25 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     Raises
     ------
     BagError
-        Nothing there, no bag, or a bag without a single message.
+        Nothing there, no bag, a bag without a single message or of more than fits into memory.
     """
     path = Path(path)
     files, notes, metadata = files_of(path)
     infos: dict[str, TopicInfo] = {}
-    builders: dict[str, SeriesBuilder] = {}
-    statuses: list[Status] = []
+    decoder = Decoder(path, notes, diagnostics=True)
     healths = []
     for file in files:
         for block in file.blocks():
             count_block(infos, block)
             if topics is None or block.channel.topic in topics:
-                decode_block(builders, statuses, block, notes)
+                decoder.add(block)
         healths.append(file.health)
         metadata.update(file.metadata.get(PROJECT_METADATA, {}))
         notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
     if not infos:
         why = f" ({'; '.join(notes)})" if notes else ""
         raise BagError(f"{path}: no message in this bag{why}")
-    series = {topic: builder.finish() for topic, builder in builders.items()}
+    series = decoder.take()
     notes += [
         f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
         for s in series.values()
@@ -147,7 +150,7 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
         series,
         metadata,
         unique,
-        tuple(statuses),
+        tuple(decoder.statuses),
     )
 
 
@@ -164,46 +167,6 @@ def count_block(infos: dict[str, TopicInfo], block: MessageBlock) -> None:
     info.first_log_ns = min(info.first_log_ns, first)
     info.last_log_ns = max(info.last_log_ns, last)
     info.latency_ns = max(info.latency_ns, latency)
-
-
-def decode_block(
-    builders: dict[str, SeriesBuilder],
-    statuses: list[Status] | None,
-    block: MessageBlock,
-    notes: list[str],
-) -> None:
-    """Decode a block of messages into its topic's builder; diagnostics where they are wanted.
-
-    What could not be decoded is added to `notes`.
-    """
-    channel = block.channel
-    if channel.message_type == DIAGNOSTIC_ARRAY:
-        if statuses is not None and (malformed := add_statuses(block, statuses)):
-            _say(notes, f"{channel.topic}: {malformed} messages could not be decoded")
-        return
-    if channel.message_type not in FIELDS:
-        return
-    if channel.encoding != "cdr":
-        _say(notes, f"{channel.topic}: expected encoding cdr, found '{channel.encoding}'")
-        return
-    builder = builders.get(channel.topic)
-    if builder is None:
-        builder = SeriesBuilder(channel.topic, channel.message_type)
-        builders[channel.topic] = builder
-    if builder.message_type != channel.message_type:
-        _say(
-            notes,
-            f"{channel.topic}: messages of {channel.message_type} beside"
-            f" {builder.message_type}, left out",
-        )
-        return
-    builder.add(block)
-
-
-def _say(notes: list[str], text: str) -> None:
-    """Note something once; what says a thousand different things is not listened to further."""
-    if len(notes) < _MOST_NOTES and text not in notes:
-        notes.append(text)
 
 
 def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
@@ -230,10 +193,11 @@ def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
     if path.is_file():
         return [McapFile(path)], [], {}
     if not path.is_dir():
-        raise BagError(f"no bag '{path}': expected a rosbag2 directory or an .mcap file")
+        expected = "expected a rosbag2 directory or an .mcap file"
+        raise BagError(f"no bag '{path}': {expected}; {bags_beside(path)}")
     notes: list[str] = []
     names, metadata = _listed(path, notes)
-    there = sorted(p.name for p in path.glob("*.mcap"))
+    there = sorted((p.name for p in path.glob("*.mcap")), key=_by_number)
     if names is None:
         names = there
         if there:
@@ -244,6 +208,11 @@ def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
     if not present:
         raise BagError(f"{path}: expected a rosbag2 directory with .mcap files, found none")
     return [McapFile(path / name) for name in present], notes, metadata
+
+
+def _by_number(name: str) -> list[tuple[int, str]]:
+    """Orders `run_10.mcap` behind `run_9.mcap`, as they were written."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(name)]
 
 
 def _listed(path: Path, notes: list[str]) -> tuple[list[str] | None, dict[str, str]]:
@@ -276,7 +245,7 @@ def _information(file: Path, notes: list[str]) -> dict[str, Any] | None:
     try:
         if file.stat().st_size > _MAX_METADATA_BYTES:
             raise ValueError(f"larger than {_MAX_METADATA_BYTES} bytes")
-        data = parse(file.read_text(encoding="utf-8"))
+        data = parse(file.read_text(encoding="utf-8"), _MAX_METADATA_NODES)
         information = data["rosbag2_bagfile_information"]
         if not isinstance(information, dict):
             raise TypeError("rosbag2_bagfile_information is no mapping")

@@ -10,18 +10,21 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, message_class_of
 from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.provenance import project_metadata
+from hydro_ident.bag.publisher_numbers import PublisherNumbers
+from hydro_ident.bag.recorder_summary import SLOW_S, summary, summary_dict
 from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
+from hydro_model.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.local_topics import stay_local
 from hydro_msgs_docs.topics import (
@@ -37,8 +40,6 @@ _GATHER_S = 0.004
 _TURN = 200
 #: Wake-ups where nothing comes: a chunk is closed by so much later than it should.
 _WAKE_S = 0.05
-#: A disk that takes longer for a chunk falls behind.
-SLOW_S = 0.2
 
 
 class RecordError(IdentError):
@@ -84,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         default="zstd",
         help="of the bag's chunks (default zstd)",
     )
+    add_json(parser, "at the end what was recorded and lost")
     return parser
 
 
@@ -99,20 +101,27 @@ def _run(arguments: Sequence[str]) -> int:
     writer = BagWriter(
         bag_directory(options.out, options.name), metadata, compression=options.compression
     )
-    return _record(writer, topics, arguments)
+    _record(writer, topics, arguments, options.json)
+    return 0
 
 
-def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[str]) -> int:
+def _record(
+    writer: BagWriter,
+    topics: Mapping[str, str],
+    arguments: Sequence[str],
+    json_file: Path | None,
+) -> None:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
+    stream = sys.stderr if json_file == STDOUT else sys.stdout
     with stop_on_signals() as stop:
         stay_local()
         rclpy.init(args=["recorder", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         started = time.monotonic()
         try:
-            recorder = Recorder(writer, topics)
-            _tell(f"recording {len(topics)} topics to {writer.directory}")
+            recorder = Recorder(writer, topics, stream)
+            _tell(f"recording {len(topics)} topics to {writer.directory}", stream)
             recorder.spin(stop)
             writer.close()
         except OSError as error:
@@ -124,29 +133,16 @@ def _record(writer: BagWriter, topics: Mapping[str, str], arguments: Sequence[st
         finally:
             writer.close()
             rclpy.try_shutdown()
-    _tell(summary(writer, recorder.lost, time.monotonic() - started))
-    return 0
+    seconds = time.monotonic() - started
+    _tell(summary(writer, recorder.lost, seconds), stream)
+    if json_file is not None:
+        write_json(json_file, summary_dict(writer, recorder.lost, seconds))
 
 
-def _tell(text: str) -> None:
+def _tell(text: str, stream: TextIO) -> None:
     """Print; nobody who listens, or a full disk under the log, is no reason not to record."""
     with suppress(OSError):
-        print(text, flush=True)
-
-
-def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
-    """What was recorded, a line per topic.
-
-    `lost` is how many messages of each topic were lost, `seconds` how long it recorded.
-    """
-    counts = {topic: count for topic, count in sorted(writer.counts.items()) if count}
-    lines = [f"recorded {sum(counts.values())} messages in {seconds:.1f} s: {writer.directory}"]
-    for topic, count in counts.items():
-        gone = f"  {lost[topic]} LOST before the recorder" if lost.get(topic) else ""
-        lines.append(f"  {count:9d}  {topic}{gone}")
-    if writer.slowest_s > SLOW_S:
-        lines.append(f"  the disk took up to {writer.slowest_s:.1f} s for a chunk")
-    return "\n".join(lines)
+        print(text, file=stream, flush=True)
 
 
 @dataclass(slots=True)
@@ -158,7 +154,7 @@ class _Source:
     message_class: Any
     hot: Any
     announced: bool = False
-    sequence: int = 0
+    numbers: PublisherNumbers = field(default_factory=PublisherNumbers)
 
 
 class Recorder:
@@ -169,19 +165,22 @@ class Recorder:
     writer : BagWriter
     topics : mapping of str to str
         Topic -> message type.
+    stream : file
+        Told of topics that are received.
 
     Attributes
     ----------
     lost : dict of str to int
-        Messages per topic that publishers numbered but the middleware did not deliver.
+        Messages per topic that publishers numbered but the middleware did not deliver: at least
+        so many where several publish on it.
     """
 
-    def __init__(self, writer: BagWriter, topics: Mapping[str, str]) -> None:
+    def __init__(self, writer: BagWriter, topics: Mapping[str, str], stream: TextIO) -> None:
         from rclpy.node import Node
 
         from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 
-        self._writer = writer
+        self._writer, self._stream = writer, stream
         self.lost: dict[str, int] = {}
         self._said_slow = False
         self._node = Node("recorder")
@@ -237,12 +236,12 @@ class Recorder:
         """Write a message; when it was received, ns."""
         if not source.announced:
             self._announce(source)
-        sequence = info.get("publication_sequence_number") or 0
-        # A publisher that starts anew counts from the beginning: no loss.
-        if source.sequence and sequence > source.sequence + 1:
-            missing = sequence - source.sequence - 1
+        missing = source.numbers.missing_before(
+            info.get("publication_sequence_number") or 0,
+            lambda: self._node.count_publishers(source.topic),
+        )
+        if missing:
             self.lost[source.topic] = self.lost.get(source.topic, 0) + missing
-        source.sequence = sequence
         log_ns = info.get("received_timestamp") or time.time_ns()
         self._writer.write(source.topic, data, log_ns, info.get("source_timestamp") or log_ns)
         return int(log_ns)
@@ -250,7 +249,7 @@ class Recorder:
     def _announce(self, source: _Source) -> None:
         source.announced = True
         # Discovery is complete for this topic only now: scripts and operators wait for it.
-        _tell(f"receiving {source.topic}")
+        _tell(f"receiving {source.topic}", self._stream)
         endpoints = self._node.get_publishers_info_by_topic(source.topic)
         qos = [_offered(e.qos_profile) for e in endpoints]
         known = source.message_type in TYPE_HASHES

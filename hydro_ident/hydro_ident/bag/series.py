@@ -102,6 +102,28 @@ class SeriesBuilder:
     _kinds: int = 0
     #: Oldest and newest stamp so far, ns; -1 before the first message.
     stamp_span_ns: tuple[int, int] = (-1, -1)
+    #: Memory of what was added, bytes.
+    held_bytes: int = 0
+
+    @property
+    def table_bytes(self) -> int:
+        """Memory that `finish` takes besides."""
+        # A number in every cell, stamps and what was read; twice where rows have to be left out.
+        table = self._count * (8 * self._cells_per_row + 17)
+        return 2 * table if self._malformed else table
+
+    @property
+    def _cells_per_row(self) -> int:
+        names = len({name for piece in self._pieces for name in piece.names})
+        return sum(self._widths(names).values())
+
+    def _widths(self, names: int) -> dict[str, int]:
+        """Columns of each field that has some."""
+        widths = {name: kind for name, kind in FIELDS[self.message_type] if kind != "names"}
+        if self.message_type != JOINT_STATE:
+            return {name: int(kind) for name, kind in widths.items()}
+        filled = {name for piece in self._pieces for name in piece.fields}
+        return {name: names for name in widths if name in filled}
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block of messages."""
@@ -127,6 +149,7 @@ class SeriesBuilder:
                 self._take(layout, buffer, block, left[:1])
                 left = left[1:]
         self._log_ns.append(block.log_ns)
+        self.held_bytes += block.log_ns.nbytes
         self._count += len(block.offset)
 
     def _new_layout(self, message: bytes) -> Layout:
@@ -158,7 +181,9 @@ class SeriesBuilder:
                 name: layout.field(rows, name) for name, at in layout.values.items() if at[1]
             }
             stamps = layout.stamp_ns(rows)
-            self._pieces.append(_Piece(taken + self._count, stamps, layout.names, fields))
+            piece = _Piece(taken + self._count, stamps, layout.names, fields)
+            self._pieces.append(piece)
+            self.held_bytes += sum(v.nbytes for v in (*fields.values(), stamps, piece.row))
             first, last = self.stamp_span_ns
             oldest, newest = int(stamps.min()), int(stamps.max())
             first = oldest if first < 0 else min(first, oldest)
@@ -176,14 +201,11 @@ class SeriesBuilder:
     def finish(self) -> Series:
         """The columns of everything added."""
         names = tuple(dict.fromkeys(n for piece in self._pieces for n in piece.names))
-        widths = {name: kind for name, kind in FIELDS[self.message_type] if kind != "names"}
-        if self.message_type == JOINT_STATE:
-            filled = {name for piece in self._pieces for name in piece.fields}
-            widths = {name: len(names) for name in widths if name in filled}
-        self._check_cells(self._count * sum(int(k) for k in widths.values()))
+        widths = self._widths(len(names))
+        self._check_cells(self._count * sum(widths.values()))
         stamp_ns = np.zeros(self._count, dtype=np.int64)
         read = np.zeros(self._count, dtype=np.bool_)
-        fields = {n: np.full((self._count, int(k)), np.nan) for n, k in widths.items()}
+        fields = {n: np.full((self._count, k), np.nan) for n, k in widths.items()}
         for piece in self._pieces:
             stamp_ns[piece.row] = piece.stamp_ns
             read[piece.row] = True

@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.cdr import IntArray
+from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.reader import (
     PROJECT_METADATA,
     Bag,
     TopicInfo,
     count_block,
-    decode_block,
     files_of,
 )
 from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
-from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
@@ -111,13 +111,16 @@ class _Reader:
     infos: dict[str, TopicInfo] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
-    builders: dict[str, SeriesBuilder] = field(default_factory=dict)
+    decoder: Decoder = field(init=False)
     kept: dict[str, Series] = field(default_factory=dict)
     #: First stamp of the recording, of the core to come, and of the median period.
     start_ns: int = -1
     core_ns: int = -1
     period_s: float = 0.0
     latched: bool = False
+
+    def __post_init__(self) -> None:
+        self.decoder = Decoder(self.path, self.notes, diagnostics=False)
 
     def pieces(self) -> Iterator[Piece]:
         files, notes, self.metadata = files_of(self.path)
@@ -126,7 +129,7 @@ class _Reader:
             for block in file.blocks():
                 count_block(self.infos, block)
                 if block.channel.topic in _TOPICS:
-                    decode_block(self.builders, None, block, self.notes)
+                    self.decoder.add(block)
                 if block.channel.topic == JOINT_STATES and self._enough():
                     yield from self._cut(last=False)
             self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
@@ -138,7 +141,7 @@ class _Reader:
 
     def _enough(self) -> bool:
         """Whether the messages read fill a core, its overlap, and what may still be late."""
-        builder = self.builders.get(JOINT_STATES)
+        builder = self.decoder.builders.get(JOINT_STATES)
         first, last = (-1, -1) if builder is None else builder.stamp_span_ns
         if first < 0:
             return False
@@ -193,14 +196,10 @@ class _Reader:
         return replace(recording, period_s=self.period_s)
 
     def _collect(self) -> None:
-        for topic, builder in self.builders.items():
-            fresh = builder.finish()
+        for topic, fresh in self.decoder.take().items():
             self.kept[topic] = (
                 fresh if topic not in self.kept else _joined(self.kept[topic], fresh)
             )
-        self.builders = {
-            topic: SeriesBuilder(topic, b.message_type) for topic, b in self.builders.items()
-        }
 
     def _forget(self, before_ns: int) -> None:
         self.kept = {topic: _since(series, before_ns) for topic, series in self.kept.items()}

@@ -1,7 +1,7 @@
 """Writes bags of the contract: rosbag2 directories with MCAP storage that survive a kill.
 
-Chunks are closed and handed to the operating system every 0.2 s of log time, under checksums.
-A process that dies loses the chunk it was filling, no more.
+Chunks are closed and handed to the operating system every 0.2 s of log time, under checksums,
+and each can be read alone. A process that dies loses the chunk it was filling, no more.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from numpy.typing import ArrayLike
 
 from hydro_ident.bag.cdr import encode
 from hydro_ident.bag.definitions import TYPE_HASHES, definition
+from hydro_ident.bag.described_chunks import describe_in_every_chunk
 from hydro_ident.bag.metadata import (
     FileRecord,
     OfferedQos,
     TopicRecord,
     metadata_text,
     qos_text,
-    write_atomically,
 )
 from hydro_ident.bag.reader import METADATA_FILE, PROJECT_METADATA
 from hydro_ident.errors import BagError
+from hydro_model.output import write_atomically
 
 CHUNK_NS = 200_000_000
 #: A new file after this much log time keeps the index that a writer holds in memory small.
@@ -154,7 +155,8 @@ class BagWriter:
         """
         file = self._files[-1]
         if file.count and log_ns - file.first_ns >= self._split_ns:
-            self._finish_file()
+            # Forcing it onto the disk here would keep what comes meanwhile waiting.
+            self._finish_file(force=False)
             self._open_file()
             file = self._files[-1]
         # A stepped clock may go backwards: that closes the chunk, too.
@@ -225,7 +227,7 @@ class BagWriter:
         if self._closed:
             return
         self._closed = True
-        self._finish_file()
+        self._finish_file(force=True)
         write_atomically(self.directory / METADATA_FILE, self._metadata_text())
 
     def abandon(self) -> None:
@@ -249,6 +251,7 @@ class BagWriter:
             enable_crcs=True,
             enable_data_crcs=True,
         )
+        describe_in_every_chunk(self._writer)
         self._writer.start(profile="ros2", library="hydro_ident")
         if self._metadata:
             self._writer.add_metadata(PROJECT_METADATA, self._metadata)
@@ -256,13 +259,14 @@ class BagWriter:
             self._register(record)
         self._stream.flush()
 
-    def _finish_file(self) -> None:
+    def _finish_file(self, *, force: bool) -> None:
         self._chunk_ns = None
         # What `ros2 bag` reads of a single file without its metadata.yaml.
         self._writer.add_metadata("rosbag2", {"serialized_metadata": self._metadata_text()})
         self._writer.finish()
         self._stream.flush()
-        os.fsync(self._stream.fileno())
+        if force:
+            os.fsync(self._stream.fileno())
         self._stream.close()
 
     def _register(self, record: TopicRecord) -> None:

@@ -1,0 +1,179 @@
+"""Dates and times of day in text logs: ISO, day.month.year, and slashes where they tell.
+
+With slashes 03/04/2026 is March or April: a column is read where one of its dates has a number
+above 12, and else left unread with the reason.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, timedelta
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+
+_CLOCK = r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(Z?)"
+_TIME_OF_DAY = re.compile(_CLOCK)
+_DATED = re.compile(r"(\d{1,4})([-/.])(\d\d?)\2(\d{1,4})(?:T|,? +)" + _CLOCK)
+#: What a person would take for a date with a time, whether it is read or not.
+_LOOKS_SO = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ,]+\d\d?:\d\d.*")
+_TRY = "write them as 2026-03-12T09:30:00.002 or 12.03.2026 09:30:00.002, or as seconds"
+_YEAR_FIRST, _DAY_FIRST, _MONTH_FIRST = "year-month-day", "day.month.year", "month/day/year"
+#: A number of this or more is no month.
+_NO_MONTH = 13
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Dated:
+    """A column of dates or times of day.
+
+    Attributes
+    ----------
+    seconds : (N,) array
+        Since the first; NaN where a cell is neither.
+    start : str
+        The first one, ISO 8601; empty where it has no date.
+    note : str
+        How the dates were read, where there is more than one way; else empty.
+    """
+
+    seconds: FloatArray
+    start: str
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """Numbers of a date (none: a time of day), what parts them, and seconds of the day."""
+
+    numbers: tuple[str, str, str] | None
+    sign: str
+    of_day: float
+    zone: str
+
+
+def is_moment(cell: str) -> bool:
+    """Whether a cell is a date with a time, read or not, or a time of day.
+
+    Parameters
+    ----------
+    cell : str
+    """
+    return _moment(cell) is not None or _LOOKS_SO.fullmatch(cell.strip()) is not None
+
+
+def dated(cells: Sequence[str]) -> Dated | None:
+    """Dates and times of day as seconds since the first.
+
+    Parameters
+    ----------
+    cells : sequence of str
+
+    Returns
+    -------
+    Dated or None
+        None where they are neither, or dates that may be read in two ways.
+
+    Raises
+    ------
+    ValueError
+        A day that no month has.
+    """
+    if not cells or (first := _moment(cells[0])) is None:
+        return None
+    moments = [_moment(cell) for cell in cells]
+    order = _order([m for m in moments if m is not None])
+    if order is None:
+        return None
+    days: dict[tuple[str, str, str] | None, float] = {}
+    seconds = np.full(len(cells), np.nan)
+    for k, moment in enumerate(moments):
+        if moment is not None:
+            if moment.numbers not in days:
+                days[moment.numbers] = _DAY_S * _day(moment, order).toordinal()
+            seconds[k] = days[moment.numbers] - next(iter(days.values())) + moment.of_day
+    # Over midnight a time of day without a date begins anew.
+    if None in days:
+        seconds += _DAY_S * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * _DAY_S)
+    return Dated(seconds - seconds[0], _start(first, order), _note(cells[0], first, order))
+
+
+def why_unread(cells: Sequence[str]) -> str:
+    """Why a column that looks like dates is not read as such, and what to try.
+
+    Parameters
+    ----------
+    cells : sequence of str
+
+    Returns
+    -------
+    str
+        Empty where it does not look like dates.
+    """
+    first = next((cell.strip() for cell in cells if cell.strip()), "")
+    if not _LOOKS_SO.fullmatch(first):
+        return ""
+    if _moment(first) is None:
+        return f"'{first}' looks like a date that is not known here: {_TRY}"
+    return f"'{first}' may be day/month or month/day, and no date there tells: {_TRY}"
+
+
+def _moment(cell: str) -> _Moment | None:
+    text = cell.strip()
+    if (match := _TIME_OF_DAY.fullmatch(text)) is not None:
+        return _Moment(None, "", _of_day(match.groups()[:3]), "")
+    match = _DATED.fullmatch(text)
+    if match is None:
+        return None
+    first, sign, second, third, *clock, zone = match.groups()
+    year_first = len(first) == 4 and len(third) <= 2
+    year_last = len(first) <= 2 and (len(third) == 4 or (len(third) == 2 and sign == "."))
+    if not (year_first or year_last):
+        return None
+    return _Moment((first, second, third), sign, _of_day(clock), zone)
+
+
+def _of_day(clock: Sequence[str]) -> float:
+    hours, minutes, seconds = clock
+    return int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds.replace(",", "."))
+
+
+def _order(moments: Sequence[_Moment]) -> str | None:
+    """In which order dates are written; None where that cannot be told."""
+    given = [m.numbers for m in moments if m.numbers is not None]
+    if not given or len(given[0][0]) == 4:
+        return _YEAR_FIRST
+    if next(m.sign for m in moments if m.numbers is not None) == ".":
+        return _DAY_FIRST
+    if any(int(first) >= _NO_MONTH for first, _, _ in given):
+        return _DAY_FIRST
+    return _MONTH_FIRST if any(int(second) >= _NO_MONTH for _, second, _ in given) else None
+
+
+def _day(moment: _Moment, order: str) -> date:
+    if moment.numbers is None:
+        return date(1, 1, 1)
+    a, b, c = (int(number) for number in moment.numbers)
+    if order == _YEAR_FIRST:
+        return date(a, b, c)
+    year = c + 2000 if len(moment.numbers[2]) == 2 else c
+    return date(year, b, a) if order == _DAY_FIRST else date(year, a, b)
+
+
+def _start(first: _Moment, order: str) -> str:
+    if first.numbers is None:
+        return ""
+    midnight = datetime.combine(_day(first, order), datetime.min.time())
+    moment = midnight + timedelta(microseconds=round(first.of_day * 1e6))
+    spec = "microseconds" if moment.microsecond % 1000 else "milliseconds"
+    return moment.isoformat(timespec=spec) + first.zone
+
+
+def _note(cell: str, first: _Moment, order: str) -> str:
+    if first.numbers is None or order == _YEAR_FIRST:
+        return ""
+    return f"'{cell.strip()}' read as {order}: {_day(first, order).isoformat()}"
