@@ -115,9 +115,11 @@ def blocks_of(
     half = (width - 1) // 2 if first.instruments else 0
     z = stacked[..., :half] if first.instruments else None
     x, y = stacked[..., half:-1], stacked[..., -1]
-    far = np.array([moments[i].far.total[k] for i, k in chosen])
-    sums_z = [(moments[i].far_z, k) for i, k in chosen]
-    far_z = np.array([one.total[k] for one, k in sums_z if one is not None])
+    totals = [m.far.total for m in moments]
+    far = np.array([totals[i][k] for i, k in chosen])
+    totals_z = [None if m.far_z is None else m.far_z.total for m in moments]
+    sums_z = [(totals_z[i], k) for i, k in chosen]
+    far_z = np.array([one[k] for one, k in sums_z if one is not None])
     own = [(moments[i].own, k) for i, k in chosen]
     rows = np.array([one[k] for one, k in own if one is not None])
     own_x, own_y = (rows[..., half:-1], rows[..., -1]) if rows.size else (None, None)

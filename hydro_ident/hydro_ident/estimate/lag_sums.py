@@ -7,6 +7,11 @@ What autocorrelated noise e does to a least squares estimate is the covariance o
 
 with the noise's autocovariance gamma. The C_j know nothing of the noise: gathered once, they serve
 any noise model. Between a few nodes gamma is taken as straight, so that a C per node is enough.
+
+The further back, the coarser the nodes may lie: rows are added up over blocks, twice as long from
+one octave of lags to the next, and blocks are multiplied in the place of rows. A pair of rows
+whose lag is not a whole number of blocks falls to either of the two nodes beside it, as it lies in
+its blocks: of many pairs, to each in the share that a straight line between them gives.
 """
 
 from __future__ import annotations
@@ -19,27 +24,45 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.robot import FloatArray
 
-#: Longest lag, in strides (`Rows.stride`): noise that remembers further is drift.
-LONGEST = 2048
-#: Lags kept one by one, and growth from one node to the next behind them.
-_SINGLE, _GROWTH = 16, 1.2
-#: Rows that are worked on at once, in strides.
+#: Lags kept one by one, in strides (`Rows.stride`); an octave of blocks has half as many.
+_SINGLE = 16
+#: Octaves behind them.
+_OCTAVES = 7
+#: Longest lag, in strides: noise that remembers further is drift.
+LONGEST = _SINGLE << _OCTAVES
+#: Rows that are worked on at once, in strides: whole blocks of every octave.
 _BATCH = 1024
 
 
-def _nodes() -> FloatArray:
-    nodes = list(range(_SINGLE))
-    while nodes[-1] < LONGEST - 1:
-        nodes.append(min(LONGEST - 1, max(nodes[-1] + 1, round(nodes[-1] * _GROWTH))))
-    return np.array(nodes, dtype=float)
+def _lags(octave: int) -> range:
+    """Lags in blocks of an octave that are nodes: what is nearer lies in the octave before.
+
+    The last lag of all octaves but the last is no node: half of its pairs are the next octave's,
+    and a straight line from the node before it to the next octave's first gives that the others.
+    """
+    return range(_SINGLE // 2 if octave else 0, _SINGLE - (octave < _OCTAVES))
 
 
 #: Lags at which sums are kept, in strides.
-NODES = _nodes()
+NODES = np.array([k << n for n in range(_OCTAVES + 1) for k in _lags(n)], dtype=float)
+
+
+@lru_cache(maxsize=1)
+def _hats() -> FloatArray:
+    """How lags (columns) are shared out to nodes (rows), as means over each node's lags."""
+    lags = np.arange(float(LONGEST))
+    ends = np.append(NODES, LONGEST)
+    hats = np.array([np.interp(lags, ends, row) for row in np.eye(NODES.size, ends.size)])
+    means: FloatArray = hats / hats.sum(axis=1, keepdims=True)
+    means.flags.writeable = False
+    return means
 
 
 def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     """Autocovariance at the nodes of an autoregression of white noise of unit variance.
+
+    Of the lags that a node stands for, the mean: noise that swings quicker than nodes lie apart
+    has none there.
 
     Parameters
     ----------
@@ -53,8 +76,8 @@ def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     (nodes,) array
         The Yule-Walker equations give the first, the recursion itself the others.
     """
-    series, at = _series(tuple(phi.tolist())), NODES.astype(int)
-    return np.asarray(0.5 * (series[at + shift] + series[np.abs(at - shift)]))
+    series, at = _series(tuple(phi.tolist())), np.arange(LONGEST)
+    return np.asarray(0.5 * _hats() @ (series[at + shift] + series[np.abs(at - shift)]))
 
 
 @lru_cache(maxsize=64)
@@ -97,13 +120,16 @@ class LagSums:
     width: int
     stride: int = 1
     _sums: FloatArray = field(init=False)
-    _tail: FloatArray = field(init=False)
+    _before: list[FloatArray] = field(init=False)
+    _used: BoolArray = field(init=False)
     _waiting: list[FloatArray] = field(init=False, default_factory=list)
     _held: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         self._sums = np.zeros((self.channels, NODES.size, self.width, self.width))
-        self._tail = np.zeros((0, self.channels, self.width))
+        none = np.zeros((_SINGLE, self.channels, self.width))
+        self._before = [none] * (_OCTAVES + 1)
+        self._used = np.zeros((self.channels, self.width), dtype=np.bool_)
 
     def add(self, x: FloatArray, skipped: int, known: BoolArray) -> None:
         """Take in rows that follow each other.
@@ -118,7 +144,7 @@ class LagSums:
         """
         values = np.where(known[..., None], x, 0.0)
         gap = min(skipped, LONGEST * self.stride)
-        if gap and (self._held or self._tail.shape[0]):
+        if gap and (self._held or self._used.any()):
             self._waiting.append(np.zeros((gap, self.channels, self.width)))
             self._held += gap
         self._waiting.append(values)
@@ -126,62 +152,63 @@ class LagSums:
         batch = _BATCH * self.stride
         if self._held < batch:
             return
-        # Whole batches, whatever the calls were: the sums' rounding is then the same, too.
+        # Whole batches, whatever the calls were: blocks and the sums' rounding are the same, too.
         waiting = np.concatenate(self._waiting)
         while waiting.shape[0] >= batch:
-            self._take(waiting[:batch])
+            self._before = self._take(self._sums, waiting[:batch])
             waiting = waiting[batch:]
         self._waiting, self._held = [waiting.copy()], waiting.shape[0]
 
     @property
     def total(self) -> FloatArray:
         """Symmetric sums by channel and node, (k, nodes, p, p)."""
+        sums = self._sums.copy()
         if self._held:
-            self._take(np.concatenate(self._waiting))
-        self._waiting, self._held = [], 0
-        return self._sums
+            rest = np.concatenate(self._waiting)
+            missing = -rest.shape[0] % (self.stride << _OCTAVES)
+            self._take(sums, np.concatenate([rest, np.zeros((missing, *rest.shape[1:]))]))
+        return sums + sums.swapaxes(2, 3)
 
-    def _take(self, fresh: FloatArray) -> None:
-        past = np.concatenate([self._tail, fresh])
-        before = self._tail.shape[0]
-        now = past.copy()
-        now[:before] = 0.0
+    def _take(self, sums: FloatArray, rows: FloatArray) -> list[FloatArray]:
+        """Add the products of new rows to some sums; the last blocks of every octave."""
+        last = [np.zeros_like(before) for before in self._before]
+        self._used |= rows.any(axis=0)
         for k in range(self.channels):
             # A joint's row is zero for what lies nearer to the base, and for others' friction.
-            used = np.flatnonzero(past[:, k].any(axis=0))
-            if np.any(now[:, k]):
-                own = _node_sums(now[:, k][:, used], past[:, k][:, used], self.stride)
-                self._sums[k][:, used[:, None], used] += own
-        keep = (LONGEST - 1) * self.stride
-        self._tail = past[max(past.shape[0] - keep, 0) :]
+            used = np.flatnonzero(self._used[k])
+            if not used.size:
+                continue
+            before = [blocks[:, k][:, used] for blocks in self._before]
+            products = _node_products(rows[:, k][:, used], before, self.stride)
+            sums[k][:, used[:, None], used] += products
+            for blocks, own in zip(last, before, strict=True):
+                blocks[:, k, used] = own
+        return last
 
 
-def _node_sums(now: FloatArray, past: FloatArray, stride: int) -> FloatArray:
-    """Symmetric sums of ``now_t' past_(t - j)`` over all lags, shared among the nodes."""
-    from scipy.fft import irfft, next_fast_len, rfft
+def _node_products(rows: FloatArray, before: list[FloatArray], stride: int) -> FloatArray:
+    """Products of new rows with all before them, (nodes, p, p); lag 0 by half.
 
-    rows, width = now.shape
-    lags = min(rows, LONGEST * stride)
-    size = next_fast_len(rows + lags, real=True)
-    spectra = rfft(now, n=size, axis=0), rfft(past, n=size, axis=0)
-    hats = _hats(lags, stride)
-    result = np.zeros((NODES.size, width, width))
-    for column in range(width):
-        cross = spectra[0] * np.conj(spectra[1][:, column : column + 1])
-        products = irfft(cross, n=size, axis=0)[:lags]
-        # Lag 0 is its own mirror image.
-        products[0] *= 0.5
-        result[:, :, column] = hats @ products
-    return result + result.transpose(0, 2, 1)
-
-
-def _hats(lags: int, stride: int) -> FloatArray:
-    """Weights (nodes, lags) by which values at lags in rows are shared among the nodes."""
-    at = np.arange(float(lags)) / stride
-    upper = np.minimum(np.searchsorted(NODES, at, side="right"), NODES.size - 1)
-    share = (at - NODES[upper - 1]) / (NODES[upper] - NODES[upper - 1])
-    weights = np.zeros((NODES.size, lags))
-    index = np.arange(lags)
-    weights[upper, index] = np.minimum(share, 1.0)
-    weights[upper - 1, index] = np.maximum(1.0 - share, 0.0)
-    return weights
+    Parameters
+    ----------
+    rows : (T, p) array
+        Whole blocks of every octave.
+    before : list of (_SINGLE, p) array
+        The last blocks of every octave; those of the new rows take their place.
+    """
+    width = rows.shape[1]
+    result, node = np.zeros((NODES.size, width, width)), 0
+    for octave, old in enumerate(before):
+        count = 2 if octave else stride
+        rows = rows.reshape(-1, count, width).sum(axis=1)
+        blocks = np.concatenate([old, rows])
+        for lag in _lags(octave):
+            result[node] += rows.T @ blocks[_SINGLE - lag : len(blocks) - lag]
+            node += 1
+        if octave < _OCTAVES:
+            # Of the last lag every other pair is eight blocks of the next octave apart: these
+            # are the others, shared out to the node before.
+            result[node - 1] += rows[1::2].T @ blocks[1 : len(blocks) - _SINGLE + 1][1::2]
+        before[octave] = blocks[-_SINGLE:]
+    result[0] *= 0.5
+    return result

@@ -162,7 +162,13 @@ class Moments:
 
 def _stacked(factor: FloatArray, rows: FloatArray) -> FloatArray:
     """The triangular factor of what was factorised and of more rows."""
-    return np.asarray(np.linalg.qr(np.concatenate([factor, rows]), mode="r"))
+    # Columns of zeros, of bodies nearer to the base and of others' friction, stay so.
+    used = np.flatnonzero(rows.any(axis=0) | factor.any(axis=0))
+    both = np.concatenate([factor[used[:, None], used], rows[:, used]])
+    own = np.linalg.qr(both, mode="r")
+    result = np.zeros_like(factor)
+    result[used[: len(own), None], used] = own
+    return result
 
 
 def _run_lengths(
