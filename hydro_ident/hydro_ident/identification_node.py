@@ -73,12 +73,14 @@ def _publisher(node: Any) -> Any:
 
 def _identified_message(node: Any) -> Any:
     from hydro_ident.identification import identify
+    from hydro_ident.optional import require
     from hydro_ident.sources import bag_source
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_model.robot_files import load_robot
     from hydro_msgs_docs.messages import joint_state
 
     bags, name = _parameters(node)
+    require("clarabel", "bodies that can exist")
     robot = load_robot(name)
     found = identify(robot, [bag_source(bag, robot) for bag in bags])
     if found.verdict == NOT_ENOUGH:

@@ -13,6 +13,7 @@ from hydro_ident.bag.channels import channels_of
 from hydro_ident.bag.grid import Topic, find_gaps
 from hydro_ident.bag.reader import Bag, log_span_ns
 from hydro_ident.bag.recording import Recording, recording_of
+from hydro_ident.complaints import complaints_of
 from hydro_ident.errors import BagError
 from hydro_ident.health import Finding, find_irregularities, pressure_columns
 from hydro_model.errors import RobotError
@@ -97,7 +98,7 @@ class Inspection:
     findings : list of Finding
         Irregular signals.
     diagnostics : list of str
-        Warnings and errors that nodes gave, each once.
+        Warnings and errors that nodes gave, each once; not that they waited at start and end.
     metadata : dict
         The project's own; long texts by their size.
     """
@@ -199,7 +200,7 @@ def inspect_bag(bag: Bag, robot: Robot | None, *, strict: bool = False) -> Inspe
         losses=[{"channel": loss.channel, "reason": loss.reason} for loss in lost],
         damage=damage,
         findings=[] if recording is None else find_irregularities(recording),
-        diagnostics=_complaints(bag),
+        diagnostics=complaints_of(bag.diagnostics),
         metadata={k: v if len(v) <= 200 else f"{len(v)} bytes" for k, v in bag.metadata.items()},
     )
 
@@ -271,12 +272,3 @@ def ranges_of(recording: Recording) -> list[Range]:
         for name, unit, values in rows
         if len(v := values[np.isfinite(values)])
     ]
-
-
-def _complaints(bag: Bag) -> list[str]:
-    said = (
-        f"{status.name}: {status.message} ({status.level})"
-        for status in bag.diagnostics
-        if status.level != "ok"
-    )
-    return list(dict.fromkeys(said))

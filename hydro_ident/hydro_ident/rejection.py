@@ -16,7 +16,7 @@ import numpy as np
 from hydro_ident.estimate.bounds import conditioned, effect_bounds
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import HeldPart
-from hydro_ident.estimate.hydraulics import CylinderFit
+from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import NULL_BIAS, OVER_BULK
 from hydro_ident.estimate.scores import ChannelScore
@@ -121,12 +121,50 @@ def tested(robot: Robot, estimates: Estimates, scores: Sequence[ChannelScore]) -
     if hydraulic is not None:
         cylinders = []
         for fit in hydraulic.cylinders:
-            joint = robot.cylinder(fit.cylinder).joint
-            flows = (f"{joint}/flow_a", f"{joint}/flow_b")
-            why = fit.rejected or _failed(robot, scores, flows)
+            why = fit.rejected or _failed(robot, scores, _flows(robot, fit))
             cylinders.append(replace(fit, rejected=why))
         hydraulic = replace(hydraulic, cylinders=tuple(cylinders))
     return replace(estimates, inertial=inertial, hydraulic=hydraulic)
+
+
+def rejections(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Why stages were rejected, and their channels, by what a stage is called.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    """
+    found = {}
+    if inertial is not None and inertial.rejected:
+        found["forces"] = inertial.rejected, tuple(inertial.model.channels)
+    for fit in hydraulic.cylinders if hydraulic is not None else ():
+        if fit.rejected:
+            found[f"hydraulics of {fit.cylinder}"] = fit.rejected, _flows(robot, fit)
+    return found
+
+
+def rejected_channels(
+    robot: Robot, inertial: InertialFit | None, hydraulic: HydraulicFit | None
+) -> set[str]:
+    """Channels whose numbers are those of a fit that is not in the model.
+
+    Parameters
+    ----------
+    robot : Robot
+    inertial : InertialFit or None
+    hydraulic : HydraulicFit or None
+    """
+    stages = rejections(robot, inertial, hydraulic).values()
+    return {name for _, channels in stages for name in channels}
+
+
+def _flows(robot: Robot, fit: CylinderFit) -> tuple[str, str]:
+    joint = robot.cylinder(fit.cylinder).joint
+    return f"{joint}/flow_a", f"{joint}/flow_b"
 
 
 def _impossible(robot: Robot, inertial: InertialFit) -> str:

@@ -258,15 +258,17 @@ def _move(fresh: Path, folder: Path, own: Sequence[str]) -> None:
 
 
 def write_outcome(
-    folder: Path, result: str, report: str, write_robot: Callable[[Path], None] | None
+    folder: Path, result: str, report: str | None, write_robot: Callable[[Path], None] | None
 ) -> None:
     """Write the files of an identification or a diagnosis, or none.
 
     Parameters
     ----------
     folder : Path
-    result, report : str
-        Texts of `result.json` and `report.html`.
+    result : str
+        Text of `result.json`.
+    report : str or None
+        Of `report.html`; None where what draws it is not installed.
     write_robot : callable or None
         Writes `model.yaml` and what else belongs to it into a folder; None where no robot was
         found, and then there is no `controller.yaml` either.
@@ -280,7 +282,8 @@ def write_outcome(
 
     def fill(fresh: Path) -> None:
         (fresh / RESULT_FILE).write_text(result, encoding="utf-8")
-        (fresh / REPORT_FILE).write_text(report, encoding="utf-8")
+        if report is not None:
+            (fresh / REPORT_FILE).write_text(report, encoding="utf-8")
         if write_robot is not None:
             write_robot(fresh)
             text = controller_text(folder / MODEL_FILE)

@@ -1,4 +1,4 @@
-"""Whether a robot description can be true: strokes, levers, loads, bodies, missing numbers.
+"""Whether a robot description can be true: strokes, levers, loads, bodies, units, missing numbers.
 
 What can be computed from the files alone. Nothing here knows the machine: a description without
 remarks may still be of another one.
@@ -14,6 +14,7 @@ import numpy as np
 
 from hydro_ident.robot_file_gaps import missing_fields
 from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses, limits
+from hydro_ident.robot_units import unit_errors, unit_warnings
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia
@@ -98,6 +99,8 @@ def check_robot(robot: Robot) -> RobotCheck:
     ranges = cylinder_ranges(robot)
     remarks = [remark for r in ranges for remark in _cylinder(r, robot)]
     remarks += [*_masses(robot), *_bodies(robot), *_joints(robot)]
+    remarks += [Remark(ERROR, about, text) for about, text in unit_errors(robot, ranges)]
+    remarks += [Remark(WARNING, about, text) for about, text in unit_warnings(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in missing_fields(robot)]
     order = (ERROR, WARNING, NOTE)
     return RobotCheck(robot, ranges, tuple(sorted(remarks, key=lambda r: order.index(r.level))))

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -230,3 +234,22 @@ def lay_out() -> Callable[..., Any]:
 def make_run() -> tuple[Callable[..., Robot], Callable[..., SimulatedRun]]:
     """`true_crane` and `simulated_run`, for other machines and motions."""
     return true_crane, simulated_run
+
+
+@pytest.fixture
+def browser_check() -> Callable[[Path], dict[str, Any]]:
+    """Opens a report in Chromium at every width: what `check_report.py` measured."""
+    script = Path(__file__).parents[2] / "scripts" / "check_report.py"
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+    if not any(shutil.which(name) for name in names):
+        pytest.skip("no Chromium here: the report is not opened in a browser")
+
+    def check(report: Path) -> dict[str, Any]:
+        done = subprocess.run(
+            [sys.executable, script, report], capture_output=True, text=True, timeout=900
+        )
+        assert done.stdout, done.stderr
+        answer: dict[str, Any] = json.loads(done.stdout)
+        return answer
+
+    return check

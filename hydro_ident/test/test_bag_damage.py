@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
+from hydro_ident.bag import writer as bag_writer
 from hydro_ident.bag.cdr import JOINT_STATE, encode
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.writer import BagWriter
@@ -31,14 +32,29 @@ def _values(k: int) -> list[float]:
     return [k + 0.25, -k / 7.0]
 
 
+def _written(folder: Path) -> BagWriter:
+    """A bag of three chunks that is not closed yet."""
+    writer = BagWriter(folder, METADATA)
+    writer.add_topic(TOPIC, JOINT_STATE, text="x")
+    for k in range(COUNT):
+        writer.write_stamped(TOPIC, _stamp(k), {"position": _values(k)}, names=NAMES)
+    return writer
+
+
 @pytest.fixture
 def project_bag(tmp_path: Path) -> Path:
     """The one file of a bag of the project's, of three chunks."""
-    with BagWriter(tmp_path / "bag", METADATA) as writer:
-        writer.add_topic(TOPIC, JOINT_STATE, text="x")
-        for k in range(COUNT):
-            writer.write_stamped(TOPIC, _stamp(k), {"position": _values(k)}, names=NAMES)
+    _written(tmp_path / "bag").close()
     return tmp_path / "bag" / "bag_0.mcap"
+
+
+@pytest.fixture
+def killed_bag(tmp_path: Path) -> Path:
+    """The same, of a recorder that was killed behind its third chunk."""
+    writer = _written(tmp_path / "killed")
+    writer.flush()
+    writer.abandon()
+    return tmp_path / "killed" / "killed_0.mcap"
 
 
 def _foreign_bag(path: Path, chunked: bool) -> Path:
@@ -169,9 +185,45 @@ def test_every_fifth_byte_of_metadata_yaml_changed(project_bag: Path) -> None:
             assert _right_cycles(bag) == list(range(COUNT)), at
 
 
-def test_channels_of_a_damaged_first_chunk_come_from_the_end_of_the_file(
-    tmp_path: Path, project_bag: Path
+def test_every_intact_chunk_of_a_killed_recorders_bag_is_read_alone(killed_bag: Path) -> None:
+    """Where the file has no end, what describes the channels must not hang on the first chunk."""
+    data = killed_bag.read_bytes()
+    begins = [at for at in range(len(data)) if data[at : at + 4] == b"zstd"]
+    assert len(begins) == 3
+    for kept, cycles in enumerate(([0, 1], [2, 3], [4, 5])):
+        damaged = bytearray(data)
+        for which, at in enumerate(begins):
+            damaged[at + 30] ^= 0 if which == kept else 0x55
+        killed_bag.write_bytes(damaged)
+        bag = read_bag(killed_bag)
+        assert sum("left out" in loss for loss in bag.losses) == 2
+        assert _right_cycles(bag) == cycles
+
+
+def test_no_bit_of_a_killed_recorders_first_chunk_takes_the_others_with_it(
+    killed_bag: Path,
 ) -> None:
+    data = killed_bag.read_bytes()
+    begin = data.index(b"zstd")
+    length = int.from_bytes(data[begin + 4 : begin + 12], "little")
+    for at in range(begin, begin + 12 + length):
+        damaged = bytearray(data)
+        damaged[at] ^= 1 << at % 8
+        killed_bag.write_bytes(damaged)
+        bag = read_bag(killed_bag)
+        cycles = _right_cycles(bag)
+        # A bit that means nothing changes nothing.
+        said = any("left out" in loss for loss in bag.losses)
+        assert cycles == ([2, 3, 4, 5] if said else list(range(COUNT))), at
+
+
+def test_channels_of_a_damaged_first_chunk_come_from_the_end_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of writers that describe their channels once."""
+    monkeypatch.setattr(bag_writer, "describe_in_every_chunk", lambda writer: None)
+    _written(tmp_path / "bag").close()
+    project_bag = tmp_path / "bag" / "bag_0.mcap"
     data = bytearray(project_bag.read_bytes())
     first = data.index(b"zstd")
     data[first + 30] ^= 0x55

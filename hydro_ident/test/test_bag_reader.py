@@ -256,6 +256,32 @@ def test_a_recording_that_was_not_closed_reads(write_bag, run_columns) -> None:
     assert "no metadata.yaml" in bag.losses[0]
 
 
+@pytest.mark.parametrize("begun", [b"", b"\x89MCAP", b"\x89MCAP0\r\n"])
+def test_a_file_that_was_only_just_begun_takes_the_others_not_with_it(
+    write_bag, run_columns, begun: bytes
+) -> None:
+    """What a recorder that is killed while it rolls over leaves behind."""
+    path = write_bag(run_columns(500), split_ns=300_000_000)
+    (path / "metadata.yaml").unlink()
+    last = sorted(path.glob("*.mcap"))[-1]
+    last.write_bytes(begun)
+    bag = read_bag(path)
+    assert len(bag.series["/joint_states"]) == 450
+    (said,) = [loss for loss in bag.losses if loss.startswith(last.name)]
+    assert "expected an MCAP file, found" in said or "cut off between records" in said
+
+
+def test_files_of_a_recording_that_was_not_closed_are_read_as_they_were_written(
+    write_bag, run_columns
+) -> None:
+    columns = run_columns(600)
+    path = write_bag(columns, split_ns=100_000_000)
+    (path / "metadata.yaml").unlink()
+    assert len(list(path.glob("*.mcap"))) == 12
+    q = columns["/joint_states"][1]["position"]
+    np.testing.assert_array_equal(read_bag(path).series["/joint_states"].fields["position"], q)
+
+
 def test_metadata_of_the_directory_cannot_point_outside(
     tmp_path: Path, write_bag, run_columns
 ) -> None:

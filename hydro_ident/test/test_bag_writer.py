@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
 import pytest
 import yaml
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -137,6 +138,36 @@ def test_chunks_and_data_carry_checksums_and_close_every_fifth_of_a_second(
     assert bag.files[0].compression == {compression}
 
 
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_every_chunk_describes_its_channels_and_other_libraries_read_on(
+    tmp_path: Path, compression: str
+) -> None:
+    path = tmp_path / "bag"
+    with _two_topics(path, compression=compression) as writer:
+        for k in range(500):
+            stamp = 10**18 + k * 2_000_000
+            writer.write_stamped("/joint_states", stamp, {"position": [k]}, names=["lift"])
+            if k in (220, 450):
+                writer.write_stamped("/oil_temperature", stamp, {"temperature": 40.0})
+    said = []
+    with open(path / "bag_0.mcap", "rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True, validate_crcs=True).records:
+            if isinstance(record, Chunk):
+                inside = [type(r).__name__ for r in breakup_chunk(record, validate_crc=True)]
+                said.append((inside.count("Schema"), inside.count("Channel")))
+    # Both are announced before the first; the oil speaks in the third and in the last again.
+    assert said == [(2, 2), (1, 1), (2, 2), (1, 1), (2, 2)]
+    for reading in (NonSeekingReader, SeekingReader):
+        with open(path / "bag_0.mcap", "rb") as stream:
+            messages = list(reading(stream, validate_crcs=True).iter_messages())
+            assert [c.topic for _, c, _ in messages].count("/oil_temperature") == 2
+            assert {s.name for s, _, _ in messages if s is not None} == {JOINT_STATE, TEMPERATURE}
+            assert len(messages) == 502
+    with Reader(path) as reader:
+        rows = [STORE.deserialize_cdr(d, c.msgtype) for c, _, d in reader.messages()]
+        assert [r.position[0] for r in rows if hasattr(r, "position")] == list(range(500))
+
+
 def test_a_bag_that_is_never_closed_lacks_the_open_chunk_only(tmp_path: Path) -> None:
     path = tmp_path / "bag"
     writer = _two_topics(path)
@@ -153,6 +184,23 @@ def test_a_bag_that_is_never_closed_lacks_the_open_chunk_only(tmp_path: Path) ->
     writer.close()
     writer.close()
     assert read_bag(path).losses == ()
+
+
+def test_a_new_file_waits_for_no_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    forced: list[int] = []
+    force = os.fsync
+
+    def fsync(file: int) -> None:
+        forced.append(len(list((tmp_path / "bag").glob("*.mcap"))))
+        force(file)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with _two_topics(tmp_path / "bag", split_ns=100_000_000) as writer:
+        for k in range(150):
+            stamp = 10**18 + k * 2_000_000
+            writer.write_stamped("/joint_states", stamp, {"position": [k]}, names=["lift"])
+        assert forced == []
+    assert forced == [3, 3]  # the last file, and metadata.yaml
 
 
 def test_a_clock_that_steps_back_loses_nothing(tmp_path: Path) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
@@ -21,7 +23,7 @@ from hydro_ident.bench.command import main
 from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
 from hydro_ident.bench.job import Row, against_limit
 from hydro_ident.bench.page import BEGIN, END, line, with_table
-from hydro_ident.bench.soak import EDGES_MS, soak, text_of
+from hydro_ident.bench.soak import EDGES_MS, Trips, soak, text_of
 from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
 from hydro_model.robot_files import load_robot
@@ -147,7 +149,26 @@ def test_a_soak_counts_every_cycle_and_watches_every_process() -> None:
     assert all(0.0 < m.begin <= m.peak for m in one.memory.values())
     said = text_of(one)
     assert f"{one.cycles} cycles, {one.lost} not answered" in said
+    assert f"one of {one.trips} trips" in said
     assert "p99.9" in said
+
+
+@pytest.mark.ros
+def test_a_trip_is_cleared_and_counted() -> None:
+    """A controller that stands still for a while: 0 V until cleared, then answers again."""
+    with unless_too_busy(), product(1.0, LARGEST_AGE_MS) as running:
+        trips, controller = Trips(running), running.processes["controller"]
+        controller.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        controller.send_signal(signal.SIGCONT)
+        before, end = len(running.bus.latencies_s), time.monotonic() + 30.0
+        while not trips.cleared and time.monotonic() < end:
+            trips.watch(time.monotonic() + 1.0)
+        assert trips.cleared >= 1
+        assert trips.waited > 0
+        while len(running.bus.latencies_s) == before and time.monotonic() < end:
+            trips.watch(time.monotonic() + 1.0)
+        assert len(running.bus.latencies_s) > before
 
 
 def test_the_page_is_made_from_the_results(

@@ -6,8 +6,11 @@ import base64
 import json
 import re
 import shutil
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,6 +158,49 @@ def test_a_cylinder_that_lowers_its_joint_and_one_without_valve_are_said(crane: 
     assert any("no valve feeds it" in t for t in texts(check, WARNING, "lift_cylinder"))
 
 
+LIFT, SUPPLY, C_PA = ("cylinders", 0), ("supply", "pressure_pa"), ("valves", 0, "c_pa")
+#: Numbers of the reference crane in another unit, what is remarked on, and the unit named.
+IN_ANOTHER_UNIT: list[tuple[dict[tuple[str | int, ...], float], str, str]] = [
+    ({(*LIFT, "bore_m"): 80.0, (*LIFT, "rod_m"): 45.0}, "lift_cylinder", "80 mm are 0.08 m"),
+    ({(*LIFT, "bore_m"): 3.15}, "lift_cylinder", "3.15 inches are 0.08001 m"),
+    ({(*LIFT, "stroke_m"): 590.0}, "lift_cylinder", "590 mm are 0.59 m"),
+    ({(*LIFT, "l1_m"): 1040.0, (*LIFT, "l2_m"): 160.0}, "lift_cylinder", "mm are 0.1"),
+    ({SUPPLY: 18e11}, "supply", "1.8e+07 Pa are 180 bar"),
+    ({SUPPLY: 2.6e8}, "supply", "2600 psi are 179.3 bar"),
+    ({SUPPLY: 190.0, ("supply", "tank_pressure_pa"): 0.0}, "supply", "190 bar are 190 bar"),
+    ({C_PA: 8.91e-7 / 316.2}, "lift_valve", "a drop in Pa taken for bar (100 l/min)"),
+    ({C_PA: 16.9}, "lift_valve", "a coefficient in l/(min sqrt(bar))"),
+]
+
+
+@pytest.mark.parametrize(("changes", "about", "said"), IN_ANOTHER_UNIT)
+def test_numbers_in_another_unit_are_errors_that_name_it(
+    changes: dict, about: str, said: str, crane: Crane
+) -> None:
+    for keys, value in changes.items():
+        crane.change(*keys, value=value)
+    check = crane.check()
+    assert any(said in text for text in texts(check, ERROR, about))
+    valves = [r for r in check.remarks if r.level == ERROR and r.about == "lift_valve"]
+    assert bool(valves) == (about == "lift_valve")
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "said"),
+    [
+        (("cylinders", 0, "stroke_m"), 8.0, "stroke 8 m: in metres?"),
+        (("cylinders", 0, "bore_m"), 0.45, "bore 0.45 m, stroke"),
+        (("cylinders", 0, "rod_m"), 0.0045, "rod 0.0045 m in a bore of 0.08 m"),
+    ],
+)
+def test_unlikely_sizes_are_worth_a_look(
+    keys: tuple[str | int, ...], value: float, said: str, crane: Crane
+) -> None:
+    crane.change("cylinders", 0, "stroke_m", value=0.2)
+    crane.change(*keys, value=value)
+    assert any(said in text for text in texts(crane.check(), WARNING, "lift_cylinder"))
+
+
 def points(trace: dict[str, object]) -> np.ndarray:
     """Points of a trace of a figure, (N, 2)."""
     columns = [np.frombuffer(base64.b64decode(trace[k]["bdata"]), "<f4") for k in "xy"]  # type: ignore[index]
@@ -195,7 +241,9 @@ def test_the_command_writes_one_file_that_fetches_nothing(
 ) -> None:
     page, found = tmp_path / "crane.html", tmp_path / "crane.json"
     assert main([str(crane.file), "--out", str(page), "--json", str(found)]) == 0
-    assert "lift_cylinder" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "lift_cylinder" in said
+    assert "xs031: 2 joints, 2 cylinders" in said
     html = page.read_text(encoding="utf-8")
     assert len(html.encode()) < LARGEST_BYTES
     assert not re.search(r'(src|href)="(?!#)', html.split("<script>", 1)[0])
@@ -205,11 +253,37 @@ def test_the_command_writes_one_file_that_fetches_nothing(
     assert [c["name"] for c in data["cylinders"]] == ["lift_cylinder", "tilt_cylinder"]
 
 
+def test_a_browser_opens_the_drawing_without_errors(
+    crane: Crane, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
+) -> None:
+    page = tmp_path / "crane.html"
+    assert main([str(crane.file), "--out", str(page)]) == 0
+    views = browser_check(page)["views"]
+    assert [view["found"] for view in views] == [[]] * len(views)
+    assert views[0]["drawn"] == views[0]["figures"] == len(POSES) + 1 + 2
+
+
 def test_the_command_fails_on_an_error_and_still_draws(crane: Crane, tmp_path: Path) -> None:
     crane.replace('upper="1.70"', 'upper="2.90"')
     page = tmp_path / "crane.html"
     assert main([str(crane.file), "--out", str(page)]) == 1
     assert "cannot be used as it is" in page.read_text(encoding="utf-8")
+
+
+def test_without_plotly_the_description_is_checked_and_not_drawn(
+    crane: Crane,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    page = tmp_path / "page.html"
+    assert main([str(crane.file), "--out", str(page)]) == 0
+    said = capsys.readouterr()
+    assert "lift_cylinder" in said.out
+    assert said.err.startswith("check_robot: plotly is not installed: ")
+    assert said.err.count("\n") == 1
+    assert not page.exists()
 
 
 def test_unreadable_robots_are_bad_usage(

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.commands.diagnose import main, run
+from hydro_ident.commands.diagnose import main, run, write_results
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.report.diagnosis_report import report_html
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views
+from hydro_ident.report.model_parameters import finding_rows
+from hydro_ident.results import Provenance
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.errors import HydroError
 from hydro_model.robot import EffectSpec, Robot
@@ -109,6 +114,62 @@ def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None
     assert len(report.encode()) < 8_000_000
 
 
+def test_a_browser_opens_it_without_errors(
+    found: Diagnosis, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
+) -> None:
+    file = tmp_path / "report.html"
+    origin = {"command": "diagnose", "version": "1", "robot": "r", "bags": [], "validation": []}
+    file.write_text(report_html(found, origin), encoding="utf-8")
+    views = browser_check(file)["views"]
+    assert [view["found"] for view in views] == [[]] * len(views)
+    assert views[0]["drawn"] == views[0]["figures"] > 20
+
+
+def test_names_that_held_out_rows_do_not_speak_of_are_not_counted_among_the_sure(
+    found: Diagnosis,
+) -> None:
+    """A finding that is not sure at all, which the rows to verify on do not exercise."""
+    bias = next(f for f in found.findings if f.named.names[0] == "valve_null_bias")
+    unsure = replace(
+        bias,
+        named=replace(bias.named, probability=(0.6,)),
+        verification=replace(bias.verification, silent=True),
+    )
+    both = tuple(unsure if one is bias else one for one in found.findings)
+    sure = " ".join(_card(replace(found, findings=both), "How sure"))
+    assert "The names that could be verified fit better than any other" in sure
+    assert "(over 99 %)" in sure
+    assert "60 %" not in sure
+    assert "do not exercise valve null bias of tilt cylinder: only cross-validation" in sure
+    alone = " ".join(_card(replace(found, findings=(unsure,)), "How sure"))
+    assert "fit better" not in alone
+    assert "The names fit better" in " ".join(_card(found, "How sure"))
+
+
+def _card(found: Diagnosis, head: str) -> tuple[str, ...]:
+    """Lines of a card of the verdict strip."""
+    return dict(diagnosis_verdict(found, []).cards)[head]
+
+
+def test_numbers_of_a_law_at_their_bound_are_grey(found: Diagnosis) -> None:
+    """A null bias may have either sign, a velocity over which a sign is rounded may not."""
+    rows = [row for one in found.findings for row in finding_rows(found, one, {})]
+    least = {"Coulomb friction: velocity scale": 1e-5, "Coulomb friction: force": 0.0}
+    assert set(least) < {row.name for row in rows}
+    for row in rows:
+        assert row.interval is not None
+        assert row.off == (row.interval[0] <= least.get(row.name, -np.inf)), row.name
+
+
+def test_without_plotly_all_but_the_report_is_written(
+    found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    write_results(found, Provenance("diagnose", "1", "r", {}, {}), tmp_path / "out")
+    written = {file.name for file in (tmp_path / "out").iterdir()}
+    assert written == {"result.json", "model.yaml", "xs031.urdf", "controller.yaml"}
+
+
 def test_what_was_found_predicts_what_was_never_seen(found: Diagnosis) -> None:
     rms = {
         c.name: [float(np.std(c.measured - side)) for side in (c.before, c.after)]
@@ -192,14 +253,21 @@ def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path
 
 
 def test_too_little_is_said_and_nothing_is_modelled(
-    runs: tuple, write_bag: Callable[..., Path], tmp_path: Path
+    runs: tuple,
+    write_bag: Callable[..., Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     columns = {
         topic: (names, {f: v[:500] for f, v in fields.items()})
         for topic, (names, fields) in runs[0].columns().items()
     }
     bag, out = write_bag(columns, name="short"), tmp_path / "out"
-    assert run([str(bag), "--robot", "xs031", "--out", str(out)]) == 1
+    arguments = [str(bag), "--robot", "xs031", "--out", str(out)]
+    assert run(arguments) == 1
+    assert "replaced" not in capsys.readouterr().err
+    assert run(arguments) == 1
+    assert f"diagnose: replaced in {out}: the result of 2" in capsys.readouterr().err
     result = json.loads((out / "result.json").read_text())
     assert result["verdict"] == "not_enough_data"
     assert result["problems"]

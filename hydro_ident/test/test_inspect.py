@@ -7,9 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
 from hydro_ident.commands.inspect import main
+from hydro_ident.complaints import complaints_of
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import inspect_bag
 
@@ -111,13 +113,48 @@ def test_the_command_prints_and_writes_json(tmp_path, write_bag, run_columns, ca
     out = capsys.readouterr().out
     assert "1500 cycles at 500.00 Hz" in out
     assert "checksums hold" in out
-    assert "nothing irregular" not in out  # its channels are listed instead
+    assert "health\n  nothing irregular\n  channels: lift/force, " in out
     assert "DAMAGE" not in out
     data = json.loads((tmp_path / "i.json").read_text())
     assert data["schema"] == "hydro_ident/inspection/1"
     topics = {topic["topic"]: topic for topic in data["topics"]}
     assert topics["/joint_states"]["duplicates"] == 2
     assert data["damage"] == []
+
+
+BEGIN = ("inactive: reading", "waiting for the next sample", "waiting for a first command")
+END = ("waiting for a first command", "inactive: reading")
+
+
+@pytest.mark.parametrize(
+    ("messages", "expected"),
+    [
+        ((*BEGIN, "driving", "driving"), []),
+        ((*BEGIN, "driving", *END), []),
+        ((*BEGIN, "driving", *END, *BEGIN, "driving"), []),  # activated twice
+        ((*BEGIN[1:], "driving"), []),  # recorded from after the activation on
+        (("inactive: no device", *BEGIN, "driving", "waiting for the device"), []),  # lockstep
+        ((*BEGIN, "driving", BEGIN[2], "driving"), [BEGIN[2]]),
+        (BEGIN, list(BEGIN[1:])),  # it never came to work
+        ((*BEGIN, "driving", *END, *BEGIN), list(BEGIN[1:])),  # nor the second time
+        ((*BEGIN, "tripped: too old", BEGIN[2], "driving"), ["tripped: too old", BEGIN[2]]),
+        (
+            (BEGIN[2], "driving", "nothing from the device"),
+            ["nothing from the device"],
+        ),
+    ],
+)
+def test_waiting_is_irregular_in_the_middle_of_a_run_only(messages, expected) -> None:
+    levels = {"driving": "ok", "inactive: reading": "ok"}
+    statuses = [
+        status
+        for k, message in enumerate(messages)
+        for status in (
+            Status(k, levels.get(message, "warn"), "can_bridge", message, {}),
+            Status(k, "ok", "controller", "following", {}),  # another node's work is not its own
+        )
+    ]
+    assert complaints_of(statuses) == [f"can_bridge: {text} (warn)" for text in expected]
 
 
 def test_a_bag_cut_off_is_said(write_bag, run_columns, capsys) -> None:
@@ -136,6 +173,14 @@ def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsy
     out = capsys.readouterr().out
     assert "give --robot" in out
     assert "/chamber_pressures" in out
+
+
+def test_a_missing_bag_names_those_beside_it(tmp_path, write_bag, run_columns, capsys) -> None:
+    there = write_bag(run_columns(20))
+    assert main([str(there.parent / "nope")]) == 2
+    assert f"bags in '{there.parent}': {there.name}" in capsys.readouterr().err
+    assert main([str(tmp_path / "no" / "nope")]) == 2
+    assert f"there is no folder '{tmp_path / 'no'}'" in capsys.readouterr().err
 
 
 def test_bad_input_is_one_line_and_exit_2(tmp_path, write_bag, run_columns, capsys) -> None:

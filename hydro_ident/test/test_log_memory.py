@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from hydro_ident.bag import log_memory
+from hydro_ident.bag import memory
 from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_memory import TextSize, available_bytes
+from hydro_ident.bag.log_memory import TextSize
+from hydro_ident.bag.memory import available_bytes
 from hydro_ident.errors import BagError
 
 MEASURED = """
@@ -63,9 +64,9 @@ def test_a_text_that_does_not_fit_is_refused_before_it_is_read(
         whole = path.read_bytes()
         path = tmp_path / "log.csv.gz"
         path.write_bytes(gzip.compress(whole))
-    monkeypatch.setattr(log_memory, "available_bytes", lambda: size.needed)
+    monkeypatch.setattr(memory, "available_bytes", lambda: size.needed)
     assert len(read_log(path).columns["t"]) == 1000
-    monkeypatch.setattr(log_memory, "available_bytes", lambda: size.needed - 1)
+    monkeypatch.setattr(memory, "available_bytes", lambda: size.needed - 1)
     with pytest.raises(BagError, match="expected a log that fits into memory") as caught:
         read_log(path)
     assert "convert it in parts" in str(caught.value)
@@ -80,9 +81,9 @@ def test_a_parquet_file_that_does_not_fit_is_refused(
     path = tmp_path / "log.parquet"
     remarks = ["remark " * 100] * 1000  # not read, and not counted
     parquet.write_table(pyarrow.table({"t": range(1000), "said": remarks}), path)
-    monkeypatch.setattr(log_memory, "available_bytes", lambda: 24_000)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 24_000)
     assert list(read_log(path).columns) == ["t"]
-    monkeypatch.setattr(log_memory, "available_bytes", lambda: 23_999)
+    monkeypatch.setattr(memory, "available_bytes", lambda: 23_999)
     with pytest.raises(BagError, match="expected a log that fits into memory"):
         read_log(path)
 
@@ -98,5 +99,5 @@ def test_the_limit_of_the_process_counts() -> None:
 
 
 def test_where_nothing_is_known_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(log_memory, "_limits", lambda: iter(()))
+    monkeypatch.setattr(memory, "_limits", lambda: iter(()))
     assert available_bytes() == 1 << 62

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import summary_text
+from hydro_ident.mismatch.agreement import untold
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.describe import form_of, form_text
 from hydro_ident.mismatch.diagnosis import _too_little
@@ -94,6 +96,19 @@ def test_a_finding_that_gains_no_more_is_dropped(clean: Residuals) -> None:
 def test_a_finding_that_gains_stands(rubbing: Residuals) -> None:
     found = verify(rubbing.training, *_named(rubbing), rubbing.check, tried=300)
     assert found.stands, found.reason
+
+
+def test_a_size_that_a_fit_tells_from_nothing(rubbing: Residuals) -> None:
+    whole, named = _named(rubbing)
+    assert untold(whole, [named.term]) == ""
+
+
+def test_a_size_that_may_be_nothing(clean: Residuals) -> None:
+    """Nothing rubs there: whatever the fit makes of it, its deviations hold it."""
+    whole, named = _named(clean)
+    assert re.match(
+        r"lift_cylinder\.coulomb_friction\.force is \S+ \+- \S+", untold(whole, [named.term])
+    )
 
 
 # Rows -----------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hydro_ident.commands import nominal
 from hydro_ident.controller_file import controller_text
 from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
@@ -120,6 +122,23 @@ def test_a_datasheet_robot_keeps_the_inertia_of_its_urdf(robot: Robot, tmp_path:
     assert read.base_parameters == ()
 
 
+def test_the_nominal_command_says_what_it_borrowed(
+    robot: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    friction = {"lift_cylinder": 3.9e4, "tilt_cylinder": 7.7e4}
+    write_model(with_viscous_friction(robot, friction), tmp_path / "model.yaml")
+    out = tmp_path / "nominal.yaml"
+    words = ["--robot", robot.name, "--friction-from", str(tmp_path / "model.yaml")]
+    words += ["--edge-coefficient", "6.3e-7", "--out", str(out)]
+    assert nominal.run([*words, "--json", "-"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["files"], told["robot"]) == ([str(out)], robot.name)
+    assert (told["viscous_friction_ns_m"], told["edge_coefficient"]) == (friction, 6.3e-7)
+    assert {c.name: c.viscous_friction for c in load_robot(out).cylinders} == friction
+    with pytest.raises(IdentError, match="already there"):
+        nominal.run(words)
+
+
 def test_a_cylinder_directly_on_a_slide_keeps_its_form(tmp_path: Path) -> None:
     (tmp_path / "slider.urdf").write_text(SLIDER)
     (tmp_path / "slider.yaml").write_text(
@@ -156,3 +175,21 @@ def test_the_controller_file_names_the_model_and_the_gains(tmp_path: Path) -> No
     assert given["robot"] == str(tmp_path / "model.yaml")
     assert set(given) <= {p.name for p in PARAMETERS}
     assert all(isinstance(v, float) for k, v in given.items() if k != "robot")
+
+
+@pytest.mark.parametrize("coefficient", ["11.95", "0", "nan"])
+def test_an_edge_coefficient_in_another_unit_is_refused(
+    coefficient: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    out = tmp_path / "nominal.yaml"
+    arguments = ["--robot", "xs031", "--friction-from", "xs031", "--out", str(out)]
+    monkeypatch.setattr("sys.argv", ["nominal", *arguments, "--edge-coefficient", coefficient])
+    assert nominal.main() == 2
+    assert "one in l/(min sqrt(bar))" in capsys.readouterr().err
+    assert not out.exists()
+    monkeypatch.setattr("sys.argv", ["nominal", *arguments, "--edge-coefficient", "6.3e-7"])
+    assert nominal.main() == 0
+    assert load_robot(out).valves[0].c_pa == 6.3e-7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -92,12 +93,17 @@ def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) 
     # Nothing is overwritten before this process, should it be kept waiting, has taken it.
     deep = [f"qos_overrides.{topic}.publisher.depth:={N}" for topic in types]
     options = [word for parameter in deep for word in ("-p", parameter)]
-    arguments = ["--topics", *types, "--rate", "2", "--ros-args", *options]
+    told = path.with_name("told.json")
+    arguments = ["--topics", *types, "--rate", "2", "--json", str(told), "--ros-args", *options]
     process, begin, delay_s = _play_once_found(node, path, types, arguments)
     out, _ = process.communicate(timeout=PATIENCE_S)
     elapsed_s = time.monotonic() - begin
     assert process.returncode == 0, out
     assert f"played {2 * N} messages" in out
+    data = json.loads(told.read_text())
+    assert data["topics"] == dict.fromkeys(types, N)
+    assert (data["messages"], data["rate"], data["bag"]) == (2 * N, 2.0, str(path))
+    assert data["seconds"] >= delay_s + 0.399
     # 0.798 s of log time at twice real time: never faster.
     assert elapsed_s >= delay_s + 0.399
     expected: dict[str, list[bytes]] = {topic: [] for topic in types}

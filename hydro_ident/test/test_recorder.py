@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,12 +99,12 @@ def _wait_until_received(folder: Path, publishers: Mapping[str, Any]) -> None:
     _wait_for(received, folder)
 
 
-def _publishers(node: Any) -> dict[str, Any]:
+def _publishers(node: Any, topics: Sequence[str] = CYCLE_TOPICS) -> dict[str, Any]:
     from sensor_msgs.msg import JointState
 
     from hydro_msgs_docs.topics import reliable
 
-    return {t: node.create_publisher(JointState, t, reliable(1000)) for t in CYCLE_TOPICS}
+    return {t: node.create_publisher(JointState, t, reliable(1000)) for t in topics}
 
 
 def _publish(publishers: Mapping[str, Any], count: int, period_s: float = 0.002) -> float:
@@ -144,7 +145,8 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
     base.publish(joint_state(5, ["tilt_link.mcx"], effort=[1.5], velocity=[0.1]))
     (tmp_path / "map.yaml").write_text("a: 1\n")
     attach = f"mapping={tmp_path / 'map.yaml'}"
-    process = recorder("--note", "cold oil", "--attach", attach)
+    told = tmp_path / "told.json"
+    process = recorder("--note", "cold oil", "--attach", attach, "--json", str(told))
     publishers = _publishers(node)
     _wait_until_received(tmp_path, publishers)
     _publish(publishers, 1000)
@@ -162,6 +164,12 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
         np.testing.assert_array_equal(series.fields["position"][run, 1], -np.arange(1000.0))
         assert (np.diff(series.log_ns) >= 0).all()
     assert bag.series["/base_parameters"].fields["effort"].tolist() == [[1.5]]
+    data = json.loads(told.read_text())
+    assert data["bag"] == str(_only_bag(tmp_path))
+    held = {topic: info.count for topic, info in bag.topics.items()}
+    assert {t: one["messages"] for t, one in data["topics"].items()} == held
+    assert (data["messages"], data["lost"]) == (sum(held.values()), 0)
+    assert data["bytes"] == sum(f.stat().st_size for f in _only_bag(tmp_path).iterdir())
     assert bag.metadata["robot"] == "xs031"
     assert bag.metadata["note"] == "cold oil"
     assert bag.metadata["mapping"] == "a: 1\n"
@@ -169,6 +177,53 @@ def test_everything_published_is_recorded(tmp_path, node, recorder) -> None:
     text = (_only_bag(tmp_path) / "metadata.yaml").read_text()
     assert "transient_local" in text
     assert text.count("RIHS01_") == len(bag.topics)
+
+
+@pytest.mark.ros
+def test_two_publishers_of_a_topic_are_no_loss(tmp_path, node, recorder) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from hydro_msgs_docs.topics import DIAGNOSTICS, reliable
+
+    first, second = (node.create_publisher(DiagnosticArray, DIAGNOSTICS, reliable()) for _ in "ab")
+    for _ in range(40):  # nobody listens yet: the first is far ahead in its numbers
+        first.publish(DiagnosticArray())
+    process = recorder("--topics", DIAGNOSTICS)
+
+    def received() -> bool:
+        second.publish(DiagnosticArray())
+        first.publish(DiagnosticArray())
+        return f"receiving {DIAGNOSTICS}\n" in _said(tmp_path)
+
+    _wait_for(received, tmp_path)
+    for _ in range(20):
+        received()
+        time.sleep(0.01)
+    _wait_until_delivered({"a": first, "b": second})
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+    assert read_bag(_only_bag(tmp_path)).topics[DIAGNOSTICS].count >= 40
+    assert "LOST" not in _said(tmp_path)
+
+
+@pytest.mark.ros
+def test_two_publishers_of_one_topic_are_no_loss(tmp_path, node, recorder) -> None:
+    """Each numbers its own messages: what one counts is nothing that the other lost."""
+    process = recorder("--topics", CYCLE_TOPICS[0])
+    first = _publishers(node, CYCLE_TOPICS[:1])
+    _wait_until_received(tmp_path, first)
+    _publish(first, 300)
+    second = _publishers(node, CYCLE_TOPICS[:1])
+    _wait_for(lambda: second[CYCLE_TOPICS[0]].get_subscription_count() > 0, tmp_path)
+    for _ in range(100):
+        _publish(second, 1)
+        _publish(first, 1)
+    _wait_until_delivered(first)
+    _wait_until_delivered(second)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+    assert "LOST" not in _said(tmp_path)
+    assert len(read_bag(_only_bag(tmp_path)).series[CYCLE_TOPICS[0]]) >= 500
 
 
 @pytest.mark.ros

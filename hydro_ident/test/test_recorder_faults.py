@@ -119,7 +119,7 @@ def _skip_without_mounts(tmp_path: Path) -> None:
 
 @pytest.mark.ros
 def test_killed_at_random_moments_it_loses_at_most_three_tenths_of_a_second() -> None:
-    for kill in kill_recorders(4, seed=os.getpid()):
+    for kill in kill_recorders(6, seed=os.getpid()):
         # A machine that keeps the publisher waiting keeps the recorder waiting, too.
         assert kill.lost_s <= PROMISE_S + 3.0 * kill.late_s, kill
         assert kill.missing == 0, kill

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.commands.identify import summary_text
 from hydro_ident.compare import compare
 from hydro_ident.estimate.bounds import conditioned
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
@@ -17,6 +20,9 @@ from hydro_ident.identification import Identification, Settings, identify
 from hydro_ident.identification_node import determined
 from hydro_ident.parameters import parameter_list
 from hydro_ident.rejection import within_bounds
+from hydro_ident.report.channel_rows import REJECTED
+from hydro_ident.report.identification_report import report_html
+from hydro_ident.report.page import written
 from hydro_ident.results import Provenance, result_dict
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording
 from hydro_model.cylinder import lever
@@ -28,6 +34,7 @@ from hydro_model.robot_files import load_robot
 FRICTION = 4.0e4
 ORIGIN = Provenance("identify bag", "1.0", "xs031", {"bag": "00"}, {})
 COULOMB = (EffectSpec("coulomb_friction", "xs031", {"force": 100.0, "velocity_scale": 0.005}),)
+PARTS = ("verdict", "parameters", "predictions", "laws")
 LEAKAGE = (EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 1e-13}),)
 
 
@@ -117,6 +124,48 @@ def test_negative_viscous_friction_is_rejected(crane: Recording) -> None:
     bad = pushed(crane, -2.0 * FRICTION * speeds(crane)[1])
     found = identify(load_robot("xs031"), [bad])
     check_forces_rejected(found, "expected lift_cylinder.viscous_friction from 0 to inf")
+
+
+def test_a_rejected_stage_is_said_once_and_marked_wherever_its_numbers_stand(
+    crane: Recording,
+) -> None:
+    found = identify(load_robot("xs031"), [pushed(crane, -2.0 * FRICTION * speeds(crane)[1])])
+    assert found.inertial is not None
+    assert found.inertial.rejected
+    page = unescape(report_html(found, ORIGIN.as_dict())).replace("<wbr>", "")
+    part = {name: page.split(f'id="{name}"')[1].split("</section>")[0] for name in PARTS}
+    why = written(found.inertial.rejected)
+    assert part["parameters"].count(why) == 1
+    forces = [p for p in found.parameters if p.name in names_of_forces(found) and not p.held]
+    told = part["parameters"].count("forces rejected, for the reason above the table")
+    assert told == len(forces) > 1
+    [changes] = re.findall(r"<li>(On rows that took no part.*?)</li>", part["verdict"])
+    assert "force" not in changes
+    assert "flow" in changes
+    assert "Nothing is claimed of lift/force, tilt/force" in part["verdict"]
+    said = summary_text(found)
+    for channel in found.channels:
+        [row] = re.findall(
+            rf"<tr[^>]*><td>(?:(?!<tr).)*{channel.name}.*?</tr>", part["predictions"]
+        )
+        [line] = [text for text in said.splitlines() if text.startswith(f"  {channel.name} ")]
+        rejected = channel.name.endswith("/force")
+        assert (REJECTED in row) == ('class="off"' in row) == rejected
+        assert ("REJECTED" in line) == rejected
+    assert part["predictions"].count(f"After: {REJECTED}.") >= 4
+    assert part["laws"].count(REJECTED) == 2
+
+
+def test_the_terminal_has_half_of_the_reports_interval(crane: Recording) -> None:
+    found = identify(load_robot("xs031"), [crane])
+    said = summary_text(found)
+    assert "+- half the 95 % interval" in said
+    free = [p for p in found.parameters if not p.held and p.bounds[0] == -np.inf]
+    assert free
+    for p in free:
+        assert p.ci95 is not None
+        [half] = re.findall(rf"^  {p.name}\b.*\+- +(\S+)", said, re.MULTILINE)
+        assert float(half) == pytest.approx((p.ci95[1] - p.ci95[0]) / 2.0, rel=6e-3)
 
 
 def test_an_impossible_mass_matrix_is_rejected_with_all_parameters_determined(

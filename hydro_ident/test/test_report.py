@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,11 +18,16 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.identification import Identification, identify
+from hydro_ident.parameters import Parameter
 from hydro_ident.report.figure import Figure
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.page import Row, number, paragraph, table, written
 from hydro_ident.report.palette import JOINTS, joint_colour
-from hydro_ident.report.parameter_section import ParameterRow, parameter_table
+from hydro_ident.report.parameter_section import (
+    ParameterRow,
+    identified_row,
+    parameter_table,
+)
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
@@ -207,6 +212,28 @@ def test_what_is_not_determined_is_grey_and_says_why() -> None:
     assert "never &lt;moved&gt;" in unknown
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "std", "told"),
+    [
+        ("lift_cylinder.coulomb_friction.velocity_scale", 1e-5, 4e-4, False),
+        ("lift_cylinder.coulomb_friction.velocity_scale", 4e-3, 4e-4, True),
+        ("lift_cylinder.viscous_friction", 2000.0, 1100.0, False),
+        ("lift_cylinder.viscous_friction", 2000.0, 900.0, True),
+        ("lift_valve.c_pa", 1e-7, 1e-7, False),
+        ("command_delay", 1e-3, 1e-3, False),
+        # What may have either sign has no bound at zero.
+        ("lift_valve.valve_null_bias.bias", 0.001, 0.01, True),
+        ("lift_link.mcz", 2.0, 5.0, True),
+    ],
+)
+def test_what_is_not_told_from_its_bound_is_grey(
+    name: str, value: float, std: float, told: bool
+) -> None:
+    bounds = (0.0, 0.002) if name == "command_delay" else (-np.inf, np.inf)
+    row = identified_row(Parameter(name, value, std, "m/s", None, True, bounds=bounds), {})
+    assert row.off == ("not told from its bound" in row.below) == (not told)
+
+
 def test_a_joint_has_one_colour_everywhere(found: Identification, report: str) -> None:
     joints = found.given.joint_names
     figures = read(report).figures
@@ -246,22 +273,25 @@ def test_cells_are_text() -> None:
     assert "&lt;i&gt;" in text
 
 
-@pytest.fixture
-def browser_check() -> Callable[[Path], dict[str, Any]]:
-    script = ROOT / "scripts" / "check_report.py"
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-    if not any(shutil.which(name) for name in names):
-        pytest.skip("no Chromium here: the report is not opened in a browser")
-
-    def check(report: Path) -> dict[str, Any]:
-        done = subprocess.run(
-            [sys.executable, script, report], capture_output=True, text=True, timeout=900
-        )
-        assert done.stdout, done.stderr
-        answer: dict[str, Any] = json.loads(done.stdout)
-        return answer
-
-    return check
+@pytest.mark.parametrize(
+    ("browser", "said"),
+    [("exec sleep 600", "says nothing for 1 s"), ("exit 3", "the browser is gone|Broken pipe")],
+)
+def test_a_browser_that_fails_is_no_finding(
+    report: str, tmp_path: Path, browser: str, said: str
+) -> None:
+    fake = tmp_path / "chromium"
+    fake.write_text(f"#!/bin/sh\n{browser}\n", encoding="utf-8")
+    fake.chmod(0o755)
+    file = tmp_path / "report.html"
+    file.write_text(report, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "check_report.py", file, "--wait", "1"],
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"\S+: could not be looked at: .*({said}).*\n", done.stderr)
 
 
 def test_a_browser_opens_it_without_errors_at_every_width(
@@ -275,6 +305,8 @@ def test_a_browser_opens_it_without_errors_at_every_width(
     assert looked == [(w, s) for w in (390, 820, 1400) for s in ("light", "dark")]
     papers = {v["scheme"]: v["paper"] for v in seen["views"] if "width" in v}
     assert papers["light"] != papers["dark"]
+    # On paper several figures stand on a page.
+    assert 2 * seen["views"][-1]["pages"] < seen["views"][0]["figures"]
 
 
 @pytest.mark.parametrize(
@@ -288,6 +320,15 @@ def test_a_browser_opens_it_without_errors_at_every_width(
 def test_texts_read_like_the_numbers_beside_them(typed: str, read: str) -> None:
     assert written(typed) == read
     assert f"<code>{typed}</code>: {read}" in paragraph(f"`{typed}`: {typed}")
+
+
+def test_a_stacked_table_has_its_headings_in_its_cells_too() -> None:
+    row = ParameterRow("mass", 1.0, (0.9, 1.1), "kg", 2.0, "", False, "")
+    [cells] = re.findall(r"<tbody><tr>(.*?)</tr>", parameter_table([row], ()))
+    told = dict(re.findall(r'<td data-label="(.*?)">(.*?)</td>', cells))
+    assert told["unit"] == "kg"
+    assert told["datasheet"] == "2"
+    assert told["change"] == "-50.0 %"
 
 
 def test_a_long_name_may_break_at_its_joints_and_nowhere_else() -> None:

@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from hydro_ident.bag.metadata import write_atomically
 from hydro_ident.bench import (
     bag_jobs,
     chain_jobs,
@@ -35,6 +34,7 @@ from hydro_ident.bench import (
 from hydro_ident.bench.job import Job, Row, run
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
+from hydro_model.output import write_atomically
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 

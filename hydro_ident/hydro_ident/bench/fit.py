@@ -27,7 +27,7 @@ from hydro_model.robot import FloatArray, Robot
 
 DOF, STEP_S, NOISE_N_M = 6, 0.002, 5.0
 #: Rows at once, and figaroh's own thresholds for columns of zeros and for the rank.
-_BLOCK, _ZERO, _RANK = 8192, 0.001, 1e-6
+_BLOCK, _ZERO, _RANK = 2048, 0.001, 1e-6
 
 
 @dataclass(frozen=True, slots=True)

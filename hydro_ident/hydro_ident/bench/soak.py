@@ -3,8 +3,9 @@
     scripts/soak.sh [--minutes 10] [--json F]
 
 Rig, bridge and controller with the tip going to and fro. Prints a histogram of the times from
-sensor frame to valve frame, the cycles that were not answered, and how the memory of every
-process grew after the first tenth of the time.
+sensor frame to valve frame, the cycles that were not answered, how often the bridge's gate tripped
+(a command older than its limit: 0 V until cleared, which the soak does), and how
+the memory of every process grew after the first tenth of the time.
 """
 
 from __future__ import annotations
@@ -20,16 +21,18 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.metadata import write_atomically
 from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
 from hydro_ident.errors import IdentError
 from hydro_ident.study.peak import status_kb
 from hydro_model.command import run_command
+from hydro_model.output import write_atomically
 
 #: Upper ends of the histogram's bins, ms; the last bin has none.
 EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)
 QUANTILES = (50.0, 99.0, 99.9, 100.0)
 _SAMPLES, _BAR = 50, 40
+#: How often to look whether answers still come, s.
+_LOOK_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,10 @@ class Soaked:
     minutes : float
     cycles, lost : int
         All, and those not answered.
+    trips : int
+        Of the bridge's gate, each cleared.
+    waited : int
+        Cycles that passed while a trip was noticed and cleared; most of those lost.
     latency_ms : mapping
         By percentile.
     histogram : list of int
@@ -67,6 +74,8 @@ class Soaked:
     minutes: float
     cycles: int
     lost: int
+    trips: int
+    waited: int
     latency_ms: Mapping[str, float]
     histogram: Sequence[int]
     memory: Mapping[str, Memory]
@@ -92,9 +101,9 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
     with product(minutes + 2.0, max_age_ms) as running:
         running.bus.begin()
         began = time.monotonic()
+        trips = Trips(running)
         for k in range(1, _SAMPLES + 1):
-            time.sleep(max(0.0, began + 60.0 * minutes * k / _SAMPLES - time.monotonic()))
-            running.check()
+            trips.watch(began + 60.0 * minutes * k / _SAMPLES)
             _take_sizes(running, sizes)
         cycles, lost = running.bus.cycles, running.bus.lost
         times_ms = 1e3 * np.array(running.bus.latencies_s)
@@ -106,10 +115,52 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
         minutes,
         cycles,
         lost,
+        trips.cleared,
+        trips.waited,
         {f"p{q:g}": float(np.percentile(times_ms, q)) for q in QUANTILES},
         np.histogram(times_ms, edges)[0].tolist(),
         {name: Memory(v[0], v[-1], max(v)) for name, v in kept.items()},
     )
+
+
+class Trips:
+    """Clears the bridge's trips as they come, and counts them.
+
+    Parameters
+    ----------
+    running : Running
+
+    Attributes
+    ----------
+    cleared : int
+    waited : int
+        Cycles that passed meanwhile.
+    """
+
+    def __init__(self, running: Running) -> None:
+        self.cleared, self.waited, self._running = 0, 0, running
+
+    def watch(self, until: float) -> None:
+        """Look out for trips.
+
+        Parameters
+        ----------
+        until : float
+            On the monotonic clock.
+
+        Raises
+        ------
+        IdentError
+            A part of the chain has ended.
+        """
+        bus = self._running.bus
+        while (left := until - time.monotonic()) > 0.0:
+            answered, cycles = len(bus.latencies_s), bus.cycles
+            time.sleep(min(left, _LOOK_S))
+            self._running.check()
+            if len(bus.latencies_s) == answered and self._running.rearm():
+                self.cleared += 1
+                self.waited += bus.cycles - cycles
 
 
 def _take_sizes(running: Running, sizes: dict[str, list[float]]) -> None:
@@ -120,7 +171,11 @@ def _take_sizes(running: Running, sizes: dict[str, list[float]]) -> None:
 
 def text_of(found: Soaked) -> str:
     """A soak as lines for a person."""
-    lines = [f"{found.minutes:g} minutes: {found.cycles} cycles, {found.lost} not answered", ""]
+    lines = [
+        f"{found.minutes:g} minutes: {found.cycles} cycles, {found.lost} not answered,"
+        f" {found.waited} of them until one of {found.trips} trips was cleared",
+        "",
+    ]
     lines += ["sensor frame to valve frame:"]
     lines += [f"  {name:6} {value:8.3f} ms" for name, value in found.latency_ms.items()]
     most = max(found.histogram) or 1

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import add_json, report, write_text
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report, write_text
 from hydro_model.terminal import coloured
 
 if TYPE_CHECKING:
@@ -26,9 +26,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="check_robot",
         description="Check a robot description: strokes within the cylinders, lever arms, loads at"
-        " rest, masses, and what the file leaves to defaults; draw its geometry.",
+        " rest, masses, numbers in another unit, and what the file leaves to defaults; draw its"
+        " geometry.",
         epilog="Exit 0 nothing wrong; 1 an error in the description; 2 bad usage or an unreadable"
-        " file.",
+        " file. Without plotly nothing is drawn, which a line says and no exit code.",
     )
     parser.add_argument(
         "robot", metavar="ROBOT", help="*.hydraulics.yaml, model.yaml or a shipped robot"
@@ -42,11 +43,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
+    from hydro_ident.optional import installed, say_if_no_report
     from hydro_ident.robot_check import check_robot
     from hydro_model.robot_files import load_robot
 
-    check = check_robot(load_robot(options.robot, check_strokes=False))
     if options.out is not None:
+        say_if_no_report("check_robot", str(options.out), "the description is checked")
+    check = check_robot(load_robot(options.robot, check_strokes=False))
+    if options.out is not None and installed("plotly"):
         from hydro_ident.report.robot_report import robot_html
 
         write_text(options.out, robot_html(check))
@@ -66,7 +70,9 @@ def lines_of(check: RobotCheck) -> Iterator[str]:
     str
     """
     robot = check.robot
-    yield f"{robot.name}: {robot.dof} joints, {len(robot.cylinders)} cylinders ({robot.source})"
+    count = len(robot.cylinders)
+    joints = f"{robot.dof} joint{'' if robot.dof == 1 else 's'}"
+    yield f"{robot.name}: {joints}, {count} cylinder{'' if count == 1 else 's'} ({robot.source})"
     if check.ranges:
         yield ""
         yield (

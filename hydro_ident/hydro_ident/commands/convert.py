@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import add_json, report, write_text
 from hydro_ident.errors import BagError
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report, write_text
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:

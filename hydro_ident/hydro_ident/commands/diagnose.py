@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import STDOUT, add_json, report
 from hydro_ident.mismatch.settings import LONGEST_S
 from hydro_model.command import run_command
+from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
-file with the effects that were found) and controller.yaml (a ROS parameters file). Exit 0 done;
-1 the data were not enough; 2 bad usage or unreadable input, nothing written.
+file with the effects that were found) and controller.yaml (a ROS parameters file). An earlier
+result there is replaced, and that is said on standard error. Exit 0 done; 1 the data were not
+enough; 2 bad usage or unreadable input, nothing written. Without plotly there is no report.html,
+which a line says and no exit code.
 """
 
 
@@ -98,14 +100,17 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     RobotError
         The robot file says what cannot be.
     """
+    from hydro_ident.earlier_result import earlier_result
     from hydro_ident.mismatch.diagnosis import diagnose
     from hydro_ident.mismatch.diagnosis_file import result_dict
     from hydro_ident.mismatch.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
-    from hydro_ident.results import provenance
+    from hydro_ident.optional import say_if_no_report
+    from hydro_ident.results import REPORT_FILE, provenance
     from hydro_ident.sources import bag_source
     from hydro_model.robot_files import load_robot
 
+    say_if_no_report("diagnose", REPORT_FILE, "all other files are")
     robot = load_robot(options.robot)
     training = [bag_source(bag, robot) for bag in options.bags]
     validation = [bag_source(bag, robot) for bag in options.validate]
@@ -125,7 +130,10 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)
     with progress_bar(options.json is None):
         found = diagnose(robot, training, validation, settings)
+    earlier = earlier_result(options.out)
     write_results(found, origin, options.out)
+    if earlier:
+        print(f"diagnose: replaced in {options.out}: the result of {earlier}", file=sys.stderr)
     report(options.json, result_dict(found, origin), summary_text(found))
     if found.verdict == NOT_ENOUGH:
         print(f"diagnose: {'; '.join(found.problems)}", file=sys.stderr)
@@ -151,6 +159,7 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     """
     from hydro_ident.mismatch.diagnosis_file import result_json
     from hydro_ident.model_file import write_model
+    from hydro_ident.optional import installed
     from hydro_ident.report.diagnosis_report import report_html
     from hydro_ident.results import MODEL_FILE, write_outcome
 
@@ -163,7 +172,7 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     write_outcome(
         folder,
         result_json(found, origin),
-        report_html(found, origin.as_dict()),
+        report_html(found, origin.as_dict()) if installed("plotly") else None,
         None if robot is None else write_robot,
     )
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import STDOUT, add_json, report
 from hydro_model.command import run_command
+from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
@@ -23,8 +23,10 @@ if TYPE_CHECKING:
 _EPILOG = """\
 DIR gets result.json and report.html and, unless the data were not enough, model.yaml (a robot
 file), controller.yaml (a ROS parameters file) and, where bodies with these base parameters can
-exist, identified.urdf with such bodies. Exit 0 done; 1 the data were not enough;
-2 bad usage or unreadable input, nothing written.
+exist, identified.urdf with such bodies. An earlier result there is replaced, and that is said on
+standard error. Exit 0 done; 1 the data were not enough; 2 bad usage or unreadable input, nothing
+written. Without plotly there is no report.html, which a line says and no exit code; without
+clarabel it does not begin.
 """
 
 
@@ -119,14 +121,18 @@ def run(arguments: Sequence[str]) -> int:
     options = parser().parse_args(arguments)
     from hydro_ident.compare import Sides, compare
     from hydro_ident.earlier_model import check_same_machine
+    from hydro_ident.earlier_result import earlier_result
     from hydro_ident.identification import identify
     from hydro_ident.model_statistics import Statistics, read_statistics
-    from hydro_ident.results import provenance, result_dict
+    from hydro_ident.optional import require, say_if_no_report
+    from hydro_ident.results import REPORT_FILE, provenance, result_dict
     from hydro_ident.sources import bag_source
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_ident.workers import workers_at
     from hydro_model.robot_files import load_robot
 
+    require("clarabel", "bodies that can exist")
+    say_if_no_report("identify", REPORT_FILE, "all other files are")
     robot = load_robot(options.robot)
     settings = settings_of(options)
     old = load_robot(options.compare) if options.compare else None
@@ -152,7 +158,10 @@ def run(arguments: Sequence[str]) -> int:
         sides = Sides(before, found_statistics(found, origin))
         comparison = compare(old, found.robot, found.parameters, options.compare, sides)
         found = replace(found, comparison=comparison)
+    earlier = earlier_result(options.out)
     write_results(found, origin, options.out)
+    if earlier:
+        print(f"identify: replaced in {options.out}: the result of {earlier}", file=sys.stderr)
     report(options.json, result_dict(found, origin), summary_text(found))
     if found.verdict == NOT_ENOUGH:
         print(f"identify: {'; '.join(found.problems)}", file=sys.stderr)
@@ -229,6 +238,7 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
         The folder cannot be written; what was there stays.
     """
     from hydro_ident.model_file import write_model
+    from hydro_ident.optional import installed
     from hydro_ident.report.identification_report import report_html
     from hydro_ident.results import MODEL_FILE, URDF_FILE, result_json, write_outcome
     from hydro_ident.urdf_file import write_urdf
@@ -244,7 +254,7 @@ def write_results(found: Identification, origin: Provenance, folder: Path) -> No
     write_outcome(
         folder,
         result_json(found, origin),
-        report_html(found, origin.as_dict()),
+        report_html(found, origin.as_dict()) if installed("plotly") else None,
         None if robot is None else write_robot,
     )
 
@@ -259,23 +269,40 @@ def summary_text(found: Identification) -> str:
     lines += [f"problem: {text}" for text in found.problems]
     lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
     lines += [f"note: {text}" for text in found.notes]
+    lines += [*_parameter_lines(found), *_channel_lines(found)]
+    lines += rollout_lines(found.free_run)
+    lines += [] if found.comparison is None else comparison_lines(found.comparison)
+    return "\n".join(lines)
+
+
+def _parameter_lines(found: Identification) -> list[str]:
+    from hydro_ident.parameters import student_95
+
     names = [_short(p) for p in found.parameters]
     width = max(map(len, names), default=0)
+    lines = ["parameters, +- half the 95 % interval:"] if names else []
     for name, p in zip(names, found.parameters, strict=True):
         given = "" if p.datasheet is None else f"  (given {p.datasheet:.5g})"
         rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
         mark = "" if p.identifiable else rest
-        error = "" if p.held else f" +- {p.std:9.3g}"
+        error = "" if p.held else f" +- {student_95(p.dof) * p.std:9.3g}"
         lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
+    return lines
+
+
+def _channel_lines(found: Identification) -> list[str]:
+    from hydro_ident.rejection import rejected_channels
+
+    rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
+    lines = []
     for channel in found.channels:
         s = channel.summary()
+        mark = "  REJECTED, not in model.yaml" if channel.name in rejected else ""
         lines.append(
             f"  {channel.name:14} RMSE {s['rmse_before']:10.4g} -> {s['rmse_after']:10.4g}"
-            f" {channel.unit}, fit {s['fit_before_pct']:6.1f} -> {s['fit_after_pct']:5.1f} %"
+            f" {channel.unit}, fit {s['fit_before_pct']:6.1f} -> {s['fit_after_pct']:5.1f} %{mark}"
         )
-    lines += rollout_lines(found.free_run)
-    lines += [] if found.comparison is None else comparison_lines(found.comparison)
-    return "\n".join(lines)
+    return lines
 
 
 def _short(parameter: Parameter) -> str:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hydro_ident.commands.output import add_json, report
 from hydro_model.command import printable, run_command
+from hydro_model.output import add_json, report
 from hydro_model.terminal import coloured
 
 if TYPE_CHECKING:
@@ -101,8 +101,7 @@ def _troubles(i: Inspection) -> list[str]:
         f"  {coloured('LOST', 'yellow')}    {printable(said)}"
         for said in (f"{loss['channel']}: {loss['reason']}" for loss in i.losses)
     ]
-    nothing = [] if i.channels else ["  nothing irregular"]
-    return ["", "health", *(lines or nothing)]
+    return ["", "health", *(lines or ["  nothing irregular"])]
 
 
 def _channels(i: Inspection) -> list[str]:

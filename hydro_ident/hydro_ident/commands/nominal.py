@@ -11,6 +11,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
+
+#: Of what `--json` writes.
+SCHEMA = "hydro_ident/nominal/1"
+
+#: Edge coefficients of 0.5 to 2000 l/min at 35 bar, as `robot_units` has them, with a margin.
+_SMALLEST, _LARGEST = 1e-9, 1e-4
 
 
 def parser() -> argparse.ArgumentParser:
@@ -31,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
         " printed nominal (default: those of the datasheet robot)",
     )
     p.add_argument("--out", required=True, type=Path, metavar="FILE", help="model.yaml to write")
+    add_json(p, "the file written and what it borrows")
     return p
 
 
@@ -43,8 +51,11 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_model.robot_files import load_robot
 
     coefficient = options.edge_coefficient
-    if coefficient is not None and not 0.0 < coefficient < 1.0:
-        raise IdentError(f"expected an edge coefficient above 0, found {coefficient}")
+    if coefficient is not None and not _SMALLEST <= coefficient <= _LARGEST:
+        raise IdentError(
+            f"expected an edge coefficient of {_SMALLEST:g} to {_LARGEST:g} m^3/(s sqrt(Pa)),"
+            f" found {coefficient:g}; one in l/(min sqrt(bar)) is 18973666 times as large"
+        )
     if options.out.exists():
         raise IdentError(f"{options.out} is already there; nothing is overwritten")
     identified = load_robot(options.friction_from)
@@ -57,6 +68,14 @@ def run(arguments: Sequence[str]) -> int:
     except OSError as error:
         raise IdentError(f"{options.out.parent}: cannot be made: {error.strerror}") from error
     write_model(robot, options.out)
+    data = {
+        "schema": SCHEMA,
+        "files": [str(options.out)],
+        "robot": robot.name,
+        "viscous_friction_ns_m": friction,
+        "edge_coefficient": coefficient,
+    }
+    report(options.json, data, str(options.out))
     return 0
 
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar, say
 
 if TYPE_CHECKING:
@@ -57,6 +57,16 @@ def parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="write the figures to FILE, too, and anew into the tables of study.md in the folder"
         " above it, where there is one",
+    )
+    p.add_argument(
+        "--done-only", action="store_true", help="begin no case: score those that are done"
+    )
+    p.add_argument(
+        "--archive",
+        type=Path,
+        metavar="FILE",
+        help="take the cases that are in FILE, where it is there, for done, and write all that are"
+        " done to it: for going on with a study elsewhere",
     )
     add_json(p, "the summary")
     return p
@@ -104,19 +114,35 @@ def run(arguments: Sequence[str]) -> int:
     plan = {"cases": options.cases, "seed": seed, "frozen": options.frozen}
     _check_plan(options.out, plan)
     write_json(options.out / PLAN, plan)
+    if options.archive and options.archive.is_file():
+        _from_archive(options.archive, options.out, plan)
     _say_if_not_secluded()
-    _prepare_robots(options.out, seed, options.cases, options.jobs)
+    if not options.done_only:
+        _prepare_robots(options.out, seed, options.cases, options.jobs)
     with progress_bar(options.json is None):
         advance("cases", 0, options.cases)
         done = _work(options, seed)
     if options.generate_only:
         print(f"{options.out}: {options.cases} cases written")
         return 0
+    if options.archive:
+        from hydro_ident.study.archive import pack
+
+        pack(options.archive, options.out, plan, _scores(options.out / RESULTS))
     summary = publish(options.out, done, plan)
     if options.publish:
         _into_docs(options.publish, summary)
     report(options.json, summary, summary_text(summary))
     return 0
+
+
+def _from_archive(file: Path, out: Path, plan: dict[str, Any]) -> None:
+    from hydro_ident.study.archive import unpack
+
+    known = {score["case"] for score in _scores(out / RESULTS)}
+    for score in unpack(file, out, plan):
+        if score["case"] not in known:
+            _append(out / RESULTS, score)
 
 
 def _say_if_not_secluded() -> None:
@@ -174,15 +200,14 @@ def _robot(what: tuple[Path, int, int]) -> None:
 
 def _work(options: argparse.Namespace, seed: int) -> list[str]:
     """Every case that is not done yet, in any number of processes; names in case order."""
-    import json
     from concurrent.futures import ProcessPoolExecutor, as_completed
 
     from hydro_ident.study.generate import CaseSpec, kinds
 
     specs = [CaseSpec(seed, i, kind) for i, kind in enumerate(kinds(seed, options.cases))]
     results = options.out / RESULTS
-    done = _done(results)
-    waiting = [spec for spec in specs if spec.name not in done]
+    done = {str(score["case"]) for score in _scores(results)}
+    waiting = [spec for spec in specs if spec.name not in done and not options.done_only]
     flags = (options.generate_only, options.keep_recordings)
     with ProcessPoolExecutor(options.jobs) as pool:
         futures = [pool.submit(one_case, spec, options.out, *flags) for spec in waiting]
@@ -196,23 +221,29 @@ def _work(options: argparse.Namespace, seed: int) -> list[str]:
             if options.generate_only or "failed" in row:
                 continue
             done.add(row["case"])
-            with results.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(row) + "\n")
+            _append(results, row)
     return [spec.name for spec in specs if spec.name in done]
 
 
-def _done(results: Path) -> set[str]:
-    """Names of the cases that are scored already."""
+def _append(results: Path, score: dict[str, Any]) -> None:
     import json
 
-    names = set[str]()
+    with results.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(score) + "\n")
+
+
+def _scores(results: Path) -> list[dict[str, Any]]:
+    """Of the cases that are done."""
+    import json
+
+    scores = list[dict[str, Any]]()
     if results.is_file():
         for line in results.read_text(encoding="utf-8").splitlines():
             try:
-                names.add(json.loads(line)["case"])
+                scores.append(json.loads(line))
             except ValueError:
                 continue  # the line that a stopped run was writing
-    return names
+    return scores
 
 
 def one_case(spec: CaseSpec, out: Path, generate_only: bool, keep: bool) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_ident.commands.output import add_json, report
 from hydro_model.command import run_command
+from hydro_model.output import add_json, report
 
 if TYPE_CHECKING:
     from hydro_ident.bag.cdr import FloatArray

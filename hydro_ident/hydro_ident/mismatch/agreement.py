@@ -20,6 +20,8 @@ from hydro_model.effects.targets import ActiveEffect
 #: Two sizes differ beyond so many deviations and this share of the larger one: what a refit of the
 #: base trades with an effect is another share of it in every motion.
 DEVIATIONS, SHARE = 4.0, 0.67
+#: Deviations from nothing from which a size is told.
+_TOLD = 2.0
 #: Passes of the fit to the other recordings, from the values found.
 _PASSES = 3
 
@@ -113,6 +115,30 @@ def alike(check: Check, there: Fitted, term: ActiveEffect, prior: Prior | None =
     left = bench.beyond(np.stack(both, axis=1))
     sizes = np.linalg.norm(left, axis=0)
     return bool(np.linalg.norm(left[:, 0] - left[:, 1]) <= SHARE * sizes.max())
+
+
+def untold(whole: Fitted, terms: Sequence[ActiveEffect]) -> str:
+    """Sizes that a fit does not tell from nothing; empty where it tells one of each effect.
+
+    Parameters
+    ----------
+    whole : Fitted
+    terms : sequence of ActiveEffect
+        Of its model.
+    """
+    for term in terms:
+        at = {
+            f"{term.target}.{term.effect.name}.{term.effect.parameters[i].name}": i
+            for i in term.effect.sizes
+        }
+        told = {
+            name: (_value(whole, term, i), _std(whole, name))
+            for name, i in at.items()
+            if name in whole.names
+        }
+        if told and all(abs(value) < _TOLD * std for value, std in told.values()):
+            return ", ".join(f"{n} is {v:.2g} +- {s:.2g}" for n, (v, s) in told.items())
+    return ""
 
 
 def _of_term(whole: Fitted, there: Fitted, term: ActiveEffect) -> Iterator[Agreement]:

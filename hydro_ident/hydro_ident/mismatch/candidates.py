@@ -20,6 +20,7 @@ from hydro_ident.mismatch.places import (
     instants_of,
     pilots,
     quantiles,
+    rubbing,
     visited,
 )
 from hydro_ident.mismatch.prediction import Model, Predictor
@@ -39,7 +40,9 @@ FIRST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: Sizes tried of effects that do not grow like their size.
 SIZE_FACTORS = (0.04, 0.12, 0.35, 1.0, 3.0)
 SCANNED_FACTORS = (0.25, 1.0, 4.0)
-SCANNED = ("velocity_scale", "time_constant")
+SCANNED = ("velocity_scale", "time_constant", "contact_force")
+#: Effects whose optional shapes of these names are all scanned.
+_SCANNED_WHOLE = ("temperature_drift", "backlash")
 #: What the size that a scan suggests is multiplied by for the start of a fit.
 START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
@@ -222,6 +225,8 @@ def _grid(
         return [x for x in lengths if spec.lower <= x <= 0.5 * stroke_m]
     if spec is BEND:
         return [0.0, BEND.typical]
+    if effect.name == "backlash" and spec.name == "drag":
+        return [rubbing(predictor, model, one)]
     if spec.typical == 0.0:
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):
@@ -230,7 +235,7 @@ def _grid(
         return [spec.typical]
     if spec.optional:
         factors: tuple[float, ...] = (1.0,)
-        if spec.name == "velocity_scale" or effect.name == "temperature_drift":
+        if spec.name == "velocity_scale" or effect.name in _SCANNED_WHOLE:
             factors = _scanned(spec)
     else:
         needed = [p for p in effect.parameters if not (p.linear or p.optional)]

@@ -28,6 +28,8 @@ from hydro_model.robot import FloatArray
 _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: The same for a name that held-out rows do not exercise: less than this is its law's own form.
 _BESIDE_SILENT = 0.1
+#: Rmse of a channel over its noise floor from which such a name stands for none of what is left.
+_FAR = 10.0
 #: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
 _CLEARLY_WORSE = 1.2
 #: Searches, each without what the ones before named and held-out rows did not confirm.
@@ -194,14 +196,25 @@ def _explain_less(
         # What follows its own variable is its own form: that takes it away later.
         doubted = [u.confirmed and u.dependence.variable != formed for u in own]
         most = [total * (_CONFIRMED_SHARE if sooner else 1.0) for sooner in doubted]
-        # What held-out rows cannot show is no name beside what they show to be something else.
-        least = _BESIDE_SILENT * total
-        silent = finding.verification.silent and any(
-            u.confirmed and u.dependence.gain > least for u in own
+        # What held-out rows cannot show is no name beside what is something else: little of it
+        # where they show that, more where they cannot.
+        doubtful = _far_from_floor(work, whole, channel) or any(
+            u.dependence.gain > total * (_BESIDE_SILENT if u.confirmed else _CONFIRMED_SHARE)
+            for u in own
         )
-        if silent or any(u.dependence.gain > limit for u, limit in zip(own, most, strict=True)):
+        if (finding.verification.silent and doubtful) or any(
+            u.dependence.gain > limit for u, limit in zip(own, most, strict=True)
+        ):
             taken.append(finding)
     return taken
+
+
+def _far_from_floor(work: Residuals, whole: Fitted, channel: str) -> bool:
+    """Whether the model as a whole does not describe a channel: who knows what else is in it."""
+    material, mask = work.training.predictor.material, work.training.mask
+    own = mask & (material.channel == material.channels.index(channel))
+    floor = work.noise_floors().get(channel, np.inf)
+    return bool(rms(whole.residual[own]) > _FAR * floor)
 
 
 def _variable(finding: Finding) -> str:

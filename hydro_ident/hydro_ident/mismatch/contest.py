@@ -200,7 +200,8 @@ class Contest:
         if not rough:
             return []
         close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
-        close = [k for k in close if gains[k] >= CLOSE_SHARE * max(gains)]
+        # The best always: where a delay has to move first, none is any good until it has.
+        close = [k for k in close if k == close[0] or gains[k] >= CLOSE_SHARE * max(gains)]
         whole = [
             fit(self.training, one.model, noise, PASSES) if k in close else one
             for k, one in enumerate(rough)

@@ -160,7 +160,7 @@ def dependence_of(
     theta = inverse @ sums
     gain = float(sums @ theta)
     own = (training.predictor.material.channel == channel) & mask
-    function = _raw(bench, fitted, columns, theta, mask, channel)
+    function = beyond_base(bench, fitted, columns @ theta, mask)[own[mask]]
     residual = fitted.residual[own]
     before = float(np.mean(residual**2))
     after = float(np.mean((residual - function) ** 2))
@@ -172,20 +172,24 @@ def dependence_of(
     return found, (white, inverse)
 
 
-def _raw(
-    bench: Bench,
-    fitted: Fitted,
-    columns: FloatArray,
-    theta: FloatArray,
-    mask: BoolArray,
-    channel: int,
-) -> FloatArray:
-    """What the function adds to a channel's rows once the base is refitted around it."""
-    fresh = columns @ theta
-    moved = bench.refit(fresh[mask])
-    whole = fresh - fitted.columns @ moved
-    rows = bench.layout.channel == channel
-    return np.asarray(whole[mask][rows])
+def beyond_base(bench: Bench, fitted: Fitted, function: FloatArray, mask: BoolArray) -> FloatArray:
+    """What a function (N,) adds to the rows once the base is refitted around it.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the rows in the mask.
+    fitted : Fitted
+    function : (N,) array
+    mask : (N,) bool array
+
+    Returns
+    -------
+    (M,) array
+        On the rows in the mask.
+    """
+    moved = bench.refit(function[mask])
+    return np.asarray(function[mask] - fitted.columns[mask] @ moved)
 
 
 def inverse_of(gram: FloatArray) -> tuple[int, FloatArray]:

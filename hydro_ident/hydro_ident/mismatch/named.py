@@ -141,8 +141,13 @@ class Named:
     @property
     def pays(self) -> bool:
         """Whether what it gains on held-out blocks is worth its parameters."""
+        return self.margin > 0.0
+
+    @property
+    def margin(self) -> float:
+        """Log-likelihood that it gains on held-out blocks beyond what its parameters cost."""
         best = self.modelled
-        return 0.5 * best.held_out / self.spread > best.cost
+        return 0.5 * best.held_out / self.spread - best.cost
 
     def alternative(self) -> Named | None:
         """The set without the effect that stands in the model, which held-out rows refuse.

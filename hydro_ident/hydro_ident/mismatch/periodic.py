@@ -8,12 +8,16 @@ so that nothing smooth in the spectrum counts, whatever made it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_model.robot import FloatArray
+
+ComplexArray = np.ndarray[tuple[int, ...], np.dtype[np.complexfloating]]
 
 #: Variables over which something may repeat.
 VARIABLES = ("time", "joint_angle", "piston_position")
@@ -30,7 +34,7 @@ _PEAKS = 4
 _MEDIAN, _WORTH = float(np.log(2.0)), 0.24
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Lines:
     """Fourier sums of a channel over one variable.
 
@@ -62,9 +66,9 @@ class Lines:
 
         Through gaps and pauses of the motion a strong line lifts its neighbours, too.
         """
-        powers = self._powers(self.bench.residual)
+        powers = self._found
         found: list[int] = []
-        for size in (powers, powers / _background(powers)):
+        for size in (powers, powers / _background(powers, np.arange(powers.size))):
             left = size.copy()
             for _ in range(_PEAKS):
                 best = int(np.argmax(left))
@@ -90,24 +94,37 @@ class Lines:
             The whitened residual without it: what its neighbours hold of it through gaps and
             pauses of the motion is not their own.
         """
-        power = self._powers(self.bench.residual)[number]
-        ratio = power / _background(self._powers(rest))[number]
+        ratio = self._found[number] / _background(self._powers(rest), np.array([number]))[0]
         worth = _WORTH * 2.0 * (_REACH - _NEAREST)
         # The tail of a power over the mean of so many others.
         return float((1.0 + ratio / worth) ** -worth)
 
+    @cached_property
+    def _found(self) -> FloatArray:
+        """Powers of the residual that the bench left, (K,)."""
+        return self._powers(self.bench.residual)
+
     def _powers(self, residual: FloatArray) -> FloatArray:
         """Squared Fourier sums of a whitened residual, (K,)."""
-        bench = self.bench
+        bench, (coarse, fine) = self.bench, self._turns
         weights = bench.noise.adjoint(bench.layout, bench.rows, residual[: bench.measured])
-        at = 2.0 * np.pi * (self.at - self.at.min())
-        phase = np.exp(-1j * self.numbers[0] * at) * weights * self.factor
-        turn = np.exp(-1j * (self.numbers[1] - self.numbers[0]) * at)
-        powers = np.empty(self.numbers.size)
-        for k in range(self.numbers.size):
-            powers[k] = abs(phase.sum()) ** 2
-            phase *= turn
-        return powers
+        sums = (coarse * (weights * self.factor)[self.factor != 0.0]) @ fine.T
+        return np.asarray(np.abs(sums.ravel()[: self.numbers.size]) ** 2)
+
+    @cached_property
+    def _turns(self) -> tuple[ComplexArray, ComplexArray]:
+        """Phases of wave number `a B + b`: of every `a`, (A, m), and of every `b`, (B, m).
+
+        A row's phase at evenly spaced numbers is the product of the two, which makes the sums of
+        all numbers one product of matrices. Rows without a factor are left out.
+        """
+        at = -2j * np.pi * (self.at - self.at.min())[self.factor != 0.0]
+        side = math.isqrt(self.numbers.size - 1) + 1
+        step = self.numbers[1] - self.numbers[0]
+        return (
+            np.exp(self.numbers[::side, None] * at[None]),
+            np.exp(step * np.arange(side)[:, None] * at[None]),
+        )
 
 
 def wave_numbers(at: FloatArray) -> FloatArray:
@@ -124,11 +141,13 @@ def wave_numbers(at: FloatArray) -> FloatArray:
     return np.asarray((LEAST_PERIODS + np.arange(max(count, 0)) / PER_PERIOD) / span)
 
 
-def _background(powers: FloatArray) -> FloatArray:
-    """What the neighbours of every wave number say of its power."""
+def _background(
+    powers: FloatArray, numbers: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+) -> FloatArray:
+    """What the neighbours of some wave numbers, by place, say of their power."""
     near = np.arange(-_REACH, _REACH + 1)
     near = near[np.abs(near) > _NEAREST]
     # At the ends, neighbours of the inner side stand in.
-    at = np.abs(np.arange(powers.size)[:, None] + near[None])
+    at = np.abs(numbers[:, None] + near[None])
     at = np.where(at >= powers.size, 2 * (powers.size - 1) - at, at)
     return np.asarray(np.maximum(np.median(powers[at], axis=1) / _MEDIAN, 1e-300))

@@ -46,6 +46,13 @@ def visited(predictor: Predictor, model: Model, one: ActiveEffect) -> tuple[floa
     return begin, end
 
 
+def rubbing(predictor: Predictor, model: Model, one: ActiveEffect) -> float:
+    """Viscous friction that the model has at a cylinder, N s/m; 0 where it has none."""
+    name = f"{one.target}.viscous_friction"
+    values = dict(zip(predictor.names, predictor.parameters(model).tolist(), strict=True))
+    return float(max(values.get(name, 0.0), 0.0))
+
+
 def pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
     """Load-holding valves that open somewhere in the range that their pilot has gone through."""
     restriction, _, _, ratio = one.effect.typical.tolist()

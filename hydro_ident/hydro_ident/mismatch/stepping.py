@@ -20,12 +20,15 @@ from hydro_model.robot import FloatArray, Robot, Valve
 #: A shape parameter moves by no more than this factor per pass.
 _FACTOR = 2.0
 #: Parameters that only round a law's corners, or say where its stations are: fitted, they would
-#: turn it into another one. And of a drift, those that its size says as well.
+#: turn it into another one. Of a play, from what force on the pin lies: samples pass that or do
+#: not. Of a drift, those that its size says as well.
 HELD = {
     ("valve_rate_limit", "time_constant"),
     ("valve_hysteresis", "time_constant"),
     ("position_dependent_friction", "begin"),
     ("position_dependent_friction", "end"),
+    ("backlash", "contact_force"),
+    ("backlash", "drag"),
     ("temperature_drift", "halving_temperature"),
     ("temperature_drift", "rise"),
     ("temperature_drift", "reference"),

@@ -12,6 +12,10 @@ from hydro_ident.mismatch.unknown import Unexplained
 def unexplained_dict(one: Unexplained) -> dict[str, Any]:
     """A dependence that has no name, with its curve and its short form.
 
+    The curve is as it was fitted, together with the base, and the form is one of it. It may hold
+    a part that the base swallows; what the base takes of it depends on more than the variable, so
+    there is no curve without that part. Its share, and the size in its text, are of the rest.
+
     Parameters
     ----------
     one : Unexplained

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.mismatch.agreement import Agreement, agreements, alike
+from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
@@ -71,6 +71,9 @@ class Verification:
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
 #: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
 _EXERCISED, _PLAIN = 0.02, 100.0
+#: Log-likelihood by which its own recording has to pay for a finding that no other one exercises:
+#: odds of twenty to one.
+_NO_DOUBT = 3.0
 
 
 def verify(
@@ -120,6 +123,9 @@ def verify(
     plainly = _PLAIN * max(named.spread, 1.0)
     met = _met(check, acting) and _exercised(training, (ahead, behind), whole, terms, plainly)
     best, silent, against = _judged(looks, named, met)
+    if silent and not against:
+        size = untold(whole, terms)
+        against = size and f"held-out rows hardly exercise it, and its size is not told: {size}"
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
     if not silent and there is not None:
@@ -183,7 +189,7 @@ def _unexercised(look: Look, named: Named) -> str:
         return look.worse
     if named.few > 1.0:
         return "held-out rows hardly exercise it, and there are too few motions to do without them"
-    if named.p_value > FAMILY_ERROR_UNNAMED or not named.pays or named.refused:
+    if named.p_value > FAMILY_ERROR_UNNAMED or named.margin < _NO_DOUBT or named.refused:
         return "held-out rows hardly exercise it, and the training rows leave doubts"
     return ""
 

@@ -17,6 +17,8 @@ _QUANTITIES = {
     "flow_a": ("flow into chamber A", "flow A"),
     "flow_b": ("flow into chamber B", "flow B"),
 }
+#: What is said beside numbers of a fit that was rejected.
+REJECTED = "rejected, not in model.yaml"
 #: A reversal lies between motions beyond this share of the usual fast speed, this long apart.
 _MOVES, _USUAL, _REST_S = 0.1, 0.95, 0.5
 #: Seconds shown to either side of a reversal, and how many reversals.
@@ -38,6 +40,8 @@ class ChannelRows:
     speed_name, speed_unit : str
     summary : mapping
         The channel's entry in the result file.
+    rejected : bool
+        `after` is of a fit that is not in the model.
     """
 
     name: str
@@ -50,6 +54,12 @@ class ChannelRows:
     speed_name: str
     speed_unit: str
     summary: Mapping[str, float | str]
+    rejected: bool = False
+
+    @property
+    def remark(self) -> str:
+        """What `after` is, where it is not the model's."""
+        return REJECTED if self.rejected else ""
 
     @property
     def joint(self) -> str:

@@ -34,7 +34,7 @@ def correlation_section(channels: Sequence[ChannelRows], joints: Sequence[str]) 
         ]
         figures.append('<div class="pair">' + "".join(pair) + "</div>")
         shares = [_share(c) for c in (*own, *cross)]
-        rows.append(Row((one.name, *shares), dot=colour))
+        rows.append(Row((one.name, *shares), below=one.remark, dot=colour, off=one.rejected))
     if not rows:
         return Section("correlation", title, _LEAD, paragraph("No residual to correlate."))
     head = ("channel", "with itself: before", "after", "with the motion: before", "after")

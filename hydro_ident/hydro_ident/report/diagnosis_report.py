@@ -80,7 +80,8 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
 def _parameters(found: Diagnosis) -> Section:
     lead = (
         "What was found, with its numbers, then the numbers of the model around it. Grey: these"
-        " recordings do not determine it, or it was held; the given value stays."
+        " recordings do not determine it or do not tell it from a bound, or it was held; the given"
+        " value stays unless the line below the name says otherwise."
     )
     owner, joints = owners(found.given), found.given.joint_names
     body = bullets(found.problems, "no")

@@ -15,6 +15,7 @@ from hydro_ident.mismatch.outcome import (
     PARTLY,
     UNKNOWN,
     Diagnosis,
+    Finding,
 )
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
@@ -132,19 +133,13 @@ def _left_out(found: Diagnosis) -> list[str]:
 def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     lines = health_line(found.recordings)
     if found.findings:
-        largest = max(f.named.p_value for f in found.findings)
-        least = min(f.named.probability[0] for f in found.findings)
-        lines.append(
-            f"Chance alone, over everything that was tried, finds as much with a probability of at"
-            f" most {largest:.2g}. The names fit better than any other of the catalogue"
-            f" {_odds(least)}."
-        )
+        lines.append(_chance(found.findings))
         lines += error_line(held_out)
-    silent = [plain(f.named.names[0]) for f in found.findings if f.verification.silent]
+    silent = [_place(f) for f in found.findings if f.verification.silent]
     if silent:
         lines.append(
             f"The rows to verify on do not exercise {shortened(silent)}: only cross-validation"
-            " within the training rows speaks for that."
+            " within the training rows speaks for that, and for its name."
         )
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
@@ -155,7 +150,27 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     return lines or ["Not at all."]
 
 
-def _odds(probability: float) -> str:
+def _chance(findings: Sequence[Finding]) -> str:
+    """What chance finds, and how sure the names are that held-out rows could refuse."""
+    largest = max(f.named.p_value for f in findings)
+    text = (
+        "Chance alone, over everything that was tried, finds as much with a probability of at"
+        f" most {largest:.2g}."
+    )
+    heard = [f for f in findings if not f.verification.silent]
+    if not heard:
+        return text
+    which = "The names" if len(heard) == len(findings) else "The names that could be verified"
+    return f"{text} {which} fit better than any other of the catalogue {_odds(heard)}."
+
+
+def _place(one: Finding) -> str:
+    """A finding's name and where it is: another of the same name may be elsewhere."""
+    return f"{plain(one.named.names[0])} of {plain(one.named.term.target)}"
+
+
+def _odds(findings: Sequence[Finding]) -> str:
+    probability = min(f.named.probability[0] for f in findings)
     return (
         "(over 99 %)"
         if probability > _CERTAIN

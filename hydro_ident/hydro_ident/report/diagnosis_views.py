@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import waves
@@ -125,21 +125,46 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
     predictor = training.predictor
     material = predictor.material
     own = training.mask & (material.channel == d.channel)
-    x_title, x = _variable(training, fitted.model, d.channel, d.variable, own)
-    law = _curve(d, x) * _factor(training, fitted, d, own)
+    # Free of the channel's own noise: a curve is drawn over the values that it was fitted over.
+    values = values_of(training, fitted, d.channel)
+    if d.period:
+        values[d.variable] = row_values(predictor, fitted.model, d.channel, d.variable)
+    law = _law(training, fitted, d, values, own)
     residual = fitted.residual[own]
     name, unit = material.channels[d.channel], material.units[d.channel]
+    words = d.variable.replace("_", " ")
     return LawView(
-        title=f"{name} against {d.variable.replace('_', ' ')}",
+        title=f"{name} against {words}",
         note=text,
         joint=name.split("/")[0],
-        x_title=x_title,
+        x_title=axis_title(words, UNITS[d.variable]),
         y_title=axis_title(f"{name}, error", unit),
-        x=x,
+        x=values[d.variable][own],
         residual=residual,
         law=law,
         left=residual - law,
     )
+
+
+def _law(
+    training: Training,
+    fitted: Fitted,
+    d: Dependence,
+    values: Mapping[str, FloatArray],
+    own: BoolArray,
+) -> FloatArray:
+    """What a dependence says of a channel's own rows.
+
+    It was fitted together with the base: what the base's columns swallow of its curve is not in
+    the residual, and is taken out.
+    """
+    law = np.zeros(own.size)
+    law[own] = _curve(d, values[d.variable][own])
+    if d.times:
+        factors = factors_of(training.predictor, fitted.model, d.channel, values, own)
+        law[own] *= factors[d.times][own]
+    bench = alone(training, fitted, d.channel)[1]
+    return law[own] if bench is None else beyond_base(bench, fitted, law, own)
 
 
 def _curve(d: Dependence, x: FloatArray) -> FloatArray:
@@ -147,13 +172,3 @@ def _curve(d: Dependence, x: FloatArray) -> FloatArray:
     if d.period:
         return np.asarray(waves(x / d.period) @ d.coefficients)
     return np.asarray(np.interp(x, d.knots, d.coefficients))
-
-
-def _factor(training: Training, fitted: Fitted, d: Dependence, own: BoolArray) -> FloatArray:
-    """What the function is multiplied by on the rows."""
-    if not d.times:
-        return np.ones(int(own.sum()))
-    needed: Sequence[str] = ("piston_velocity", "valve_signal")
-    values = {n: row_values(training.predictor, fitted.model, d.channel, n) for n in needed}
-    factors = factors_of(training.predictor, fitted.model, d.channel, values, own)
-    return factors[d.times][own]

@@ -101,8 +101,8 @@ class Figure:
         height = _FRAME + (_LINE * self.rows or round(_PANEL * self.tall) * len(self.panels))
         return (
             f"<figure><figcaption>{escape(self.title)}{note}</figcaption>"
-            f'<div class="canvas" role="img" aria-label="{escape(self.title)}"'
-            f' style="height:{height}px"></div>'
+            f'<div class="canvas{" names" if self.rows else ""}" role="img"'
+            f' aria-label="{escape(self.title)}" style="--height:{height}px"></div>'
             f'<script type="application/json">{data.replace("<", chr(92) + "u003c")}</script>'
             "</figure>"
         )
@@ -196,15 +196,17 @@ def thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _extremes(y: FloatArray, bins: int) -> np.ndarray[Any, np.dtype[np.intp]]:
-    """Indices of the smallest and the largest value of every bin."""
+    """Indices of the smallest and the largest value of every bin, and of the ends."""
     if y.size <= 2 * bins:
         return np.arange(y.size)
-    kept = {0, y.size - 1}
-    for a, b in pairwise(np.linspace(0, y.size, bins + 1).astype(int).tolist()):
-        part = y[a:b]
-        if np.isfinite(part).any():
-            kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
-    return np.array(sorted(kept), dtype=np.intp)
+    edges = np.linspace(0, y.size, bins + 1).astype(int)
+    # Bins as rows of one width; a row's surplus holds its first sample again.
+    width = np.arange(np.diff(edges).max())[None]
+    at = np.where(width < np.diff(edges)[:, None], edges[:-1, None] + width, edges[:-1, None])
+    at = at[np.isfinite(y[at]).any(axis=1)]
+    rows = np.arange(at.shape[0])
+    kept = [at[rows, np.nanargmin(y[at], axis=1)], at[rows, np.nanargmax(y[at], axis=1)]]
+    return np.unique(np.concatenate([[0, y.size - 1], *kept]))
 
 
 def pieces(x: FloatArray) -> list[slice]:

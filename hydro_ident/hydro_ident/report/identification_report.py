@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import model_error_note
+from hydro_ident.rejection import rejected_channels, rejections
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.comparison_section import comparison_part
 from hydro_ident.report.correlation_section import correlation_section
@@ -29,7 +31,6 @@ from hydro_ident.report.recording_sections import (
     excitation_section,
     health_section,
 )
-from hydro_model.robot import Robot
 
 _LABELS = ("the robot file as given", "the identified robot")
 _LAWS = (
@@ -53,8 +54,8 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     -------
     str
     """
-    robot, joints = found.given, found.given.joint_names
-    held_out, fitted = (_rows(robot, side) for side in (found.channels, found.fitted))
+    joints = found.given.joint_names
+    held_out, fitted = (_rows(found, side) for side in (found.channels, found.fitted))
     judged = held_out or fitted
     note = model_error_note(found.channels)
     sections = [
@@ -68,30 +69,35 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         control_section(found.recordings),
         provenance_section(origin, _method(found), [n for n in found.notes if n != note]),
     ]
-    title = f"Identification of {robot.name}"
+    title = f"Identification of {found.given.name}"
     return page(title, identification_verdict(found, held_out), sections)
 
 
-def _rows(robot: Robot, channels: Sequence[ChannelScore]) -> list[ChannelRows]:
-    return [
+def _rows(found: Identification, channels: Sequence[ChannelScore]) -> list[ChannelRows]:
+    rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
+    rows = [
         channel_rows(
             (one.name, one.unit),
             (one.time_s, one.measured, one.before, one.after),
-            (one.speed, *joint_speed(robot, one.name.split("/")[0])),
+            (one.speed, *joint_speed(found.given, one.name.split("/")[0])),
             one.summary(),
         )
         for one in channels
     ]
+    return [replace(one, rejected=one.name in rejected) for one in rows]
 
 
 def _parameters(found: Identification, note: str) -> Section:
     lead = (
-        "Every parameter that was fitted. Grey: these recordings do not determine it, or it was"
-        " held; the reason stands below its name, and the given value stays in the model."
+        "Every parameter that was fitted. Grey: these recordings do not determine it or do not"
+        " tell it from a bound, or it was held or rejected; the reason stands below its name, and"
+        " the given value stays in the model unless it says otherwise."
     )
     owner, joints = owners(found.given), found.given.joint_names
     rows = [identified_row(p, owner) for p in found.parameters]
-    body = bullets([note] if note else [], "no") + parameter_table(rows, joints)
+    stages = rejections(found.given, found.inertial, found.hydraulic)
+    said = [f"{stage} rejected: {why}" for stage, (why, _) in stages.items()]
+    body = bullets([*said, *([note] if note else [])], "no") + parameter_table(rows, joints)
     if not rows:
         body += paragraph("None could be fitted.")
     body += change_figure(rows, joints)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import left_out
 from hydro_ident.parameters import Parameter
+from hydro_ident.rejection import rejected_channels
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import Verdict, number, percent
@@ -40,7 +41,7 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
         tone, headline = "good", "The machine was identified."
     cards = (
         ("What differs", limited(_differs(known, found))),
-        ("What was left out", limited(_left_out(found, physics))),
+        ("What was left out", limited(_left_out(found, _modelled(found, physics)))),
         ("How sure", limited(_sure(found, known, physics, held_out))),
         ("What to do next", limited(_next(found, physics))),
     )
@@ -78,6 +79,12 @@ def _change(p: Parameter) -> float:
     return (p.value - (p.datasheet or 0.0)) / abs(p.datasheet or 1.0)
 
 
+def _modelled(found: Identification, physics: dict[str, float]) -> dict[str, float]:
+    """Those channels whose fit is in the model: what a rejected one leaves says nothing of it."""
+    rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
+    return {name: ratio for name, ratio in physics.items() if name not in rejected}
+
+
 def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
     lines = []
     if physics:
@@ -88,7 +95,7 @@ def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
         )
     unknown = [plain(p.name) for p in found.parameters if not p.identifiable]
     if unknown:
-        lines.append(f"Not determined, greyed below: {shortened(unknown)}.")
+        lines.append(f"Not determined or not used, greyed below: {shortened(unknown)}.")
     lines += [f"{text[0].upper()}{text[1:]}." for text in found.problems]
     lines += loss_line(found.losses)
     return lines or ["Nothing."]
@@ -113,6 +120,12 @@ def _sure(
             text += " These intervals count noise alone: what was left out may bias them further."
         lines.append(text)
     lines += error_line(held_out)
+    rejected = [c.name for c in held_out if c.rejected]
+    if rejected:
+        lines.append(
+            f"Nothing is claimed of {shortened(rejected)}: their fits were rejected and are not in"
+            " model.yaml."
+        )
     lines += free_run_line(found.free_run)
     return lines or ["Not at all."]
 

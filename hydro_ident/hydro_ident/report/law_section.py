@@ -64,7 +64,7 @@ def speed_views(channels: Sequence[ChannelRows]) -> list[LawView]:
         views.append(
             LawView(
                 title=one.title,
-                note="",
+                note=one.remark,
                 joint=one.joint,
                 x_title=axis_title(one.speed_name, one.speed_unit),
                 y_title=axis_title("error", one.unit),

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis, Finding
 from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
-from hydro_ident.report.parameter_section import ParameterRow, identified_row
+from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
@@ -33,9 +33,8 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         below = f"{plain(data['target'])}; {data['equation']}"
         below += "" if std is not None else "; not fitted: at the value it was weighed with"
         name = plain(p["name"])
-        rows.append(
-            ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
-        )
+        row = ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
+        rows.append(beside_bound(row, f"{data['target']}.{p['name']}"))
     return rows
 
 

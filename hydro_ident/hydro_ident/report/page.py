@@ -219,7 +219,11 @@ class Row:
 
 
 def table(
-    head: Sequence[str], rows: Sequence[Sequence[str] | Row], text: Sequence[int] = ()
+    head: Sequence[str],
+    rows: Sequence[Sequence[str] | Row],
+    text: Sequence[int] = (),
+    *,
+    stacked: bool = False,
 ) -> str:
     """A table.
 
@@ -230,6 +234,8 @@ def table(
         Plain text.
     text : sequence of int
         Columns of words: flush left, and they wrap.
+    stacked : bool
+        On a narrow screen a row is a block of its cells with their headings; else it scrolls.
 
     Returns
     -------
@@ -237,9 +243,11 @@ def table(
     """
     kinds = [' class="text"' if k in text else "" for k in range(len(head))]
     top = "".join(f"<th{kind}>{escape(h)}</th>" for kind, h in zip(kinds, head, strict=True))
+    if stacked:
+        kinds = [f'{kind} data-label="{escape(h)}"' for kind, h in zip(kinds, head, strict=True)]
     body = "".join(_row(r if isinstance(r, Row) else Row(tuple(r)), kinds) for r in rows)
     inner = f"<thead><tr>{top}</tr></thead><tbody>{body}</tbody>"
-    return f'<div class="scroll"><table>{inner}</table></div>'
+    return f'<div class="scroll{" stack" if stacked else ""}"><table>{inner}</table></div>'
 
 
 #: Where a long name may go on in the next line of a narrow screen.

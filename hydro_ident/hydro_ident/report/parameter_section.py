@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.parameters import Parameter
+from hydro_ident.estimate.bounds import effect_bounds
+from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_ident.report.figure import Figure, unit_text
 from hydro_ident.report.page import Row, folded, number, percent, table
 from hydro_ident.report.palette import joint_colour
@@ -16,6 +17,10 @@ from hydro_model.robot import Robot
 _HEAD = ("parameter", "value", "95 % interval", "unit", "datasheet", "change")
 #: Intervals wider than this share of the value are not drawn: they would squeeze the others.
 _DRAWN = 2.0
+#: Parameters that no machine has below zero, beside those of the catalogue's effects.
+_POSITIVE = ("mass", "viscous_friction", "bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb")
+#: Names before that of an effect's parameter: its owner's and its own.
+_EFFECTS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +83,9 @@ def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
 
     `p` is the parameter.
     """
-    why = p.reason
+    # Why a stage was rejected is long, and stands above the table once.
+    stage, rejected, _ = p.reason.partition(" rejected: ")
+    why = f"{stage} rejected, for the reason above the table" if rejected else p.reason
     if not why and not p.identifiable:
         why = "these recordings do not determine it: the given value stays in the model"
     stands = readable(p)
@@ -86,7 +93,37 @@ def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
     words += [why] if why else []
     joint = owner.get(p.name.split(".")[0], "")
     off = p.held or not p.identifiable
-    return ParameterRow(p.name, p.value, p.ci95, p.unit, p.datasheet, "; ".join(words), off, joint)
+    text = "; ".join(words)
+    row = ParameterRow(p.name, p.value, p.ci95, p.unit, p.datasheet, text, off, joint)
+    return beside_bound(row, p.name)
+
+
+def beside_bound(row: ParameterRow, name: str) -> ParameterRow:
+    """A row, greyed where its interval holds the least value that is possible.
+
+    Parameters
+    ----------
+    row : ParameterRow
+    name : str
+        Of the parameter, as the result file has it.
+    """
+    least = _least(name)
+    if row.off or row.interval is None or least < 0.0 or row.interval[0] > least:
+        return row
+    unit = "" if row.unit in ("", "1") else f" {row.unit}"
+    why = (
+        f"not told from its bound {number(least)}{unit}, which its interval reaches; the value"
+        " found is in the model"
+    )
+    return replace(row, below=f"{row.below}; {why}" if row.below else why, off=True)
+
+
+def _least(name: str) -> float:
+    """The least value that a parameter can have; minus infinity where none is known."""
+    *owner, last = name.split(".")
+    if last in _POSITIVE or name == COMMAND_DELAY:
+        return 0.0
+    return effect_bounds(name).lower if len(owner) == _EFFECTS else -np.inf
 
 
 def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
@@ -101,7 +138,7 @@ def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         texts = (p.name, number(p.value, 5), interval, unit_text(p.unit), given, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
         cells.append(Row(texts, p.below, dot, p.off))
-    return table(_HEAD, cells) if cells else ""
+    return table(_HEAD, cells, stacked=True) if cells else ""
 
 
 def _change(change: float) -> str:

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from hydro_ident.report.channel_rows import ChannelRows
+from hydro_ident.report.channel_rows import REJECTED, ChannelRows
 from hydro_ident.report.figure import APART_S, Figure, axis_title, band, line, unit_text
 from hydro_ident.report.page import Row, Section, folded, number, paragraph, table
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
@@ -46,6 +46,11 @@ def prediction_section(
         " no part in the fit; a model that does much better on training rows than on these has"
         " learnt noise. Errors are root mean squares."
     )
+    if any(one.rejected for one in (*held_out, *fitted)):
+        lead += (
+            f" What is marked as {REJECTED} is what the rejected fit predicts: the robot file's"
+            " own numbers stay there."
+        )
     if not held_out and not fitted:
         return Section("predictions", _TITLE, lead, paragraph("No channel could be predicted."))
     body = _table(held_out, fitted, joints)
@@ -82,7 +87,8 @@ def _table(
         cells = [number(one.value(k)) if one else "–" for k in keys]
         cells += [number(other.value(k)) if other else "–" for k in keys[:2]]
         dot = joint_colour(joints, first.joint)
-        rows.append(Row((name, unit_text(first.unit), *cells), dot=dot))
+        texts = (name, unit_text(first.unit), *cells)
+        rows.append(Row(texts, below=first.remark, dot=dot, off=first.rejected))
     return table(_HEAD, rows)
 
 
@@ -104,7 +110,12 @@ def _figure(one: ChannelRows, colour: str, kind: str) -> Figure:
             line("b", (one.time_s, before), BEFORE, panel=1, dash="dot", legend=False),
             line("a", (one.time_s, after), colour, panel=1, legend=False),
         ],
+        note=_note(one),
     )
+
+
+def _note(one: ChannelRows) -> str:
+    return f"After: {one.remark}." if one.rejected else ""
 
 
 def _time_title(one: ChannelRows) -> str:
@@ -128,6 +139,7 @@ def _reversals(one: ChannelRows, colour: str) -> str:
                     line("before", (t, one.before[rows]), BEFORE, dash="dot"),
                     line("after", (t, one.after[rows]), colour, width=2.0),
                 ],
+                note=_note(one),
             )
         )
     inner = "".join(f.html() for f in figures)

@@ -26,8 +26,8 @@ def plain(name: str) -> str:
 
 
 def error_line(channels: Sequence[ChannelRows]) -> list[str]:
-    """How much better the channels are predicted: most and least."""
-    known = [c for c in channels if c.value("rmse_before") > 0.0]
+    """How much better the model's channels are predicted: most and least."""
+    known = [c for c in channels if c.value("rmse_before") > 0.0 and not c.rejected]
     if not known:
         return []
     known.sort(key=lambda c: c.value("rmse_after") / c.value("rmse_before"))

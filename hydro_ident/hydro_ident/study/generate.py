@@ -43,6 +43,9 @@ SHARES: dict[CaseKind, float] = {
 }
 #: No chamber of a sound machine comes near vapour pressure: gauge, Pa.
 _LOWEST_PA = 5.0e4
+#: Steps of a normalised valve command from cycle to cycle, root mean square over so long, with
+#: which nobody would go on.
+_CHATTER, _CHATTER_S = 0.1, 0.1
 _TRIES = 40
 
 
@@ -221,7 +224,16 @@ def _sound(run: Drive) -> bool:
     lower, upper = np.array(limits).T
     q = run.track.states[:, :n]
     inside = bool((q > lower - 0.02).all() and (q < upper + 0.02).all())
-    return inside and float(pressures.min()) > _LOWEST_PA and float(pressures.max()) < 24.0e6
+    safe = float(pressures.min()) > _LOWEST_PA and float(pressures.max()) < 24.0e6
+    return inside and safe and not _chatters(run)
+
+
+def _chatters(run: Drive) -> bool:
+    """Whether the servo throws a valve to and fro from cycle to cycle."""
+    steps = np.diff(run.track.commands, axis=0) ** 2
+    window = max(1, round(_CHATTER_S / run.track.cycle_s))
+    total = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+    return bool(((total[window:] - total[:-window]) / window > _CHATTER**2).any())
 
 
 def truth_record(case: Case) -> dict[str, Any]:

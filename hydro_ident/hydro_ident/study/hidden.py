@@ -97,6 +97,8 @@ class Hidden:
         Stands in the catalogue.
     needs : callable
         ``(machine, cylinder index) -> bool``: whether the machine can have it.
+    shows : callable
+        ``(machine, scene, cylinder index) -> bool``: whether the run is one that it is at work in.
     linear : bool
         Its trace in the recordings grows like its size.
     """
@@ -110,6 +112,7 @@ class Hidden:
     scope: Scope = "cylinder"
     known: bool = True
     needs: Callable[[Machine, int], bool] = field(default=lambda machine, index: True)
+    shows: Callable[[Machine, Scene, int], bool] = field(default=lambda m, scene, index: True)
     linear: bool = True
 
     def apply(self, machine: Machine, scene: Scene, index: int, size: float, seed: int) -> Machine:

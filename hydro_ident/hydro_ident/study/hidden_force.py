@@ -25,8 +25,10 @@ from hydro_ident.study.hidden import (
 from hydro_model.robot import CylinderPart
 
 Random = np.random.Generator
-_GAP_DAMPING = 1.0e6
-_MOUNT_STIFFNESS = 1.0e9
+_MOUNT_DAMPING = 5.0e6
+_MOUNT_STIFFNESS = 5.0e9
+#: Load at which a pin surely lies on one side, and turns of it that a play is hidden beside.
+_LYING_N, _LEAST_TURNS = 500.0, 5
 #: What v^1.75 is beyond a line through 0, over what v^2 is beyond one: rms over speeds from 0 to
 #: where both are equal.
 _CURVED = 0.843
@@ -121,8 +123,16 @@ def _play(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
         i,
         mount_gap=0.5 * size,
         mount_stiffness=_MOUNT_STIFFNESS * m.robot.cylinders[i].area_a_m2 / 5.0e-3,
-        mount_damping=_GAP_DAMPING,
+        mount_damping=_MOUNT_DAMPING,
     )
+
+
+def _load_turns(m: Machine, s: Scene, i: int) -> bool:
+    """Whether a cylinder's load changes its side often enough to cross a play."""
+    c = m.robot.cylinders[i]
+    force = s.pressure_a[:, i] * c.area_a_m2 - s.pressure_b[:, i] * c.area_b_m2
+    side = np.sign(force[np.abs(force) > _LYING_N])
+    return int(np.count_nonzero(np.diff(side))) >= _LEAST_TURNS
 
 
 def _tilted(m: Machine, s: Scene, i: int, size: float, r: Random) -> Machine:
@@ -181,7 +191,7 @@ FORCE_EFFECTS = (
     Hidden(
         "structural_flexibility", 0.01, 0.5, "1", "share of the inertia about the joint", _flexible
     ),
-    Hidden("backlash", 2.0e-5, 2.0e-3, "m", "whole play", _play, linear=False),
+    Hidden("backlash", 2.0e-5, 2.0e-3, "m", "whole play", _play, linear=False, shows=_load_turns),
     Hidden("base_tilt", 5.0e-4, 0.08, "rad", "about the joints' axis", _tilted, "robot"),
     Hidden("constant_force_offset", 60.0, 4.0e3, "N", "anywhere", _offset),
     Hidden("counterbalance_spring", 200.0, 1.5e4, "N", "rod in", _spring),

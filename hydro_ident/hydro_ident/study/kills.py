@@ -1,4 +1,5 @@
-"""How much of a recording a kill costs: real recorder processes, killed at random moments.
+"""How much of a recording a kill costs: real recorder processes, killed at random moments,
+around the beginning of a new file, and while they close the bag.
 
 python -m hydro_ident.study.kills [--count N] [--seed S] [--json FILE]
 """
@@ -23,18 +24,28 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.metadata import write_atomically
-from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError, IdentError
 from hydro_model.command import run_command
+from hydro_model.output import write_atomically
 from hydro_msgs_docs.local_topics import stay_local
 
 TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
 #: What may be lost, and how long to wait for what must come.
 PROMISE_S, PATIENCE_S = 0.3, 300.0
 PERIOD_NS = 2_000_000
+#: Log time per file where the roll-over is aimed at, and how far from it kills fall.
+ROLL_S, AROUND_S = 0.5, (-0.02, 0.08)
+#: From the request to end to the kill at most: on a quiet computer half of the bags are closed
+#: before it.
+CLOSING_S = 0.03
+MOMENTS = ("running", "roll-over", "closing")
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
+_ROLLING = f"""
+from hydro_ident.bag.writer import BagWriter
+BagWriter.__init__.__kwdefaults__["split_ns"] = {round(ROLL_S * 1e9)}
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +54,14 @@ class Kill:
 
     Attributes
     ----------
+    moment : str
+        One of `MOMENTS`.
     after_s : float
-        From the first message of the last topic to the kill.
+        From the first message of the last topic to the kill; where it was closing, from the
+        request to end.
     lost_s : float
-        From the publication of the oldest message that is not in the bag to the kill.
+        From the publication of the oldest message that is not in the bag to the kill, or to the
+        request to end.
     late_s : float
         By how much the publisher beside it was late at worst in the second before: what the
         computer, not the recorder, costs.
@@ -54,13 +69,20 @@ class Kill:
         In the bag.
     missing : int
         Of those between the first and the last: none is the aim.
+    files : int
+        In the bag.
+    closed : bool
+        The bag was whole before the kill.
     """
 
+    moment: str
     after_s: float
     lost_s: float
     late_s: float
     cycles: int
     missing: int
+    files: int
+    closed: bool
 
 
 @dataclass(slots=True)
@@ -96,7 +118,7 @@ class Publisher:
 
 
 def kill_recorders(count: int, seed: int) -> list[Kill]:
-    """Kill so many recorders, each at a random moment while 2000 messages a second come.
+    """Kill so many recorders while 2000 messages a second come, at each of `MOMENTS` in turn.
 
     Parameters
     ----------
@@ -110,10 +132,10 @@ def kill_recorders(count: int, seed: int) -> list[Kill]:
     """
     rng = random.Random(seed)
     kills = []
-    for _ in range(count):
+    for k in range(count):
         # Anew for each: a publisher waits for readers that died until their lease is over.
         with publishing() as publisher:
-            kills.append(_killed(publisher, rng.uniform(0.0, 2.0)))
+            kills.append(_killed(publisher, MOMENTS[k % len(MOMENTS)], rng))
     return kills
 
 
@@ -138,25 +160,44 @@ def publishing() -> Iterator[Publisher]:
         rclpy.shutdown(context=context)
 
 
-def _killed(publisher: Publisher, after_s: float) -> Kill:
+def _killed(publisher: Publisher, moment: str, rng: random.Random) -> Kill:
+    code = (_ROLLING if moment == "roll-over" else "") + _RECORDER
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         with open(place / "said.txt", "w", encoding="utf-8") as said:
             process = subprocess.Popen(
-                [sys.executable, "-c", _RECORDER, "--out", folder, "--name", "killed"],
+                [sys.executable, "-c", code, "--out", folder, "--name", "killed"],
                 stdout=said,
                 stderr=subprocess.STDOUT,
             )
         try:
             received = _wait_until_received(place / "said.txt")
-            time.sleep(after_s)
-            killed_ns = time.monotonic_ns()
-            os.kill(process.pid, signal.SIGKILL)
+            end_ns = _end(process, moment, received, rng)
         finally:
             process.kill()
             process.wait()
         (bag,) = place.glob("*_killed")
-        return _judged(bag, publisher.times, received, killed_ns, after_s)
+        return _judged(bag, publisher.times, received, end_ns, moment)
+
+
+def _end(
+    process: subprocess.Popen[bytes], moment: str, received: Mapping[str, int], rng: random.Random
+) -> tuple[int, int]:
+    """Kill a recorder; when it was to have everything up to, and the kill, monotonic ns."""
+    if moment == "roll-over":
+        # Files begin this far apart from the first message of any topic on.
+        files = (max(received.values()) - min(received.values())) // round(ROLL_S * 1e9)
+        due_s = (files + rng.randint(1, 4)) * ROLL_S + rng.uniform(*AROUND_S)
+        time.sleep(max(0.0, min(received.values()) * 1e-9 + due_s - time.monotonic()))
+    else:
+        time.sleep(rng.uniform(0.0, 2.0))
+    asked_ns = time.monotonic_ns()
+    if moment == "closing":
+        process.send_signal(signal.SIGINT)
+        time.sleep(rng.uniform(0.0, CLOSING_S))
+    killed_ns = time.monotonic_ns()
+    os.kill(process.pid, signal.SIGKILL)
+    return (asked_ns if moment == "closing" else killed_ns), killed_ns
 
 
 def _wait_until_received(said: Path) -> dict[str, int]:
@@ -175,8 +216,13 @@ def _wait_until_received(said: Path) -> dict[str, int]:
 
 
 def _judged(
-    bag: Path, times: Sequence[int], received: Mapping[str, int], killed_ns: int, after_s: float
+    bag: Path,
+    times: Sequence[int],
+    received: Mapping[str, int],
+    end_ns: tuple[int, int],
+    moment: str,
 ) -> Kill:
+    wanted_ns, killed_ns = end_ns
     try:
         series: Mapping[str, Series] = read_bag(bag, TOPICS).series
     except BagError:
@@ -185,27 +231,32 @@ def _judged(
     for topic in TOPICS:
         cycles = series[topic].stamp_ns // PERIOD_NS if topic in series else np.zeros(0, int)
         if not len(cycles):  # killed before the first chunk of this topic
-            lost_s = max(lost_s, (killed_ns - received[topic]) * 1e-9)
+            lost_s = max(lost_s, (wanted_ns - received[topic]) * 1e-9)
             continue
         missing += int(np.ptp(cycles)) + 1 - len(cycles)
         began_ns = times[min(int(cycles.max()) + 1, len(times) - 1)]
-        lost_s = max(lost_s, (killed_ns - began_ns) * 1e-9)
+        lost_s = max(lost_s, (wanted_ns - began_ns) * 1e-9)
     around = np.array([t for t in times if killed_ns - 1_000_000_000 < t < killed_ns + 10**8])
     late_s = float(np.diff(around).max(initial=PERIOD_NS) - PERIOD_NS) * 1e-9
+    began_ns = wanted_ns if moment == "closing" else max(received.values())
     return Kill(
-        after_s=round(after_s, 3),
+        moment=moment,
+        after_s=round((killed_ns - began_ns) * 1e-9, 3),
         lost_s=round(lost_s, 4),
         late_s=round(late_s, 4),
         cycles=len(series[TOPICS[0]]) if TOPICS[0] in series else 0,
         missing=missing,
+        files=len(list(bag.glob("*.mcap"))),
+        closed=(bag / METADATA_FILE).is_file(),
     )
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="kills", description="Kill recorders at random moments; measure what is lost."
+        prog="kills",
+        description="Kill recorders at random moments, at roll-overs and while closing.",
     )
-    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="result, dated")
     return parser

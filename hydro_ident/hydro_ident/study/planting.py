@@ -82,6 +82,8 @@ def plant(
         index = int(random.integers(len(plain.robot.cylinders)))
         if _clashes(hidden, planted) or not hidden.needs(plain, index):
             continue
+        if not hidden.shows(plain, scene, index):
+            continue
         one = _sized(hidden, index, plain, scene, motion, noise, random)
         if one is not None:
             planted.append(one)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from collections.abc import Callable
+from datetime import datetime
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,7 @@ import pytest
 import yaml
 
 from hydro_ident.commands.identify import main, run, write_results
+from hydro_ident.earlier_result import earlier_result
 from hydro_ident.errors import IdentError
 from hydro_ident.identification import Identification, identify
 from hydro_ident.report.identification_report import report_html
@@ -98,6 +102,47 @@ def test_the_report_is_one_file_that_fetches_nothing(
     assert "lift_link.mcx + 1.6 tilt_link.mass" in text
 
 
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Makes a package one that is not installed."""
+    return lambda package: monkeypatch.setitem(sys.modules, package, None)
+
+
+def test_without_plotly_all_but_the_report_is_written(
+    found: Identification, tmp_path: Path, without: Callable[[str], None]
+) -> None:
+    write_results(found, ORIGIN, tmp_path / "out")
+    with_report = {file.name for file in (tmp_path / "out").iterdir()}
+    without("plotly")
+    write_results(found, ORIGIN, tmp_path / "out")
+    left = {file.name for file in (tmp_path / "out").iterdir()}
+    # No report of an earlier run stands beside the new result.
+    assert with_report - left == {"report.html"}
+    assert {"result.json", "model.yaml", "controller.yaml"} <= left
+
+
+def test_without_plotly_the_command_says_so_before_its_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], without: Callable[[str], None]
+) -> None:
+    without("plotly")
+    words = ["nowhere", "--robot", "xs031", "--out", str(tmp_path / "out")]
+    with pytest.raises(IdentError, match="no bag"):
+        run(words)
+    said = capsys.readouterr().err
+    assert said.startswith("identify: plotly is not installed: report.html is not written, ")
+    assert said.count("\n") == 1
+
+
+def test_without_clarabel_the_command_does_not_begin(
+    tmp_path: Path, without: Callable[[str], None]
+) -> None:
+    without("clarabel")
+    with pytest.raises(IdentError, match="clarabel is not installed, needed for bodies") as said:
+        run(["nowhere", "--robot", "xs031", "--out", str(tmp_path / "out")])
+    assert said.value.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_failure_while_writing_leaves_the_old_result(tmp_path: Path) -> None:
     out = tmp_path / "out"
     write_together(out, lambda d: (d / "result.json").write_text("old") and None)
@@ -129,12 +174,37 @@ def test_where_it_is_written_does_not_change_the_result(bag: Path, tmp_path: Pat
     assert one == two
 
 
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ('{"provenance": {"command": "diagnose A --robot xs031"}}', True),
+        ("{", False),
+        ("[]", False),
+    ],
+)
+def test_an_earlier_result_is_told_by_its_date_and_command(
+    text: str, named: bool, tmp_path: Path
+) -> None:
+    assert earlier_result(tmp_path) == ""
+    file = tmp_path / "result.json"
+    file.write_text(text, encoding="utf-8")
+    noon = datetime(2026, 3, 1, 12, 0).astimezone().timestamp()
+    os.utime(file, (noon, noon))
+    command = " (diagnose A --robot xs031)" if named else ""
+    assert earlier_result(tmp_path) == f"2026-03-01 12:00{command}"
+
+
 def test_the_command_writes_every_file_from_a_bag(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], clean: Any
 ) -> None:
     out = tmp_path / "results"
+    out.mkdir()
+    (out / "result.json").write_text('{"provenance": {"command": "identify before"}}')
     assert run([str(bag), "--robot", "xs031", "--out", str(out)]) == 0
-    assert "verdict: identified" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "verdict: identified" in said.out
+    assert f"identify: replaced in {out}: the result of 2" in said.err
+    assert "(identify before)" in said.err
     assert sorted(p.name for p in out.iterdir()) == sorted([*OWN_FILES, "xs031.urdf"])
     result = json.loads((out / "result.json").read_text())
     values = {p["name"]: p["value"] for p in result["parameters"]}

@@ -18,6 +18,9 @@ from hydro_ident.study.experiments import Motion
 from hydro_ident.study.hidden import Machine, Scene, machine_extras
 from hydro_ident.study.planting import KNOWN, OUTSIDE
 from hydro_ident.study.traces import EVERY, drive, nuisance, thinned, trace
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.effects.effect import Stage
+from hydro_model.effects.rows import signal_rows
 
 #: What may show beside the channel an effect belongs to: its own cylinder's others, or all.
 FORCE = {"force"}
@@ -111,3 +114,29 @@ def test_limit_is_where_the_best_test_has_half_power(
 
 def test_quiet_machine_has_no_extras_left(plain: Machine) -> None:
     assert replace(plain.truth, extras=Extras()).extras == Extras()
+
+
+def test_the_catalogues_play_is_what_a_loose_pin_leaves(plain: Machine, scene: Scene) -> None:
+    """Another simulator's dead zone, by the law that is fitted: most of its trace."""
+    width, tilt = 3e-4, 1
+    # To and fro through where the outer link hangs down: its load turns every time.
+    t = np.arange(0.0, 16.0, 2e-3)
+    turned = 0.35 * np.sin(1.1 * t) * np.clip(t / 2.0, 0.0, 1.0)
+    q = np.stack([np.full(t.size, 0.2), -0.5 * np.pi - 0.2 + turned], axis=1)
+    machine = KNOWN["backlash"].apply(plain, scene, tilt, width, 3)
+    run = drive(machine, Motion("excite", q, np.gradient(q, 2e-3, axis=0)), 1)
+    states, step_s = run.track.states, run.track.cycle_s
+    p_a, p_b = states[:, 5], states[:, 7]
+    pressures = np.stack([p_a, p_b, np.full(p_a.size, np.nan), np.zeros(p_a.size)], axis=1)
+    rows = signal_rows(
+        plain.robot, tilt, tilt, t, states[:, :2], states[:, 2:4], pressures=pressures
+    )
+    parameters = [width, 300.0, plain.truth.cylinders[tilt].viscous_friction, 0.0]
+    left = trace(run, plain)
+    for column, stage in ((4, Stage.FLOW_A), (5, Stage.FLOW_B)):
+        law = CATALOGUE["backlash"].evaluate(rows, parameters, stage, step_s)
+        # What is left is what the chamber took up less than the law puts in; as mean flows over
+        # 40 ms, without the start.
+        wanted, found = (thinned(x, 4)[75:] for x in (-left[:, column], thinned(law)))
+        assert np.sum((wanted - found) ** 2) < 0.25 * np.sum(wanted**2), stage
+        assert found @ wanted / (found @ found) == pytest.approx(1.0, abs=0.15)

@@ -25,14 +25,16 @@
 
   function layoutOf(figure, width) {
     const ink = token("--ink"), grid = token("--grid"), narrow = width < 520;
+    // On paper figures are smaller, so that pages are full.
+    const size = document.documentElement.hasAttribute("data-print") ? 9 : narrow ? 11 : 12;
     const layout = Object.assign({
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: {color: ink, size: narrow ? 11 : 12, family: "system-ui, sans-serif"},
+      font: {color: ink, size: size, family: "system-ui, sans-serif"},
       margin: {l: 8, r: 8, t: 8, b: 8}, hovermode: "closest",
       dragmode: touch ? false : "zoom",
       hoverlabel: {bgcolor: token("--raised"), bordercolor: token("--rule"), font: {color: ink}},
       legend: {orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom",
-        itemwidth: 30, font: {size: narrow ? 10 : 12}},
+        itemwidth: 30, font: {size: Math.min(size, narrow ? 10 : 12)}},
     }, themed(figure.layout));
     for (const key of Object.keys(layout)) {
       if (!/^[xy]axis/.test(key)) continue;

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hydro_hw_bridge.faults.naming import SILENT
 from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 #: Of the results folder, and the page beside it.
@@ -33,22 +34,33 @@ def with_tables(text: str, folder: Path) -> str:
 
 def told(result: Mapping[str, Any]) -> str:
     """A run as Markdown."""
-    parts = [_device(result["date"], result["device_time"])]
+    parts = []
+    if "device_time" in result:
+        parts += [_device(result["device_time"]), _silent(result["device_time"]["silent"])]
     if "wall_time" in result:
         parts.append(_wall(result["wall_time"]))
     return "\n".join(parts)
 
 
-def _device(date: str, found: Mapping[str, Any]) -> str:
+def _since(found: Mapping[str, Any]) -> str:
+    """Which sources are no longer those of a run."""
+    changed = found["changed_since"]
+    if not changed:
+        return ""
+    return f" Changed since that run: {', '.join(f'`{Path(path).name}`' for path in changed)}."
+
+
+def _device(found: Mapping[str, Any]) -> str:
     lines = [
-        f"Run of {date}, device time: {found['injections']} injections"
+        f"Run of {found['date']}, device time: {found['injections']} injections"
         f" ({found['lockstep']} of them in lockstep), {found['tripped']} trips,"
         f" {len(found['broken'])} broken promises. Largest step at a valve"
         f" {found['largest_step_v']:.3f} V per cycle,"
         f" {found['largest_reenable_step_v']:.3f} V where a gate drives again:"
         " one whose trip was cleared is held to 10 V/s and judged by that,"
         " a bridge started anew to the slew limit."
-        f" Worst case to 0 V {found['worst_ms']:.0f} ms.",
+        f" Worst case to 0 V {found['worst_ms']:.0f} ms, but for encoders that are stuck."
+        f"{_since(found)}",
         "",
         "| fault | injections | of them with a promised stop | promised, ms | worst, ms |",
         "|---|---|---|---|---|",
@@ -60,16 +72,31 @@ def _device(date: str, found: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _silent(found: Mapping[str, Mapping[str, int]]) -> str:
+    lines = [
+        "Every other injection had to show in the bridge's diagnostics: by a counter that grew and"
+        " by the words of its reason. Of these nothing has to, and that is why:",
+        "",
+        "| nothing has to show | injections | of them named all the same | why |",
+        "|---|---|---|---|",
+    ]
+    for key, why in SILENT.items():
+        row = found.get(key, {"injections": 0, "named_all_the_same": 0})
+        lines.append(f"| {key} | {row['injections']} | {row['named_all_the_same']} | {why} |")
+    return "\n".join(lines) + "\n"
+
+
 def _wall(found: Mapping[str, Any]) -> str:
     timer = found["timer_late_ms"]
     lines = [
-        f"Wall time, real processes: {found['injections']} injections"
+        f"Run of {found['date']}, wall time, real processes: {found['injections']} injections"
+        f" in {found['minutes']:.0f} minutes"
         f" ({found['left_out']} more left out, as the computer was too busy to drive),"
         f" {len(found['broken'])} broken promises beyond the time,"
         f" {found['trips_by_the_busy_computer']} trips that the busy computer made in between."
         f" A bare timer on the same machine woke {timer['wakes']} times, late by"
         f" {timer['p50']:.2f} ms (median), {timer['p99']:.2f} ms (99 %), {timer['p99.9']:.2f} ms"
-        f" (99.9 %), {timer['max']:.1f} ms at most.",
+        f" (99.9 %), {timer['max']:.1f} ms at most.{_since(found)}",
         "",
         "| fault | injections | promised, ms | median, ms | 90 %, ms | worst, ms | above the"
         " promise | of them with the timer as late | timer at worst then, ms |",

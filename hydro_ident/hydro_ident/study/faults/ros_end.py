@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from hydro_hw_bridge.bridge_step import Sample
@@ -123,13 +124,14 @@ class RosEnd:
         """
         if not client.wait_for_service(CALL_S):
             raise IdentError(f"expected the service {client.srv_name}, found none")
-        future = client.call_async(request)
-        end = time.monotonic() + wait_s
-        while not future.done():
-            if time.monotonic() > end:
-                raise IdentError(f"no answer from {client.srv_name}")
-            time.sleep(0.005)
-        return future.result()
+        return _result(client.call_async(request), wait_s, client.srv_name)
+
+    def _there(self, do: Callable[[], Any]) -> Any:
+        """What a call gives, called where the node spins: rclpy's wait set takes no others."""
+        return _result(self._executor.create_task(do), CALL_S, "the campaign's own node")
+
+    def _client(self, kind: Any, name: str) -> Any:
+        return self._there(lambda: self.node.create_client(kind, name))
 
     def transition(self, node: str, number: int) -> bool:
         """Take a node through a transition; whether it got there.
@@ -138,8 +140,8 @@ class RosEnd:
         """
         from lifecycle_msgs.srv import ChangeState, GetState
 
-        state = self.node.create_client(GetState, f"/{node}/get_state")
-        change = self.node.create_client(ChangeState, f"/{node}/change_state")
+        state = self._client(GetState, f"/{node}/get_state")
+        change = self._client(ChangeState, f"/{node}/change_state")
         request = ChangeState.Request()
         request.transition.id = number
         end = time.monotonic() + PATIENCE_S
@@ -152,8 +154,8 @@ class RosEnd:
                     there = bool(self.call(change, request).success)
             except IdentError:
                 continue
-        self.node.destroy_client(state)
-        self.node.destroy_client(change)
+        self._there(lambda: self.node.destroy_client(state))
+        self._there(lambda: self.node.destroy_client(change))
         return there
 
     def clear_trip(self) -> tuple[bool, str]:
@@ -168,11 +170,11 @@ class RosEnd:
         from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
         from rcl_interfaces.srv import SetParameters
 
-        client = self.node.create_client(SetParameters, f"/{node}/set_parameters")
+        client = self._client(SetParameters, f"/{node}/set_parameters")
         number = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
         request = SetParameters.Request(parameters=[Parameter(name=name, value=number)])
         taken = bool(self.call(client, request).results[0].successful)
-        self.node.destroy_client(client)
+        self._there(lambda: self.node.destroy_client(client))
         return taken
 
     def close(self) -> None:
@@ -182,3 +184,13 @@ class RosEnd:
         self._thread.join(2.0)
         self.node.destroy_node()
         self._context.shutdown()
+
+
+def _result(future: Any, wait_s: float, whose: str) -> Any:
+    """What another thread makes of a future."""
+    end = time.monotonic() + wait_s
+    while not future.done():
+        if time.monotonic() > end:
+            raise IdentError(f"no answer from {whose} within {wait_s:g} s")
+        time.sleep(0.005)
+    return future.result()

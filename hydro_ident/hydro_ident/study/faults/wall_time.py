@@ -8,8 +8,12 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
+from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
+from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import BAD
 from hydro_hw_bridge.gate import GateLimits
 from hydro_ident.errors import IdentError
@@ -26,6 +30,9 @@ RAMP_MS = 30.0
 LATCHED_S = 0.15
 #: A computer that cannot drive for so long is too busy: the injection is left out, and counted.
 DRIVING_S = 30.0
+
+#: Reasons of trips that a stall of any process on the way makes.
+STALLS = (TOO_OLD, NOTHING_HEARD, "the amplifiers' watchdog")
 
 
 class WallRun:
@@ -54,6 +61,13 @@ class WallRun:
         self._start_proxy()
         self.start_bridge()
 
+    def recover(self) -> None:
+        """Start again what a fault that could not be judged left without."""
+        if not self.stage.running("rig"):
+            self.stage.start_rig(self.machine_bus)
+        if not self.stage.running("bridge"):
+            self.start_bridge()
+
     def _start_proxy(self) -> None:
         module = "hydro_hw_bridge.faults.proxy"
         words = (sys.executable, "-m", module, self.machine_bus, self.bridge_bus)
@@ -80,8 +94,13 @@ class WallRun:
     def drive(self, *, publishing: bool = True) -> None:
         """Until the valves are driven: trips that the busy computer makes are cleared.
 
-        `publishing` says whether the commands come from here, or from the controller.
+        `publishing` says whether the commands come from here, or from the controller, of which
+        there is one then and otherwise none.
         """
+        if publishing:
+            self.stage.end("controller")
+        elif not self.stage.running("controller"):
+            self.start_controller()
         self.ros.publishing = publishing
         end = time.monotonic() + DRIVING_S
         while not self.stage.driven():
@@ -126,9 +145,8 @@ class WallRun:
 
     # -- injections
 
-    def publisher(self, source: random.Random) -> WallOutcome:
-        """A publisher of bad, late or no commands."""
-        kind = source.choice((*BAD, "silent", "late"))
+    def publisher(self, kind: str, source: random.Random) -> WallOutcome:
+        """A publisher of bad, late or no commands, as its `kind` is; `source` draws the rest."""
         amount = {"beyond": 10.5, "leap": 8.0, "second_controller": 5.0, "late": 15.0}
         long = kind in ("silent", "late")
         self.drive()
@@ -152,107 +170,53 @@ class WallRun:
             return WallOutcome(found.kind, AT_ONCE_MS, found.stop_ms, 0.0, "not latched")
         return found
 
-    def bridge_signal(self, source: random.Random, number: signal.Signals) -> WallOutcome:
-        """The bridge is killed, stopped for a while, or told to end."""
+    def until_tripped(self) -> None:
+        """Wait until the bridge has tripped, for whatever reason."""
+        until(self._reason, 5.0, "the bridge to trip")
+
+    def tripped_otherwise(self) -> str:
+        """What the bridge tripped for, in words, unless a computer that stalls makes that."""
+        reason = self._reason()
+        return f"the bridge tripped: {reason}" if reason and not reason.startswith(STALLS) else ""
+
+    def _reason(self) -> str:
+        return self.ros.diagnosis.get("can_bridge", {}).get("trip_reason", "")
+
+    def bus_fault(self, kind: str, direction: str, source: random.Random) -> WallOutcome:
+        """The proxy loses, delays or flips the frames of one direction for 0.2 s.
+
+        `kind` and `direction` are those of a `BusFault`; `source` draws the rest.
+        """
+        fault: dict[str, Any] = {"kind": kind, "cycles": 100, "direction": direction}
+        fault |= {"seed": source.randrange(1 << 30), "amount": source.randint(8, 12)}
         self.drive()
-        time.sleep(source.uniform(0.0, 0.05))
-        since = self.stage.send("bridge", number)
-        limit = AGE_MS if number is signal.SIGTERM else WATCHDOG_MS
-        found = self.measured(f"process: {number.name} of can_bridge", since, limit)
-        if number is signal.SIGSTOP:
-            woken = self.stage.send("bridge", signal.SIGCONT)
-            time.sleep(LATCHED_S)
-            if self.stage.moved_ns(woken) is not None:
-                broken = "the valves moved as the bridge went on"
-                return WallOutcome(found.kind, limit, found.stop_ms, 0.0, broken)
-            return found
-        self.stage.end("bridge")
-        self.start_bridge()
-        return found
-
-    def controller_signal(self, source: random.Random, number: signal.Signals) -> WallOutcome:
-        """The real controller is killed, stopped for a while, or told to end."""
-        if not self.stage.running("controller"):
-            self.start_controller()
-        self.drive(publishing=False)
-        time.sleep(source.uniform(0.0, 0.05))
-        since = self.stage.send("controller", number)
-        limit = RAMP_MS + WAY_MS if number is signal.SIGTERM else AGE_MS
-        found = self.measured(f"process: {number.name} of controller", since, limit)
-        if number is signal.SIGSTOP:
-            self.stage.send("controller", signal.SIGCONT)
-            time.sleep(LATCHED_S)
-        self.stage.end("controller")
-        return found
-
-    def rig_stop(self, source: random.Random) -> WallOutcome:
-        """The machine's process stands still for a while: 0 V with its first cycles after it."""
-        self.drive()
-        time.sleep(source.uniform(0.0, 0.05))
-        self.stage.send("rig", signal.SIGSTOP)
-        time.sleep(0.3)
-        since = self.stage.send("rig", signal.SIGCONT)
-        return self.measured("process: SIGSTOP of sim_rig", since, AGE_MS)
-
-    def rig_killed(self, source: random.Random) -> WallOutcome:
-        """The machine's process is gone: the bridge says so, and a new machine is not driven."""
-        self.drive()
-        since = self.stage.send("rig", signal.SIGKILL)
-        self._tripped("nothing from the device")
-        self.stage.end("rig")
-        self.stage.start_rig(self.machine_bus)
-        time.sleep(2 * LATCHED_S)
-        moved = self.stage.moved_ns(since) is not None
-        broken = "the new machine was driven without being cleared" if moved else ""
-        return WallOutcome("process: SIGKILL of sim_rig", None, None, 0.0, broken)
-
-    def _tripped(self, text: str) -> None:
-        until(
-            lambda: text in self.ros.diagnosis.get("can_bridge", {}).get("trip_reason", ""),
-            5.0,
-            f"the bridge to trip with '{text}'",
-        )
-
-    def bus_fault(self, source: random.Random) -> WallOutcome:
-        """The proxy loses, delays, repeats, swaps or flips frames."""
-        kind, direction = source.choice(("lost", "late", "bit_flip")), source.choice("db")
-        fault: dict[str, Any] = {"kind": kind, "cycles": 100, "seed": source.randrange(1 << 30)}
-        fault["direction"] = {"d": "device", "b": "bridge"}[direction]
-        fault["amount"] = source.randint(8, 12)
-        self.drive()
-        self.stage.tell("proxy", json.dumps(fault))
         said = len(self.stage.said("proxy"))
+        self.stage.tell("proxy", json.dumps(fault))
         until(lambda: "at " in self.stage.said("proxy")[said:], 5.0, "the proxy's fault")
         since = int(self.stage.said("proxy")[said:].split()[1])
-        return self.measured(f"bus: {kind} ({fault['direction']})", since, WATCHDOG_MS)
+        return self.measured(f"bus: {kind} ({direction})", since, WATCHDOG_MS)
 
     def parameters(self, source: random.Random) -> WallOutcome:
-        """Parameters are set while driving: refused, and the valves are driven on."""
+        """A parameter that `source` draws is set while driving: refused, and driven on."""
         self.drive()
         name, value = source.choice((("slew_limit_v_s", 9e4), ("max_age_ms", 40.0)))
         since = time.monotonic_ns()
         taken = self.ros.set_parameter("can_bridge", name, value)
         found = self.measured("parameters changed while driving", since, None)
-        broken = f"{name} was taken" if taken else ""
-        return WallOutcome(found.kind, None, None, found.late_timer_ms, broken)
+        broken = f"{name} was taken" if taken else self.tripped_otherwise()
+        return replace(found, broken=broken)
 
-    def deeds(self) -> list[Callable[[random.Random], WallOutcome]]:
-        """Injections, to be taken in turn: the quick ones more often."""
-
-        def sent(
-            deed: Callable[[random.Random, signal.Signals], WallOutcome], number: signal.Signals
-        ) -> Callable[[random.Random], WallOutcome]:
-            return lambda source: deed(source, number)
-
-        slow = [
-            sent(self.bridge_signal, signal.SIGKILL),
-            sent(self.controller_signal, signal.SIGKILL),
-            sent(self.bridge_signal, signal.SIGSTOP),
-            sent(self.controller_signal, signal.SIGSTOP),
-            sent(self.bridge_signal, signal.SIGTERM),
-            sent(self.controller_signal, signal.SIGTERM),
-            self.rig_stop,
-            self.rig_killed,
-        ]
-        quick = [self.publisher, self.bus_fault, self.emergency_stop]
-        return [one for deed in slow for one in (*quick, deed)] + [self.parameters]
+    def deeds(self) -> dict[str, Callable[[random.Random], WallOutcome]]:
+        """Injections by kind, without those of processes."""
+        deeds: dict[str, Callable[[random.Random], WallOutcome]] = {
+            f"publisher: {kind}": partial(self.publisher, kind)
+            for kind in (*BAD, "silent", "late")
+        }
+        deeds |= {
+            f"bus: {kind} ({direction})": partial(self.bus_fault, kind, direction)
+            for kind in ("lost", "late", "bit_flip")
+            for direction in (DEVICE, BRIDGE)
+        }
+        deeds["machine: emergency_stop"] = self.emergency_stop
+        deeds["parameters changed while driving"] = self.parameters
+        return deeds

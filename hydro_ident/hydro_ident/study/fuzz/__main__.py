@@ -9,9 +9,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_ident.bag.metadata import write_atomically
 from hydro_ident.study.fuzz.campaign import campaign
 from hydro_model.command import run_command
+from hydro_model.output import write_atomically
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-#: Relative, and absolute for what is about 0. Libraries of linear algebra differ from one
-#: processor to the other in the last digits; the diagnosis' searches pass those on.
+#: Relative, and absolute for what is about 0. Processors differ in the last digits, which the
+#: diagnosis' searches pass on; the kernels of linear algebra, which differ by more, are those that
+#: `scripts/golden.sh` chooses.
 TOLERANCES = {"control": (1e-7, 1e-9), "diagnosis": (1e-4, 1e-9)}
 
 

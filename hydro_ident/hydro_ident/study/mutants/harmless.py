@@ -94,11 +94,27 @@ def _bridge_core() -> Iterator[Harmless]:
         (clock.format("1000000001.0"), clock.format("999999999.0")),
         "periods below 0.5 s round to the same nanoseconds",
     )  # fmt: skip
-    said = 'self.gate.trip(f"nothing from the device for {{{} * SILENCE_S:.0f}} ms")'
+    said = 'self.gate.trip(f"nothing from the device for {{{} * most_s:.0f}} ms")'
     yield from _each(
         "bridge_core", "BridgeCore.silence", said.format("1e3"),
         (said.format(" 1001.0"), said.format(" 999.0")),
-        "50 ms in the message either way: the limit itself is compared in seconds",
+        "10 ms in the message either way: the limit itself is compared in seconds",
+    )  # fmt: skip
+
+    quiet = _UNREAD.format(
+        "the first sync frame sets it, and before a sample nothing is commanded"
+    )
+    yield from _begins("bridge_core", init, "_quiet", ("pass", "True"), quiet, "False")
+    kept = "_ANSWERABLE = _HEARD = 64"
+    yield from _each(
+        "bridge_core", "", kept, (kept.replace("64", "63"), kept.replace("64", "65")),
+        "a command for a sample that old is outdated whether it is known or not, and no frame is"
+        " heard that late",
+    )  # fmt: skip
+    old = "outdated = counter is not None and counter < self._whole[0]"
+    yield Harmless(
+        "bridge_core", "BridgeCore._answerable", old, old.replace("<", "<="),
+        "the oldest sample that is known is among those that are known",
     )  # fmt: skip
 
 
@@ -116,9 +132,23 @@ def _amplifier() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _claims() -> Iterator[Harmless]:
+    listen = "def _listen(self, duration_s: float, *, claiming: bool) -> None:"
+    yield Harmless(
+        "claims", "Claim._listen", listen, listen.replace("*", "/"),
+        "a private function, whose callers say what the word means",
+    )  # fmt: skip
+    other = "if other != self.instance and (not claiming or other < self.instance):"
+    yield Harmless(
+        "claims", "Claim._listen", other, other.replace("other <", "other <="),
+        "an instance of the same number has been left out just before",
+    )  # fmt: skip
+
+
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
     *_plausibility(),
     *_bridge_core(),
     *_amplifier(),
+    *_claims(),
 )

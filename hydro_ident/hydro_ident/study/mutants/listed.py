@@ -18,16 +18,29 @@ class Target:
         As it is imported.
     tests : tuple of str
         Files or folders, from the repository's top.
+    within : tuple of str
+        Class and function of what is changed and covered; empty for all of the module.
     """
 
     name: str
     module: str
     tests: tuple[str, ...]
+    within: tuple[str, ...] = ()
 
     @property
     def file(self) -> str:
         """From the repository's top."""
         return f"{self.module.partition('.')[0]}/{self.module.replace('.', '/')}.py"
+
+    def holds(self, where: str) -> bool:
+        """Whether a place is of it.
+
+        Parameters
+        ----------
+        where : str
+            Class and function.
+        """
+        return not self.within or where in self.within
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,4 +78,15 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
+    Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),
+    Target("e2e", "hydro_hw_bridge.e2e", (f"{_TEST}/test_e2e.py",)),
+    Target("claims", "hydro_hw_bridge.claims", (f"{_TEST}/test_claims.py",)),
+    Target(
+        "device",
+        "hydro_hw_bridge.rig.device",
+        (f"{_TEST}/test_rig_fresh.py",),
+        ("Device.is_fresh",),
+    ),
 )
+#: Of these no run has been published yet: they are left out of the page's table, and said so.
+NOT_YET_RUN = ("assembler", "e2e", "device")

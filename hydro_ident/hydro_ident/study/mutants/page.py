@@ -11,7 +11,7 @@ from typing import Any
 
 from hydro_ident.study.mutants.changes import Change
 from hydro_ident.study.mutants.harmless import HARMLESS
-from hydro_ident.study.mutants.listed import TARGETS, Target
+from hydro_ident.study.mutants.listed import NOT_YET_RUN, TARGETS, Target
 from hydro_ident.study.mutants.trial import (
     KILLED,
     NOT_LOADED,
@@ -166,6 +166,8 @@ def table(folder: Path) -> str:
             f" | {c['branches_covered']} of {c['branches']} | {m['changes']} | {m[KILLED]}"
             f" | {m[NOT_LOADED]} | {m[TIMED_OUT]} | {m[SURVIVED]} |"
         )
+    if NOT_YET_RUN:
+        lines += ["", f"Listed, and not run yet: {', '.join(NOT_YET_RUN)}."]
     lines += ["", "Not noticed, and why that is no gap:", ""]
     lines += ["| module | where | source | changed to | why |", "|---|---|---|---|---|"]
     for h in HARMLESS:

@@ -126,13 +126,9 @@ def covered(root: Path, target: Target) -> Coverage:
         if status or not out.is_file():
             raise IdentError(f"expected the tests of {target.file} to pass, found they do not")
         (found,) = json.loads(out.read_text(encoding="utf-8"))["files"].values()
-    summary = found["summary"]
-    return Coverage(
-        summary["num_statements"],
-        summary["covered_lines"],
-        summary["num_branches"],
-        summary["covered_branches"],
-    )
+    parts = [found["functions"][name] for name in target.within] or [found]
+    keys = ("num_statements", "covered_lines", "num_branches", "covered_branches")
+    return Coverage(*(sum(part["summary"][key] for part in parts) for key in keys))
 
 
 def _in_fork(body: Any) -> None:

@@ -1,0 +1,183 @@
+"""Signals to every process of a running machine, and what follows at the valves."""
+
+from __future__ import annotations
+
+import random
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.stage import executable, until
+from hydro_ident.study.faults.wall_outcomes import WallOutcome
+from hydro_ident.study.faults.wall_time import (
+    AGE_MS,
+    LATCHED_S,
+    RAMP_MS,
+    WATCHDOG_MS,
+    WAY_MS,
+    WallRun,
+)
+
+SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
+#: When a signal comes after the start: anywhere between importing and being done.
+IDENTIFYING_S, SENDING_S = (0.5, 4.0), (0.1, 0.8)
+#: A recorder has written so much before it gets a signal, and takes no longer to do so.
+WRITTEN_BYTES, WRITING_S = 20_000, 60.0
+#: A path of the tilt joint; from elsewhere the controller refuses it, and holds.
+PATH = "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
+
+
+class ProcessDeeds:
+    """Injections of signals.
+
+    Parameters
+    ----------
+    run : WallRun
+    bag : Path
+        What the identification node identifies from.
+    """
+
+    def __init__(self, run: WallRun, bag: Path) -> None:
+        self.run, self.stage, self._bag = run, run.stage, bag
+        self._recordings = 0
+
+    def deeds(self) -> dict[str, Callable[[random.Random], WallOutcome]]:
+        """Every process with every signal, by kind; those with the controller in a row."""
+        of: dict[str, Callable[[random.Random, signal.Signals, str], WallOutcome]] = {
+            "can_bridge": self._bridge,
+            "sim_rig": self._rig,
+            "recorder": self._recorder,
+            "identification_node": self._identification,
+            "send_path": self._send_path,
+            "controller": self._controller,
+        }
+        return {
+            kind: partial(_sent, deed, number, kind)
+            for name, deed in of.items()
+            for number in SIGNALS
+            for kind in (f"process: {number.name} of {name}",)
+        }
+
+    def _bridge(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
+        """Killed, stopped for a while, or told to end: 0 V, and not driven on with what waited."""
+        self.run.drive()
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("bridge", number)
+        limit = AGE_MS if number is signal.SIGTERM else WATCHDOG_MS
+        found = self.run.measured(kind, since, limit)
+        if number is signal.SIGSTOP:
+            woken = self.stage.send("bridge", signal.SIGCONT)
+            time.sleep(LATCHED_S)
+            moved = self.stage.moved_ns(woken) is not None
+            broken = "the valves moved as the bridge went on" if moved else found.broken
+            return replace(found, broken=broken)
+        self.stage.end("bridge")
+        self.run.start_bridge()
+        return found
+
+    def _controller(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
+        """The gate answers a controller that is gone; one that is told to end stops by itself."""
+        self.run.drive(publishing=False)
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("controller", number)
+        limit = RAMP_MS + WAY_MS if number is signal.SIGTERM else AGE_MS
+        found = self.run.measured(kind, since, limit)
+        if number is signal.SIGSTOP:
+            self.stage.send("controller", signal.SIGCONT)
+            time.sleep(LATCHED_S)
+        else:
+            self.stage.end("controller")
+        return found
+
+    def _rig(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
+        """Standing still: 0 V with its first cycles after it; gone: a new one is not driven."""
+        self.run.drive()
+        time.sleep(source.uniform(0.0, 0.05))
+        since = self.stage.send("rig", number)
+        if number is signal.SIGSTOP:
+            time.sleep(0.3)
+            return self.run.measured(kind, self.stage.send("rig", signal.SIGCONT), AGE_MS)
+        self.run.until_tripped()
+        tripped = self.run.tripped_otherwise()
+        self.stage.end("rig")
+        self.stage.start_rig(self.run.machine_bus)
+        time.sleep(2 * LATCHED_S)
+        moved = self.stage.moved_ns(since) is not None
+        broken = "the new machine was driven without being cleared" if moved else tripped
+        return WallOutcome(kind, None, None, 0.0, broken)
+
+    # -- processes that the valves do not depend on
+
+    def _recorder(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
+        """The valves are driven on, and what was recorded can be read."""
+        if not self.stage.running("recorder"):
+            self._recordings += 1
+            out = str(self._recorded)
+            words = (executable("hydro_ident", "recorder"), "--out", out)
+            self.stage.start("recorder", *words, ready="recording")
+            until(lambda: self._written() > WRITTEN_BYTES, WRITING_S, "the recorder to write")
+        self.run.drive()
+        found = self._beside("recorder", number, kind, source.uniform(0.0, 0.05))
+        if number is signal.SIGSTOP or found.broken:
+            return found
+        self.stage.end("recorder")
+        (bag,) = self._recorded.iterdir()
+        try:
+            return found if read_bag(bag).series else replace(found, broken=f"{bag.name}: empty")
+        except IdentError as error:
+            return replace(found, broken=str(error))
+
+    def _written(self) -> int:
+        """Bytes of the present recording."""
+        return sum(path.stat().st_size for path in self._recorded.rglob("*.mcap"))
+
+    @property
+    def _recorded(self) -> Path:
+        return self.stage.folder / f"recorded{self._recordings}"
+
+    def _identification(
+        self, source: random.Random, number: signal.Signals, kind: str
+    ) -> WallOutcome:
+        """The valves are driven on, whatever it was about to do."""
+        program = executable("hydro_ident", "identification_node")
+        words = ("--ros-args", "-p", f"bags:=[{self._bag}]", "-p", "robot:=xs031")
+        self.stage.start("identification", program, *words)
+        self.run.drive()
+        found = self._beside("identification", number, kind, source.uniform(*IDENTIFYING_S))
+        self.stage.end("identification")
+        return found
+
+    def _send_path(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
+        """The controller drives on, whether the path reached it or not."""
+        self.run.drive(publishing=False)
+        path = self.stage.folder / "path.yaml"
+        path.write_text(PATH, encoding="utf-8")
+        self.stage.start("send_path", executable("hydro_control", "send_path"), str(path))
+        found = self._beside("send_path", number, kind, source.uniform(*SENDING_S))
+        self.stage.end("send_path")
+        return found
+
+    def _beside(self, name: str, number: signal.Signals, kind: str, delay_s: float) -> WallOutcome:
+        """A signal to a process beside the valves' way: no trip but for lateness."""
+        time.sleep(delay_s)
+        if not self.stage.running(name):
+            raise IdentError(f"{name} ended before its signal: {self.stage.said(name)[-300:]}")
+        found = self.run.measured(kind, self.stage.send(name, number), None)
+        if number is signal.SIGSTOP:
+            self.stage.send(name, signal.SIGCONT)
+            time.sleep(LATCHED_S)
+        return replace(found, broken=self.run.tripped_otherwise())
+
+
+def _sent(
+    deed: Callable[[random.Random, signal.Signals, str], WallOutcome],
+    number: signal.Signals,
+    kind: str,
+    source: random.Random,
+) -> WallOutcome:
+    return deed(source, number, kind)

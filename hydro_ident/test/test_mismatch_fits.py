@@ -1,0 +1,66 @@
+"""Fits of effects: taken on until there is nothing more to take, from wherever they start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+Made = tuple[Callable[..., Any], Callable[..., Any]]
+
+
+def _term(name: str, target: str, **parameters: float) -> ActiveEffect:
+    robot = replace(load_robot("xs031"), effects=(EffectSpec(name, target, parameters),))
+    (term,) = resolve(robot)
+    return term
+
+
+def _laid_out(lay_out: Callable[..., Residuals], make_run: Made, effect: EffectSpec) -> Residuals:
+    true_crane, simulated_run = make_run
+    return lay_out(simulated_run(replace(true_crane(), effects=(effect,)), 12.0))
+
+
+def _promised(one: Fitted) -> float:
+    """What a further linear step would take out, as a share."""
+    return (one.start_squares - one.squares) / one.squares
+
+
+def test_a_lag_and_a_delay_are_fitted_until_nothing_is_promised(
+    lay_out: Callable[..., Residuals], make_run: Made
+) -> None:
+    lag = {"frequency": 12.0, "damping": 0.8}
+    work = _laid_out(lay_out, make_run, EffectSpec("valve_spool_lag", "lift_valve", lag))
+    start = _term("valve_spool_lag", "lift_valve", frequency=16.0, damping=0.8)
+    begun = fit(work.training, work.base.model.with_term(start), passes=1)
+    done = settled(work.training, begun)
+    assert _promised(begun) > 1e-2
+    assert _promised(done) < 1e-3
+    frequency, damping = done.model.terms[-1].parameters
+    assert damping / frequency == pytest.approx(0.8 / 12.0, rel=0.1)
+
+
+def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
+    lay_out: Callable[..., Residuals], make_run: Made
+) -> None:
+    """Beside a base that follows to first order alone, a far start is worse than no effect."""
+    play = {"half_width": 0.01}
+    work = _laid_out(lay_out, make_run, EffectSpec("valve_hysteresis", "lift_valve", play))
+    without = fitted(work.training, work.base.model, work.base.bench.noise)
+    noise = without.bench.noise
+    start = _term("valve_hysteresis", "lift_valve", half_width=0.2)
+    rough = fit_term(work.training, without, start, noise, 6)
+    assert rough.squares > without.squares
+    (found,) = Contest(work.training, 1.0).fitted(without, [start], noise)
+    assert found.gain > 0.5 * without.squares
+    # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead here.
+    assert found.term.parameters[0] == pytest.approx(0.025)
