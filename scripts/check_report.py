@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Opens a report in Chromium and looks for what a reader would stumble over.
 
-    scripts/check_report.py REPORT.html [--shots DIR]
+    scripts/check_report.py REPORT.html [--shots DIR] [--wait S]
 
 At three widths, light and dark: errors on the console, anything that would be fetched, figures
 that are not drawn, contents wider than the screen; then the report as it is printed. Prints what
-it measured as JSON. Exit 0 nothing found; 1 something was; 2 no browser, or no such report.
+it measured as JSON. Exit 0 nothing found; 1 something was; 2 no such report, no browser, or one
+that fails or falls silent.
 """
 
 from __future__ import annotations
@@ -14,20 +15,24 @@ import argparse
 import base64
 import json
 import os
+import re
 import select
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WIDTHS, SCHEMES = (390, 820, 1400), ("light", "dark")
 NARROW, HEIGHT = 600, 900
-WAIT_S = 60.0
-#: Scrolls through the page, frame by frame, so that every figure is drawn.
+#: How long the browser may say nothing, and how long it may take to end.
+WAIT_S, END_S = 60.0, 10.0
+#: Scrolls through the page, frame by frame, so that every figure is drawn; once more where a busy
+#: browser left frames out.
 SCROLL = """(async () => {
   document.querySelectorAll('details').forEach(d => { d.open = true; });
   // A browser without a screen may stop making frames.
@@ -36,9 +41,13 @@ SCROLL = """(async () => {
     new Promise(done => setTimeout(done, 500)),
   ]);
   const frame = async () => { await next(); await next(); };
-  for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
-    scrollTo({top: y, behavior: 'instant'});
-    await frame();
+  const left = () => [...document.querySelectorAll('.canvas')].some(
+    c => !c.querySelector('.main-svg'));
+  for (let pass = 0; pass < 3 && (pass === 0 || left()); pass++) {
+    for (let y = 0; y < document.documentElement.scrollHeight; y += 700) {
+      scrollTo({top: y, behavior: 'instant'});
+      await frame();
+    }
   }
   scrollTo({top: 0, behavior: 'instant'});
   await frame();
@@ -47,7 +56,9 @@ MEASURE = """(() => {
   const width = document.documentElement.clientWidth;
   const wide = [];
   for (const e of document.body.querySelectorAll('*')) {
-    if (e.closest('.scroll') || e.closest('svg')) continue;
+    // Wide tables scroll, but where their rows are stacked there is nothing to scroll to.
+    const table = e.closest('.scroll');
+    if (table && !(table.matches('.stack') && width < 640) || e.closest('svg')) continue;
     const box = e.getBoundingClientRect();
     if (box.width > 0 && box.right > width + 1) {
       wide.push(e.tagName + ' ' + e.className + ' ' + e.textContent.slice(0, 40));
@@ -69,7 +80,8 @@ MEASURE = """(() => {
 class Browser:
     """A headless Chromium, spoken to over a pipe in its DevTools protocol."""
 
-    def __init__(self, path: str, profile: str) -> None:
+    def __init__(self, path: str, profile: str, wait_s: float = WAIT_S) -> None:
+        self._wait_s = wait_s
         to_browser, self._out = os.pipe()
         self._in, from_browser = os.pipe()
 
@@ -91,6 +103,9 @@ class Browser:
         self._count, self._rest = 0, b""
         self.events: list[dict[str, Any]] = []
         self.session: str | None = None
+
+    def start(self) -> None:
+        """Open an empty page."""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
             "sessionId"
@@ -125,16 +140,16 @@ class Browser:
 
     def until(self, method: str) -> None:
         """Wait for an event."""
-        end = time.monotonic() + WAIT_S
+        end = time.monotonic() + self._wait_s
         while not any(e.get("method") == method for e in self.events):
             if time.monotonic() > end:
-                raise RuntimeError(f"no {method} within {WAIT_S:g} s")
+                raise RuntimeError(f"no {method} within {self._wait_s:g} s")
             self.events.append(self._receive())
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            if not select.select([self._in], [], [], WAIT_S)[0]:
-                raise RuntimeError(f"the browser says nothing for {WAIT_S:g} s")
+            if not select.select([self._in], [], [], self._wait_s)[0]:
+                raise RuntimeError(f"the browser says nothing for {self._wait_s:g} s")
             more = os.read(self._in, 1 << 20)
             if not more:
                 raise RuntimeError("the browser is gone")
@@ -146,11 +161,13 @@ class Browser:
     def close(self) -> None:
         """End the browser."""
         self.session = None
-        os.write(self._out, json.dumps({"id": 0, "method": "Browser.close"}).encode() + b"\0")
+        with suppress(BrokenPipeError):
+            os.write(self._out, json.dumps({"id": 0, "method": "Browser.close"}).encode() + b"\0")
         try:
-            self._process.wait(10)
+            self._process.wait(min(END_S, self._wait_s))
         except subprocess.TimeoutExpired:
             self._process.kill()
+            self._process.wait()
         os.close(self._out)
         os.close(self._in)
 
@@ -221,7 +238,20 @@ def printed(browser: Browser, report: Path, shots: Path | None) -> Any:
     pdf = base64.b64decode(browser.call("Page.printToPDF", printBackground=True)["data"])
     if shots is not None:
         (shots / f"{report.stem}.pdf").write_bytes(pdf)
-    return {"printed_bytes": len(pdf), "found": complaints(browser.events)}
+    pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
+    return {"printed_bytes": len(pdf), "pages": pages, "found": complaints(browser.events)}
+
+
+def views_of(path: str, report: Path, shots: Path | None, wait_s: float) -> list[Any]:
+    """What a browser at `path` makes of the report, view by view."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        browser = Browser(path, profile, wait_s)
+        try:
+            browser.start()
+            views = [view for width in WIDTHS for view in look(browser, report, width, shots)]
+            return [*views, printed(browser, report, shots)]
+        finally:
+            browser.close()
 
 
 def main() -> int:
@@ -229,6 +259,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("report", type=Path, help="report.html")
     parser.add_argument("--shots", type=Path, metavar="DIR", help="folder for screenshots")
+    parser.add_argument(
+        "--wait", type=float, default=WAIT_S, metavar="S",
+        help="how long the browser may say nothing (default %(default)g)",
+    )  # fmt: skip
     options = parser.parse_args()
     path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if path is None or not options.report.is_file():
@@ -237,17 +271,11 @@ def main() -> int:
         return 2
     if options.shots is not None:
         options.shots.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as profile:
-        browser = Browser(path, profile)
-        try:
-            views = [
-                view
-                for width in WIDTHS
-                for view in look(browser, options.report, width, options.shots)
-            ]
-            views.append(printed(browser, options.report, options.shots))
-        finally:
-            browser.close()
+    try:
+        views = views_of(path, options.report, options.shots, options.wait)
+    except (RuntimeError, OSError) as error:
+        print(f"{options.report}: could not be looked at: {error}", file=sys.stderr)
+        return 2
     size = options.report.stat().st_size
     print(json.dumps({"report": str(options.report), "bytes": size, "views": views}, indent=1))
     return 1 if any(view["found"] for view in views) else 0

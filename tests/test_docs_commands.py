@@ -1,8 +1,12 @@
-"""Every command in the pages exists and takes the arguments that the pages give it."""
+"""Every command in the pages exists, takes the arguments that the pages give it, and is run.
+
+What runs it stands in docs_commands.yaml: a test, or a person and why.
+"""
 
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import importlib
 import importlib.util
@@ -19,6 +23,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = {
@@ -31,6 +36,7 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((ROOT / "hydro_msgs_docs").rglob("*.md")),
 ]
+TABLE = ROOT / "tests/docs_commands.yaml"
 #: Nodes: they take ROS parameters, which other tests compare with the pages.
 NODES = {"can_bridge", "controller", "identification_node", "visual_joints"}
 #: Commands of other people's packages and of the system that the pages may name.
@@ -225,6 +231,54 @@ def check(shown: Shown, words: list[str]) -> None:
         for word in words[1:]:
             if word.startswith(("hydro_msgs_docs/", "scripts/")):
                 assert (ROOT / word).exists(), word
+
+
+def name_of(words: Sequence[str]) -> str:
+    """What a shown command is called in the table; empty for other people's."""
+    if words[:2] == ["ros2", "run"] and words[2] in PACKAGES:
+        return f"{words[2]} {words[3]}"
+    if words[:2] == ["python", "-m"]:
+        return words[2]
+    if words[0] == "source":
+        return words[1]
+    return words[0].removeprefix("./") if "scripts/" in words[0] else ""
+
+
+def test_every_shown_command_is_run_by_a_test_or_says_why_not() -> None:
+    table = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    run, by_hand = set(table["run"]), set(table["by_hand"])
+    assert run & by_hand == set()
+    assert run | by_hand == {name for shown in SHOWN if (name := name_of(shown.words()))}
+
+
+@pytest.mark.parametrize(
+    "named",
+    sorted(set(yaml.safe_load(TABLE.read_text(encoding="utf-8"))["run"].values())),
+)
+def test_the_test_that_runs_a_command_exists(named: str) -> None:
+    file, name = named.split("::")
+    [path] = [p for root in (ROOT / "tests", *PACKAGES.values()) for p in root.rglob(file)]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert name in {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
+
+
+def test_what_is_said_of_commands_run_by_hand_is_there() -> None:
+    table = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    places = (ROOT / "tests", ROOT / "hydro_msgs_docs", *PACKAGES.values())
+    for name, why in table["by_hand"].items():
+        for file in re.findall(r"\w+\.(?:py|md)\b", why):
+            found = [path for place in places for path in place.rglob(file)]
+            assert found, f"{name}: no {file}"
+            shown = name in found[0].read_text(encoding="utf-8")
+            assert shown or file.endswith(".py"), f"{file} does not show {name}"
+
+
+@pytest.mark.parametrize(("package", "name"), sorted(executables()))
+def test_every_command_takes_json(package: str, name: str) -> None:
+    # Nodes and the simulated machine say what they do on topics and on the bus.
+    if name in {*NODES, "sim_rig"}:
+        pytest.skip("no command")
+    assert "--json F" in help_of(package, name)
 
 
 @pytest.mark.parametrize(("package", "name"), sorted(executables()))

@@ -120,7 +120,10 @@ def test_all_topics_of_a_cycle_are_drawn_somewhere() -> None:
 
 
 def test_the_layouts_are_those_that_the_command_writes(tmp_path: Path) -> None:
-    assert main(["--robot", "xs031", "--out", str(tmp_path)]) == 0
+    listed = tmp_path / "listed.json"
+    assert main(["--robot", "xs031", "--out", str(tmp_path), "--json", str(listed)]) == 0
+    files = sorted(str(file) for file in tmp_path.glob("*/*"))
+    assert sorted(json.loads(listed.read_text())["files"]) == files
     written = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.glob("*/*")}
     folders = ("foxglove", "plotjuggler")
     kept = {

@@ -15,6 +15,7 @@ from hydro_ident.study.fuzz.campaign import case, prepare, time_limit
 from hydro_ident.study.fuzz.corpus import files, named, seeds
 from hydro_ident.study.fuzz.edits import Edit, edited
 from hydro_ident.study.fuzz.targets import TARGETS, outcome
+from hydro_ident.study.kills import MOMENTS
 
 ROOT = Path(__file__).parents[1]
 CORPUS = ROOT / "tests/corpus"
@@ -88,6 +89,11 @@ def test_the_committed_kills_keep_the_promise() -> None:
     assert len(kills) >= 20
     assert all(kill["lost_s"] <= 0.3 + 3.0 * kill["late_s"] for kill in kills)
     assert sum(kill["missing"] for kill in kills) == 0
+    # Anywhere, around a new file and while closing, and some of these before the bag was closed.
+    at = [kill["moment"] for kill in kills]
+    assert min(at.count(moment) for moment in MOMENTS) >= 10
+    assert max(kill["files"] for kill in kills if kill["moment"] == "roll-over") > 2
+    assert {kill["closed"] for kill in kills if kill["moment"] == "closing"} == {False, True}
     lost = sorted(kill["lost_s"] for kill in kills)
     page = " ".join((ROOT / "hydro_msgs_docs/bags.md").read_text(encoding="utf-8").split())
     shown = re.search(r"(\d+) recorders killed .*? lost ([\d.]+) s at worst", page)

@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from hydro_ident.study.faults.device_time import run, summary
-from hydro_ident.study.faults.page import with_tables
+from hydro_hw_bridge.faults.injections import FAMILIES
+from hydro_hw_bridge.faults.naming import SILENT
+from hydro_ident.study.faults.__main__ import SCHEMA
+from hydro_ident.study.faults.__main__ import run as campaign
+from hydro_ident.study.faults.device_time import CONTROLLER_EVERY, LOCKSTEP_EVERY, run, summary
+from hydro_ident.study.faults.page import told, with_tables
+from hydro_ident.study.faults.sources import FOLDERS as SOURCES
+from hydro_ident.study.faults.sources import changed, digests
 from hydro_model.robot_files import load_robot
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "hydro_msgs_docs/safety_case.md"
 RESULTS = ROOT / "hydro_msgs_docs/results"
 FOLDERS = ("hydro_hw_bridge/test", "hydro_control/test", "hydro_ident/test", "tests")
+PROCESSES = (
+    "can_bridge",
+    "controller",
+    "sim_rig",
+    "recorder",
+    "send_path",
+    "identification_node",
+)
 NAMED = sorted(set(re.findall(r"`(test_\w+\.py)::(test_\w+)`", PAGE.read_text(encoding="utf-8"))))
 
 
@@ -48,22 +63,72 @@ def test_the_tables_are_the_committed_campaign() -> None:
     assert with_tables(text, RESULTS) == text
 
 
+def test_the_committed_campaign_is_of_these_sources() -> None:
+    """Who changes the bridge, the rig or the faults runs `scripts/faults.sh` again.
+
+    What real processes did takes long to run, and may be older: then the page says what changed.
+    """
+    found = committed()
+    assert changed(found["device_time"]["sources"], ROOT) == []
+    wall = found["wall_time"]
+    assert wall["changed_since"] == changed(wall["sources"], ROOT)
+    assert len(wall["sources"]) > 50
+
+
 def test_the_committed_campaign_kept_every_promise_in_device_time() -> None:
     found = committed()["device_time"]
-    assert found["injections"] >= 1000
+    kinds = found["kinds"]
+    assert found["injections"] >= 1200
     assert found["broken"] == []
     assert found["worst_ms"] <= 50.0
+    assert sum(row["injections"] for kind, row in kinds.items() if "several:" in kind) >= 100
+    for kind in ("babble (device)", "foreign (device)", "stuck (encoder)", "stuck (pressure)"):
+        assert kinds[f"bus: {kind}"]["injections"] >= 15
+    # Whatever else was injected had to be named.
+    silent = found["silent"]
+    assert set(silent) <= set(SILENT)
+    assert sum(row["injections"] for row in silent.values()) < 0.2 * found["injections"]
 
 
 def test_the_campaign_tried_parameters_and_processes() -> None:
     found = committed()["wall_time"]
     kinds = found["kinds"]
-    for process in ("can_bridge", "controller"):
+    for process in PROCESSES:
         for number in ("SIGKILL", "SIGSTOP", "SIGTERM"):
             assert f"process: {number} of {process}" in kinds
     assert "parameters changed while driving" in kinds
+    assert min(row["injections"] for row in kinds.values()) >= 5
     assert found["broken"] == []
     assert found["timer_late_ms"]["wakes"] > 1000
+
+
+def test_a_part_that_was_not_run_again_stays_and_says_what_has_changed(tmp_path: Path) -> None:
+    (tmp_path / SOURCES[0]).mkdir(parents=True)
+    source = tmp_path / SOURCES[0] / "gate.py"
+    source.write_text("LIMIT = 1\n")
+    then = digests(tmp_path)
+    assert changed(then, tmp_path) == []
+    source.write_text("LIMIT = 2\n")
+    (tmp_path / SOURCES[0] / "new.py").write_text("")
+    out = tmp_path / "faults.json"
+    wall = committed()["wall_time"] | {"sources": then, "date": "2026-01-01"}
+    wall = {"minutes": 3.0, "changed_since": [], **wall}
+    out.write_text(json.dumps({"schema": SCHEMA, "wall_time": wall}))
+    words = ["--injections", "1", "--processes", "0", "--root", str(tmp_path), "--json", str(out)]
+    assert campaign(words) == 0
+    found = json.loads(out.read_text())
+    assert found["device_time"]["sources"] == digests(tmp_path)
+    assert found["device_time"]["changed_since"] == []
+    assert found["wall_time"]["changed_since"] == [
+        f"{SOURCES[0]}/gate.py",
+        f"{SOURCES[0]}/new.py",
+    ]
+    assert "Run of 2026-01-01, wall time" in told(found)
+    assert "Changed since that run: `gate.py`, `new.py`." in told(found)
+
+
+def test_every_family_meets_both_clocks_and_both_publishers() -> None:
+    assert math.gcd(len(FAMILIES), LOCKSTEP_EVERY * CONTROLLER_EVERY) == 1
 
 
 def test_the_campaign_gives_the_same_numbers_again() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from pathlib import Path
@@ -133,7 +134,10 @@ def test_roll_pitch_and_yaw_turn_back_into_the_rotation(seed: int) -> None:
 
 
 def test_files_hold_the_urdf_and_the_frame(robot: Robot, tmp_path: Path) -> None:
-    assert main(["--robot", robot.name, "--out", str(tmp_path)]) == 0
+    told = tmp_path / "told.json"
+    assert main(["--robot", robot.name, "--out", str(tmp_path), "--json", str(told)]) == 0
+    files = {str(file) for file in tmp_path.iterdir() if file != told}
+    assert set(json.loads(told.read_text("utf-8"))["files"]) == files
     urdf = (tmp_path / f"{robot.name}.urdf").read_text(encoding="utf-8")
     parameters = yaml.safe_load((tmp_path / "robot_state_publisher.yaml").read_text("utf-8"))
     inner = parameters["robot_state_publisher"]["ros__parameters"]

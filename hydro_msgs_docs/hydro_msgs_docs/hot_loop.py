@@ -59,10 +59,18 @@ class HotSubscription:
 
     def take(self) -> Any | None:
         """The next waiting message (bytes where raw), or None."""
+        taken = self.take_numbered()
+        return None if taken is None else taken[0]
+
+    def take_numbered(self) -> tuple[Any, int | None] | None:
+        """The next waiting message and its number, or None.
+
+        A publisher counts its messages; the number is None where the middleware does not tell.
+        """
         subscription = self.subscription
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-        return None if taken is None else taken[0]
+        return None if taken is None else (taken[0], taken[1]["publication_sequence_number"])
 
     def take_newest(self) -> Any | None:
         """The newest waiting message, or None; older ones are dropped."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from hydro_model.command import run_command
 from hydro_model.errors import HydroError
+from hydro_model.output import add_json, report_files, write_text
 
 
 class LayoutError(HydroError):
@@ -32,6 +33,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="gets plotjuggler/*.xml and foxglove/*.json; what is there is replaced",
     )
+    add_json(parser, "the files written")
     return parser
 
 
@@ -41,28 +43,30 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_msgs_docs.layout_files import foxglove, plotjuggler
     from hydro_msgs_docs.live_layouts import views
 
+    texts = {}
     for view in views(load_robot(options.robot)):
-        write_layout(options.out / "plotjuggler" / f"{view.name}.xml", plotjuggler(view))
-        write_layout(options.out / "foxglove" / f"{view.name}.json", foxglove(view))
+        texts[options.out / "plotjuggler" / f"{view.name}.xml"] = plotjuggler(view)
+        texts[options.out / "foxglove" / f"{view.name}.json"] = foxglove(view)
+    write_layouts(texts)
+    report_files(options.json, "hydro_msgs_docs/live_layouts/1", list(texts))
     return 0
 
 
-def write_layout(path: Path, text: str) -> None:
-    """Write a file and say so.
+def write_layouts(texts: Mapping[Path, str]) -> None:
+    """Write files, and the folders they lie in.
 
     Parameters
     ----------
-    path : Path
-    text : str
+    texts : mapping of Path to str
 
     Raises
     ------
     LayoutError
-        It cannot be written.
+        One cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise LayoutError(f"{path}: cannot be written: {error.strerror}") from error
-    print(path)
+    for path, text in texts.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LayoutError(f"{path}: cannot be written: {error.strerror}") from error
+        write_text(path, text)

@@ -19,6 +19,11 @@ OIL_TEMPERATURE = "/oil_temperature"
 BASE_PARAMETERS = "/base_parameters"
 DIAGNOSTICS = "/diagnostics"
 
+#: How a node's message in `/diagnostics` begins while it is not active, and while it is but has
+#: nothing to work on yet. `inspect` tells by them what belongs to the start and end of a run.
+IDLE = ("inactive", "not configured")
+WAITING = "waiting for "
+
 #: Topics that carry one message per 500 Hz cycle, all stamped with the cycle's stamp.
 CYCLE_TOPICS = (
     JOINT_STATES,

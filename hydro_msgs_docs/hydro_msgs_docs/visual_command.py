@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hydro_model.command import run_command
-from hydro_msgs_docs.layouts_command import write_layout
+from hydro_model.output import add_json, report_files
+from hydro_msgs_docs.layouts_command import write_layouts
 
 _EPILOG = """\
 Writes NAME.urdf (the robot's own with plain bodies and moving cylinders), NAME.rviz and
@@ -31,6 +32,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="what is there is replaced"
     )
+    add_json(parser, "the files written")
     return parser
 
 
@@ -42,7 +44,11 @@ def _run(arguments: Sequence[str]) -> int:
 
     robot = load_robot(options.robot)
     urdf = visual_urdf(robot)
-    write_layout(options.out / f"{robot.name}.urdf", urdf)
-    write_layout(options.out / f"{robot.name}.rviz", rviz_view(robot))
-    write_layout(options.out / "robot_state_publisher.yaml", state_publisher_parameters(urdf))
+    texts = {
+        options.out / f"{robot.name}.urdf": urdf,
+        options.out / f"{robot.name}.rviz": rviz_view(robot),
+        options.out / "robot_state_publisher.yaml": state_publisher_parameters(urdf),
+    }
+    write_layouts(texts)
+    report_files(options.json, "hydro_msgs_docs/visual_urdf/1", list(texts))
     return 0
