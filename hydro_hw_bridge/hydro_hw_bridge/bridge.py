@@ -105,7 +105,7 @@ class CanBridge(LifecycleNode):
         self._topics: BridgePublishers | None = None
         self._threads: list[threading.Thread] = []
         self._running = threading.Event()
-        self._heard_at = self._foreign_at = self._echoes_until = time.monotonic()
+        self._heard_at = self._foreign_at = time.monotonic()
         self._summary = ("", "")
         self._state: tuple[object, ...] = ()
 
@@ -121,11 +121,8 @@ class CanBridge(LifecycleNode):
     def _configure(self) -> None:
         core = self._new_core()
         with self._lock:
-            # A trip is cleared by somebody who has seen its reason, not by starting anew.
-            core.gate.carry_over(self._core.gate)
+            core.carry_over(self._core)
             self._core = core
-            # Where a sender hears its own, what the core before this one sent may still come.
-            self._echoes_until = time.monotonic() + CLAIM_PERIOD_S
         settings = self._settings
         self._topics = BridgePublishers(
             self, self._codec, self._limits.period_s, settings.slow_rate_hz
@@ -243,7 +240,7 @@ class CanBridge(LifecycleNode):
         """With the lock: what follows from a frame."""
         if frame.role != "command":
             return self._core.receive(frame, now_ns)
-        if not frame.intact or time.monotonic() < self._echoes_until:
+        if not frame.intact:
             return NOTHING
         before = self._core.commands.foreign
         step = self._core.hear_command(frame)

@@ -98,6 +98,18 @@ class BridgeCore:
         self._quiet = False
         self._sent: deque[bytes] = deque(maxlen=_HEARD)
 
+    def carry_over(self, other: BridgeCore) -> None:
+        """Take over what must outlive a core: a trip, and which frames on the bus are its own.
+
+        Parameters
+        ----------
+        other : BridgeCore
+            The one before this.
+        """
+        # A trip is cleared by somebody who has seen its reason, not by starting anew.
+        self.gate.carry_over(other.gate)
+        self._sent.extend(other._sent)
+
     def activate(self, *, ready: bool = False) -> None:
         """From now on, drive.
 

@@ -281,6 +281,24 @@ def test_valve_frames_of_another_sender_end_driving_until_they_are_gone(real_tim
     assert real_time.core.gate.clear()[0]
 
 
+def test_a_new_core_knows_the_frames_of_the_one_before(lockstep: Any, real_time: Any) -> None:
+    real_time.drive()
+    own = [real_time.codec.receive(message) for message in real_time.wire.sent]
+    assert len(own) > 1
+    new = lockstep.core
+    new.carry_over(real_time.core)
+    assert all(new.hear_command(frame) is NOTHING for frame in own)
+    assert new.commands.foreign == 0
+
+
+def test_a_new_core_takes_over_a_trip(lockstep: Any, real_time: Any) -> None:
+    real_time.drive()
+    assert real_time.command(2, 99.0).answer is not None
+    new = lockstep.core
+    new.carry_over(real_time.core)
+    assert (new.gate.state, new.gate.reason) == (GateState.TRIPPED, real_time.core.gate.reason)
+
+
 def test_after_silence_no_old_sample_begins_to_drive(real_time: Any) -> None:
     real_time.core.activate(ready=True)
     real_time.cycle(1)

@@ -132,7 +132,7 @@ class _InMemory(_Pieces):
 def test_memory_does_not_grow_with_the_bag(
     recording: Recording, robot: Robot, tmp_path: Path
 ) -> None:
-    """A minute and a third, and four, of the same motion in pieces of twenty seconds."""
+    """Of the same motion in pieces of twenty seconds, beyond what the digest keeps whole."""
 
     class Repeated(_InMemory):
         def __init__(self, repeats: int) -> None:
@@ -148,12 +148,12 @@ def test_memory_does_not_grow_with_the_bag(
                     yield replace(piece, start_ns=start)
 
     peaks = []
-    for repeats in (2, 6):
+    for repeats in (4, 7):
         tracemalloc.start()
         identify(robot, [Repeated(repeats)], settings=NOTHING_HELD_OUT)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]
+    assert peaks[1] < 1.05 * peaks[0]
 
 
 def test_a_long_recording_is_thinned_for_the_verdict(recording: Recording) -> None:
