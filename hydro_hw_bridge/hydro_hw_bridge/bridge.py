@@ -219,17 +219,19 @@ class CanBridge(LifecycleNode):
             message = self._bus.receive(RECEIVE_TIMEOUT_S)
             begin_ns = time.monotonic_ns()
             frame = None if message is None else self._codec.receive(message)
-            now_ns = 0
-            if frame is not None and frame.role == "sync" and frame.intact:
+            now_ns, waited_s = 0, None
+            if message and frame is not None and frame.role == "sync" and frame.intact:
                 self._heard_at = time.monotonic()
                 now_ns = clock.now().nanoseconds
+                waited_s = self._bus.waited_s(message)
             if frame is not None and frame.role == "claim":
                 if frame.intact and self._claim.hear(self._codec.decode_claim(frame)):
                     self._second_bridge()
                 frame = None
             with self._lock:
                 first = NOTHING if frame is None else self._received(frame, now_ns)
-                steps = (first, self._silence(message is None), *self._look_at_bus())
+                late = NOTHING if waited_s is None else self._core.waited(waited_s)
+                steps = (first, late, self._silence(message is None), *self._look_at_bus())
             self._times.arrived(first.sample, begin_ns)
             self._publish(*steps)
             self._times.published(first.sample, begin_ns)

@@ -12,12 +12,13 @@ from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.bridge_step import NOTHING, CommandCounters, Sample, Step, ValveState
 from hydro_hw_bridge.codec import Codec, Frame, Readings, Status
 from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome
+from hydro_hw_bridge.own_frames import OwnFrames
 from hydro_hw_bridge.plausibility import ReadingsWatch
 from hydro_hw_bridge.sample_clock import SampleClock
 
 SUPPLY = "supply"
-#: Samples that a command may answer, and frames sent that may be heard: older ones are gone.
-_ANSWERABLE = _HEARD = 64
+#: Samples that a command may answer: older ones are gone.
+_ANSWERABLE = 64
 #: Cycles that are still answered with 0 V after deactivation: any one frame may be lost.
 CLOSING_CYCLES = 5
 #: Name of the fault of a device on another clock than the bridge was told.
@@ -26,6 +27,8 @@ OTHER_CLOCK = "other_clock"
 IMPOSSIBLE = "impossible_readings"
 #: Name of the fault of valve frames that are not the bridge's.
 FOREIGN = "foreign_commands"
+#: How the reason begins where this computer, not the device, is late.
+READ_LATE = "the device's frames waited"
 CLOCK_WORDS = {True: "lockstep", False: "real_time"}
 
 
@@ -64,6 +67,8 @@ class BridgeCore:
         The subscribers that the bridge was told to wait for are there.
     spoke : bool
         A valve frame was sent.
+    read_late : int
+        Cycles whose sync frame had waited too long to be read.
     """
 
     def __init__(
@@ -95,8 +100,9 @@ class BridgeCore:
         self._supply_pa: float | None = None
         self._whole: deque[int] = deque(maxlen=_ANSWERABLE)
         self._number: int | None = None
-        self._quiet = False
-        self._sent: deque[bytes] = deque(maxlen=_HEARD)
+        self._quiet = self._behind = False
+        self.read_late = 0
+        self._own = OwnFrames()
 
     def carry_over(self, other: BridgeCore) -> None:
         """Take over what must outlive a core: a trip, and which frames on the bus are its own.
@@ -108,7 +114,7 @@ class BridgeCore:
         """
         # A trip is cleared by somebody who has seen its reason, not by starting anew.
         self.gate.carry_over(other.gate)
-        self._sent.extend(other._sent)
+        self._own.take_over(other._own)
 
     def activate(self, *, ready: bool = False) -> None:
         """From now on, drive.
@@ -291,7 +297,7 @@ class BridgeCore:
         """Send the gate's output as the answer to a cycle."""
         output = self.gate.output
         self._answer = self.codec.encode_command(counter, output.voltages, output.enable)
-        self._sent.append(bytes(self._answer.data))
+        self._own.add(bytes(self._answer.data))
         self._answer_v = self.codec.quantised(output.voltages)
         self._answered = counter
         return self._transmit()
@@ -338,7 +344,7 @@ class BridgeCore:
         if not self.active or not self.ready or self.sample is None:
             self.commands.not_driving += 1
             return NOTHING
-        if self._quiet and self.gate.state is GateState.WAITING:
+        if (self._quiet or self._behind) and self.gate.state is GateState.WAITING:
             self.commands.outdated += 1
             return NOTHING
         counter = self._answerable(stamp_ns)
@@ -405,6 +411,30 @@ class BridgeCore:
         self.gate.trip(f"nothing from the device for {1e3 * most_s:.0f} ms")
         return self.stop_now()
 
+    def waited(self, waited_s: float) -> Step:
+        """A sync frame, as just taken in, had waited in this computer to be read.
+
+        What a reader answers that lags is older than it looks by the samples' own count: in real
+        time that ends driving as silence does, and begins none.
+
+        Parameters
+        ----------
+        waited_s : float
+
+        Returns
+        -------
+        Step
+        """
+        most_s = self.gate.limits.max_age_s
+        self._behind = not self.lockstep and waited_s > most_s
+        self.read_late += self._behind
+        if not self._behind or self.gate.state is not GateState.DRIVING:
+            return NOTHING
+        self.gate.trip(
+            f"{READ_LATE} for {1e3 * waited_s:.0f} ms to be read (limit {1e3 * most_s:.0f} ms)"
+        )
+        return self.stop_now()
+
     def hear_command(self, frame: Frame) -> Step:
         """Take a valve frame off the bus: nothing is driven beside another sender.
 
@@ -417,7 +447,7 @@ class BridgeCore:
         -------
         Step
         """
-        if frame.data in self._sent:
+        if frame.data in self._own:
             return NOTHING
         self.commands.foreign += 1
         return self.condition(FOREIGN, "valve frames of another sender are on the bus")

@@ -74,6 +74,7 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         "trip_reason": gate.reason,
         "trips": gate.trips,
         **{f"cycles_{key}": n for key, n in asdict(core.assembler.counters).items()},
+        "cycles_read_late": core.read_late,
         **{f"commands_{key}": n for key, n in asdict(core.commands).items()},
         **{f"readings_{key}": n for key, n in asdict(core.watch.counters).items()},
         "readings_last_fault": core.watch.newest,

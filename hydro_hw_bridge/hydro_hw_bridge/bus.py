@@ -16,6 +16,7 @@ import ipaddress
 import logging
 import socket
 import threading
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ RECEIVE_BUFFER_BYTES = 1 << 20
 _FULL = (errno.ENOBUFS, errno.EAGAIN)
 #: Interfaces on which anybody may send what is no frame.
 _DATAGRAMS = ("udp_multicast", "simulated_faults")
+#: Interfaces whose frames carry the time of this computer at which they came.
+_STAMPED = (*_DATAGRAMS, "socketcan", "virtual")
 
 
 @dataclass(slots=True)
@@ -169,6 +172,24 @@ class Bus:
         self.off = False  # a controller in bus-off receives nothing
         self.counters.received += 1
         return message
+
+    def waited_s(self, message: can.Message) -> float:
+        """How long a frame has waited since this computer got it.
+
+        Parameters
+        ----------
+        message : can.Message
+            Received here.
+
+        Returns
+        -------
+        float
+            s; 0 where the interface does not tell.
+        """
+        if self.name.interface not in _STAMPED:
+            return 0.0
+        # Both of one clock: its steps are seen by the frames alone that wait meanwhile.
+        return max(time.time() - message.timestamp, 0.0)
 
     def _take_error(self, message: can.Message) -> None:
         self.counters.error_frames += 1

@@ -12,6 +12,7 @@ from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, FOREIGN
 from hydro_hw_bridge.bridge_report import summary
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.own_frames import KEPT, OwnFrames
 
 NOW = 1_700_000_000_500_000_000
 PERIOD = 2_000_000
@@ -289,6 +290,16 @@ def test_a_new_core_knows_the_frames_of_the_one_before(lockstep: Any, real_time:
     new.carry_over(real_time.core)
     assert all(new.hear_command(frame) is NOTHING for frame in own)
     assert new.commands.foreign == 0
+
+
+def test_own_frames_are_known_for_seconds() -> None:
+    own = OwnFrames()
+    frames = [number.to_bytes(8, "little") for number in range(KEPT + 1)]
+    for data in frames:
+        own.add(data)
+    assert frames[0] not in own
+    assert all(data in own for data in frames[1:])
+    assert KEPT * PERIOD >= 8e9
 
 
 def test_a_new_core_takes_over_a_trip(lockstep: Any, real_time: Any) -> None:

@@ -33,7 +33,7 @@ Make = Callable[..., Readings]
 
 
 class SlowBus(Bus):
-    """A real bus that can hold enabled frames back, and refuse frames with enable off."""
+    """A real bus that can hold enabled frames back, refuse disabled ones, and read late."""
 
     def __init__(self, name: BusName, bus: can.BusABC, codec: Codec) -> None:
         super().__init__(name, bus)
@@ -41,6 +41,11 @@ class SlowBus(Bus):
         self.holding = False
         self.held, self.go = threading.Event(), threading.Event()
         self.refusals = 0
+        self.read_after_s = 0.0
+
+    def receive(self, timeout_s: float) -> can.Message | None:
+        time.sleep(self.read_after_s)
+        return super().receive(timeout_s)
 
     def send(self, message: can.Message) -> bool:
         frame = self._codec.receive(message)
@@ -76,8 +81,8 @@ class Bench:
             assert time.monotonic() < end
             time.sleep(0.005)
 
-    def cycle(self, counter: int) -> None:
-        for message in self.codec.encode_cycle(self.readings(counter, lockstep=True)):
+    def cycle(self, counter: int, *, lockstep: bool = True) -> None:
+        for message in self.codec.encode_cycle(self.readings(counter, lockstep=lockstep)):
             self.device.send(message)
         self.until(lambda: (s := self.bridge._core.sample) is not None and s.counter == counter)
 
@@ -107,7 +112,12 @@ class Bench:
 
 
 @pytest.fixture
-def bench(codec: Codec, readings: Make, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+def bench(
+    codec: Codec,
+    readings: Make,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
     def slow(text: str, identifiers: Any) -> SlowBus:
@@ -118,7 +128,13 @@ def bench(codec: Codec, readings: Make, monkeypatch: pytest.MonkeyPatch) -> Iter
     # Time for all its last frames, should the machine be busy.
     monkeypatch.setattr(bridge_module, "LAST_S", PATIENCE_S)
     rclpy.init(
-        args=["--ros-args", "-p", f"can:={CAN}", "-p", "clock:=lockstep"],
+        args=[
+            "--ros-args",
+            "-p",
+            f"can:={CAN}",
+            "-p",
+            f"clock:={getattr(request, 'param', 'lockstep')}",
+        ],
         domain_id=10 + (os.getpid() + 10) % 90,
     )
     with open_bus(CAN, codec.bridge_ids) as device:
@@ -196,3 +212,13 @@ def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:
     bench.cycle(10)
     assert not any(frame.enable for frame in bench.collect()[-3:])
     assert gate.clear() == (True, f"cleared: {reason}")
+
+
+@pytest.mark.parametrize("bench", ["real_time"], indirect=True)
+def test_frames_that_wait_to_be_read_are_noticed(bench: Bench) -> None:
+    bench.bridge.trigger_configure()
+    bench.bus.read_after_s = 0.1
+    time.sleep(0.2)  # until every read begins late
+    bench.cycle(1, lockstep=False)
+    bench.cycle(2, lockstep=False)
+    assert bench.bridge._core.read_late > 0

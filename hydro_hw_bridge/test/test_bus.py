@@ -257,3 +257,19 @@ def test_error_frames_are_named_as_linux_does(classes: int, state: int, text: st
     assert name_of(frame) == text
     frame.data = bytearray()
     assert name_of(frame) == text.partition(" (")[0]
+
+
+def test_how_long_a_frame_waited_to_be_read_is_known() -> None:
+    with open_bus(NAME) as sender, open_bus(NAME) as reader:
+        before = time.time()
+        assert sender.send(message())
+        time.sleep(0.05)
+        received = reader.receive(10.0)
+        assert received is not None
+        waited_s = reader.waited_s(received)
+        assert 0.05 <= waited_s <= time.time() - before
+        # Drivers that count from when they were opened tell nothing.
+        received.timestamp = 3.0
+        assert Bus(BusName("pcan", "PCAN_USBBUS1"), reader._bus).waited_s(received) == 0.0
+        received.timestamp = time.time() + 100.0
+        assert reader.waited_s(received) == 0.0

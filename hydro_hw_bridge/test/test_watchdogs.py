@@ -11,7 +11,7 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import IMPOSSIBLE, BridgeCore
+from hydro_hw_bridge.bridge_core import IMPOSSIBLE, READ_LATE, BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import GateLimits, GateState
@@ -127,6 +127,36 @@ def test_silence_is_no_trip_where_nothing_is_driven(real_time: Any) -> None:
     real_time.cycle(1)
     assert real_time.core.silence(10.0 * LIMITS.max_age_s) is NOTHING
     assert real_time.core.gate.state is GateState.WAITING
+
+
+def test_a_reader_that_lags_ends_driving_at_its_limit(real_time: Any) -> None:
+    real_time.drive()
+    assert real_time.core.waited(LIMITS.max_age_s) is NOTHING
+    assert real_time.core.read_late == 0
+    step = real_time.core.waited(4.0)
+    assert real_time.core.gate.reason == f"{READ_LATE} for 4000 ms to be read (limit 10 ms)"
+    assert real_time.sent(step.answer).voltages == (0.0, 0.0)
+    assert real_time.core.waited(4.1) is NOTHING
+    assert (real_time.core.gate.trips, real_time.core.read_late) == (1, 2)
+
+
+def test_a_reader_that_lags_begins_nothing(real_time: Any) -> None:
+    real_time.core.activate(ready=True)
+    real_time.cycle(1)
+    assert real_time.core.waited(math.nextafter(LIMITS.max_age_s, 1.0)) is NOTHING
+    assert real_time.command(1, 1.0) is NOTHING
+    assert real_time.core.gate.state is GateState.WAITING
+    assert real_time.core.commands.outdated == 1
+    real_time.cycle(2)
+    assert real_time.core.waited(0.0) is NOTHING
+    assert real_time.sent(real_time.command(2, 1.0).answer).enable
+
+
+def test_in_lockstep_the_machine_waits_with_its_frames(lockstep: Any) -> None:
+    lockstep.drive()
+    assert lockstep.core.waited(1000.0) is NOTHING
+    assert lockstep.core.gate.state is GateState.DRIVING
+    assert lockstep.core.read_late == 0
 
 
 def test_a_device_that_counts_anew_in_silence_has_no_cycle_to_answer(real_time: Any) -> None:

@@ -146,16 +146,21 @@ def _done(
     count: int,
     source: random.Random,
 ) -> tuple[list[wall_outcomes.WallOutcome], int]:
-    """Injections in turn, and how many were left out."""
+    """Injections in turn, and how many tries were left out: each is tried until it can be judged.
+
+    A computer that is too busy for a tenth of them is too busy to tell.
+    """
     found: list[wall_outcomes.WallOutcome] = []
     left_out = 0
-    for i in range(count):
+    while len(found) < count:
         try:
-            found.append(deeds[i % len(deeds)](source))
+            found.append(deeds[len(found) % len(deeds)](source))
         except IdentError as error:
             # A computer too busy to drive, or to start a process in time.
             left_out += 1
             print(f"left out: {error}", flush=True)
+            if left_out > max(count // 10, 3):
+                raise
             run_.stage.end("controller", *BESIDE)
             run_.recover()
             continue

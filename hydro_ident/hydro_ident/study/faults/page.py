@@ -91,7 +91,7 @@ def _wall(found: Mapping[str, Any]) -> str:
     lines = [
         f"Run of {found['date']}, wall time, real processes: {found['injections']} injections"
         f" in {found['minutes']:.0f} minutes"
-        f" ({found['left_out']} more left out, as the computer was too busy to drive),"
+        f" ({found['left_out']} tries left out, as the computer was too busy to drive),"
         f" {len(found['broken'])} broken promises beyond the time,"
         f" {found['trips_by_the_busy_computer']} trips that the busy computer made in between."
         f" A bare timer on the same machine woke {timer['wakes']} times, late by"

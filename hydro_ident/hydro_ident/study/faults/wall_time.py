@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from hydro_hw_bridge.bridge_core import READ_LATE
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import BAD
@@ -32,7 +33,7 @@ LATCHED_S = 0.15
 DRIVING_S = 30.0
 
 #: Reasons of trips that a stall of any process on the way makes.
-STALLS = (TOO_OLD, NOTHING_HEARD, "the amplifiers' watchdog")
+STALLS = (TOO_OLD, NOTHING_HEARD, READ_LATE, "the amplifiers' watchdog")
 
 
 class WallRun:
@@ -95,7 +96,7 @@ class WallRun:
         """Until the valves are driven: trips that the busy computer makes are cleared.
 
         `publishing` says whether the commands come from here, or from the controller, of which
-        there is one then and otherwise none.
+        there is one then and otherwise none. The first trip is what the injection before left.
         """
         if publishing:
             self.stage.end("controller")
@@ -103,16 +104,18 @@ class WallRun:
             self.start_controller()
         self.ros.publishing = publishing
         end = time.monotonic() + DRIVING_S
+        cleared = 0
         while not self.stage.driven():
             if time.monotonic() > end:
                 raise IdentError("the valves are not driven: the computer is too busy")
             gate = self.ros.diagnosis.get("can_bridge", {}).get("gate")
             if gate == "tripped":
-                self.unasked_trips += 1
                 if publishing:
                     self.ros.end_fault()
-                self.ros.clear_trip()
+                # The diagnosis is a second old at most: only what was cleared was a trip.
+                cleared += self.ros.clear_trip()[1].startswith("cleared")
             time.sleep(0.03)
+        self.unasked_trips += max(cleared - 1, 0)
 
     def measured(
         self, kind: str, since_ns: int, limit_ms: float | None, *, latched: bool = True

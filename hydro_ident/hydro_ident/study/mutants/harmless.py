@@ -101,15 +101,17 @@ def _bridge_core() -> Iterator[Harmless]:
         "10 ms in the message either way: the limit itself is compared in seconds",
     )  # fmt: skip
 
-    quiet = _UNREAD.format(
-        "the first sync frame sets it, and before a sample nothing is commanded"
-    )
-    yield from _begins("bridge_core", init, "_quiet", ("pass", "True"), quiet, "False")
-    kept = "_ANSWERABLE = _HEARD = 64"
+    late = 'f"{{READ_LATE}} for {{1e3 * waited_s:.0f}} ms to be read'
+    late += ' (limit {{{} * most_s:.0f}} ms)"'
+    yield from _each(
+        "bridge_core", "BridgeCore.waited", late.format("1e3"),
+        (late.format(" 1001.0"), late.format(" 999.0")),
+        "10 ms in the message either way: the limit itself is compared in seconds",
+    )  # fmt: skip
+    kept = "_ANSWERABLE = 64"
     yield from _each(
         "bridge_core", "", kept, (kept.replace("64", "63"), kept.replace("64", "65")),
-        "a command for a sample that old is outdated whether it is known or not, and no frame is"
-        " heard that late",
+        "a command for a sample that old is outdated whether it is known or not",
     )  # fmt: skip
     old = "outdated = counter is not None and counter < self._whole[0]"
     yield Harmless(
