@@ -30,7 +30,8 @@ class Dependence:
     channel : int
     variable : str
     times : str
-        What the function is multiplied by: empty, `direction`, `valve_signal` or `compression`.
+        What the function is multiplied by: empty, `direction`, `valve_signal`, `compression`,
+        `velocity` or `velocity_squared`.
     gain : float
         Reduction of the sum of squares, in units of the noise's variance.
     freedom : int

@@ -29,6 +29,15 @@ SYMBOLS = {
 }  # fmt: skip
 
 
+#: Factors in a form's text, and its unit beside those that are no mere numbers.
+_SYMBOLS_BESIDE = {
+    "valve_signal": "valve_signal",
+    "velocity": "piston_velocity",
+    "velocity_squared": "piston_velocity^2",
+}
+_UNIT_BESIDE = {"compression": "1/Pa", "velocity": "m^2", "velocity_squared": "N s^2/m^2"}
+
+
 @dataclass(frozen=True, slots=True)
 class Value:
     """A number of a form.
@@ -170,7 +179,7 @@ def _rows(
 
 def _form(told: Told, found: Dependence, unit: str, sizes: dict[str, float]) -> Form:
     one, variable = told.fitted, told.variable
-    unit = "1/Pa" if found.times == "compression" else unit
+    unit = _UNIT_BESIDE.get(found.times, unit)
     values = (*_coefficients(one, unit, UNITS[variable]), *_shape(one, variable))
     at, drawn = np.zeros(0), np.zeros(0)
     if variable == found.variable:
@@ -248,8 +257,8 @@ def _text(
             body = f"({number['constant']:.3g} {_signed(body)})"
     if times == "direction":
         body += f" tanh(piston_velocity / {rounding(sizes['direction']):.2g} m/s)"
-    elif times == "valve_signal":
-        body += " valve_signal"
+    elif times in _SYMBOLS_BESIDE:
+        body += f" {_SYMBOLS_BESIDE[times]}"
     text = f"{body} {unit}"
     if times == "compression":
         text += " times the compression of the chamber"

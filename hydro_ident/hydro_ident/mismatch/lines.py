@@ -77,9 +77,13 @@ def _line(
     white, inverse = one[1]
     theta = inverse @ (white.T @ bench.residual)
     p = lines.p_value(number, bench.residual - white @ theta)
+    return replace(repeats(one[0], period), p_value=p)
+
+
+def repeats(one: Dependence, period: float) -> Dependence:
+    """A dependence on cosine and sine as what it is: a curve over a period."""
     knots = np.linspace(0.0, period, _POINTS)
-    curve = waves(knots / period) @ theta
-    return replace(one[0], p_value=p, knots=knots, curve=curve, period=period)
+    return replace(one, knots=knots, curve=waves(knots / period) @ one.coefficients, period=period)
 
 
 def waves(turns: FloatArray) -> FloatArray:

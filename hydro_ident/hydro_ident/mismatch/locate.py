@@ -8,7 +8,7 @@ what they explain by chance under sign flips of whole blocks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,11 +22,12 @@ from hydro_ident.mismatch.dependence import (
     inverse_of,
     values_of,
 )
+from hydro_ident.mismatch.few_periods import Pair, Tried, repeating
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import lines_of
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
-from hydro_ident.mismatch.state_space import factors_of, hats, knots_of
+from hydro_ident.mismatch.state_space import OF_READINGS, factors_of, hats, knots_of
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
 
@@ -115,33 +116,58 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     own, bench = alone(training, fitted, channel)
     if bench is None:
         return
-    found: list[Dependence] = []
-    sums: list[tuple[FloatArray, FloatArray]] = []
     functions = _functions(own, fitted, channel)
-    for variable, times, knots, columns in functions:
-        one = dependence_of(own, fitted, bench, (channel, variable, times), knots, columns)
-        together = TIME_BLOCKS if variable == "time" else 1
-        if one is not None and _spread(own, bench, columns, together) >= LEAST_EFFECTIVE:
-            if variable != "time" and _answered(own, bench, one[0], columns):
-                into.answered.add(len(into.found) + len(found))
-            found.append(one[0])
-            sums.append(one[1])
-    if not found:
+    tried = [
+        one
+        for one in _each(own, fitted, bench, channel, functions)
+        if _spread(own, bench, one.columns, _together(one.found)) >= LEAST_EFFECTIVE
+    ]
+    if not tried:
         return
-    left = _without(own, bench, functions, found)
-    freedom = max(found, key=lambda d: d.value).freedom
+    best = max(tried, key=lambda one: one.found.value)
+    left = _without(bench, best.columns[own.mask])
     # No other recording can confirm what follows time: of it, slow noise is no evidence either.
-    flips = {True: _flips(bench, TIME_BLOCKS), False: _flips(bench, 1)}
-    for seen, (white, inverse) in zip(found, sums, strict=True):
-        draws, units = flips[seen.variable == "time"]
+    flips = {together: _flips(bench, together) for together in (1, TIME_BLOCKS)}
+    for one in tried:
+        if one.found.variable != "time" and _answered(own, bench, one.found, one.columns):
+            into.answered.add(len(into.found))
+        into.found.append(one.found)
+        draws, units = flips[_together(one.found)]
         # What took the best function out took noise out, too.
-        lost = np.sqrt(units / max(units - freedom, 1))
-        drawn = lost * (draws @ bench.by_block(white * left[:, None]))
-        gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
-        count = round(float(np.trace(inverse @ (white.T @ white))))
-        into.chances.append((gains - count) / np.sqrt(2.0 * count))
-    into.found += found
+        lost = np.sqrt(units / max(units - best.found.freedom, 1))
+        by_chance = [_by_chance(bench, pair, left, lost * draws) for pair in one.tried]
+        into.chances.append(np.max(by_chance, axis=0))
     into.lines += lines_of(own, fitted, channel, functions)
+
+
+def _each(
+    training: Training,
+    fitted: Fitted,
+    bench: Bench,
+    channel: int,
+    functions: Sequence[Function],
+) -> Iterator[Tried]:
+    """Smooth functions of a channel, and waves of a few periods."""
+    for variable, times, knots, columns in functions:
+        what = channel, variable, times
+        one = dependence_of(training, fitted, bench, what, knots, columns)
+        if one is not None:
+            yield Tried(one[0], columns, (one[1],))
+    yield from repeating(training, fitted, bench, channel)
+
+
+def _together(one: Dependence) -> int:
+    """Blocks that flip together for a dependence."""
+    return TIME_BLOCKS if one.variable == "time" else 1
+
+
+def _by_chance(bench: Bench, pair: Pair, left: FloatArray, draws: FloatArray) -> FloatArray:
+    """Values of a function of the residual `left` (M,) whose blocks are flipped by `draws`."""
+    white, inverse = pair
+    drawn = draws @ bench.by_block(white * left[:, None])
+    gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
+    count = max(round(float(np.trace(inverse @ (white.T @ white)))), 1)
+    return np.asarray((gains - count) / np.sqrt(2.0 * count))
 
 
 def _spread(training: Training, bench: Bench, columns: FloatArray, together: int) -> float:
@@ -219,24 +245,15 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[Functio
         columns[own] = hats(seen, knots)
         result.append((name, "", knots, columns))
         for kind, factor in factors.items():
-            if kind == "compression" and name not in SOFTENING:
+            if kind in OF_READINGS or (kind == "compression" and name not in SOFTENING):
                 continue
             if np.isfinite(factor[own]).all():
                 result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
     return result
 
 
-def _without(
-    training: Training,
-    bench: Bench,
-    functions: Sequence[Function],
-    found: Sequence[Dependence],
-) -> FloatArray:
-    """The whitened residual without a channel's strongest dependence."""
-    best = max(found, key=lambda d: d.value)
-    for variable, times, _, columns in functions:
-        if (variable, times) == (best.variable, best.times):
-            white = bench.beyond(columns[training.mask])
-            theta = np.linalg.lstsq(white, bench.residual, rcond=1e-2)[0]
-            return np.asarray(bench.residual - white @ theta)
-    return bench.residual
+def _without(bench: Bench, columns: FloatArray) -> FloatArray:
+    """The whitened residual without what columns (M, m) explain of it."""
+    white = bench.beyond(columns)
+    theta = np.linalg.lstsq(white, bench.residual, rcond=1e-2)[0]
+    return np.asarray(bench.residual - white @ theta)

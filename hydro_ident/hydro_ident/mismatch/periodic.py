@@ -56,10 +56,7 @@ class Lines:
     @staticmethod
     def of(bench: Bench, at: FloatArray, factor: FloatArray) -> Lines | None:
         """None where the variable has too little range."""
-        numbers = wave_numbers(at)
-        if numbers.size < 2 * _REACH:
-            return None
-        return Lines(bench, at, factor, numbers)
+        return Lines(bench, at, factor, wave_numbers(at)) if is_scanned(at) else None
 
     def strongest(self) -> tuple[int, ...]:
         """Wave numbers whose power is largest, by itself and beside its neighbours'.
@@ -135,10 +132,28 @@ def wave_numbers(at: FloatArray) -> FloatArray:
     span = float(np.ptp(at)) if at.size > 1 else 0.0
     if span <= 0.0:
         return np.zeros(0)
-    step = float(np.quantile(np.abs(np.diff(at)), 0.9))
-    most = min(MOST_PERIODS, span / max(_ROWS * step, 1e-12))
-    count = int((most - LEAST_PERIODS) * PER_PERIOD)
+    count = int((most_periods(at) - LEAST_PERIODS) * PER_PERIOD)
     return np.asarray((LEAST_PERIODS + np.arange(max(count, 0)) / PER_PERIOD) / span)
+
+
+def most_periods(at: FloatArray) -> float:
+    """Most periods over a variable's range that its rows can tell; 0 where it has none.
+
+    `at` (N,) are the variable's values.
+    """
+    span = float(np.ptp(at)) if at.size > 1 else 0.0
+    if span <= 0.0:
+        return 0.0
+    step = float(np.quantile(np.abs(np.diff(at)), 0.9))
+    return min(MOST_PERIODS, span / max(_ROWS * step, 1e-12))
+
+
+def is_scanned(at: FloatArray) -> bool:
+    """Whether a variable has the range for lines: each needs its neighbours.
+
+    `at` (N,) are the variable's values.
+    """
+    return wave_numbers(at).size >= 2 * _REACH
 
 
 def _background(

@@ -35,6 +35,9 @@ UNITS = {
     "supply_pressure": "Pa", "valve_signal": "1", "valve_rate": "1/s", "other_joint": "rad/s",
     "total_flow": "m^3/s", "oil_temperature": "deg C", "time": "s", "everywhere": "",
 }  # fmt: skip
+#: What a reading that is off by a function of the position does to the piston's velocity in a
+#: flow, and to its acceleration in a force.
+OF_READINGS = ("velocity", "velocity_squared")
 #: Speed over which a direction is rounded, as a share of its usual size.
 _ROUNDED = 0.05
 #: Knots of the functions that noise is told from, and the variables they are of: alone and times
@@ -71,13 +74,16 @@ def factors_of(
     """What functions of a channel are multiplied by, (N,) each, by name.
 
     The direction of motion for forces; for flows the valve's signal, and the compression of the
-    chamber at a unit modulus. They are in units of `sizes`, by default those of the own rows.
+    chamber at a unit modulus; and what a position that is read wrongly does to a balance
+    (`OF_READINGS`). They are in units of `sizes`, by default those of the own rows.
     """
     sizes = sizes or factor_sizes(predictor, model, channel, values, own)
-    if not predictor.material.is_flow(channel):
-        return {"direction": np.tanh(values["piston_velocity"] / rounding(sizes["direction"]))}
-    found = _flow_factors(predictor, model, channel, values)
-    return {name: f / sizes[name] for name, f in found.items()}
+    found = _factors(predictor, model, channel, values)
+    scaled = {name: f / sizes[name] for name, f in found.items() if name in sizes}
+    if predictor.material.is_flow(channel):
+        return scaled
+    rounded = np.tanh(values["piston_velocity"] / rounding(sizes["direction"]))
+    return scaled | {"direction": rounded}
 
 
 def factor_sizes(
@@ -88,9 +94,7 @@ def factor_sizes(
     own: BoolArray,
 ) -> dict[str, float]:
     """Usual sizes of a channel's factors on its own rows; of a direction, that of the speed."""
-    if not predictor.material.is_flow(channel):
-        return {"direction": float(np.nanstd(values["piston_velocity"][own])) or 1.0}
-    found = _flow_factors(predictor, model, channel, values)
+    found = _factors(predictor, model, channel, values)
     return {name: float(np.nanstd(f[own])) or 1.0 for name, f in found.items()}
 
 
@@ -99,12 +103,17 @@ def rounding(speed: float) -> float:
     return _ROUNDED * speed
 
 
-def _flow_factors(
+def _factors(
     predictor: Predictor, model: Model, channel: int, values: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
+    """A channel's factors in their own units; of the direction, the velocity."""
+    velocity = values["piston_velocity"]
+    if not predictor.material.is_flow(channel):
+        return {"direction": velocity, "velocity_squared": velocity**2}
     return {
         "valve_signal": values["valve_signal"],
         "compression": compression(predictor, model, channel),
+        "velocity": velocity,
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
+from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
@@ -33,7 +34,11 @@ _WORDS = {
     "direction": " times the direction of motion",
     "valve_signal": " times the valve signal",
     "compression": " times the compression of the chamber",
+    "velocity": " times the piston's velocity",
+    "velocity_squared": " times the square of the piston's velocity",
 }
+#: Variables that a factor is of, where it is one.
+_OF_VELOCITY = ("direction", "velocity", "velocity_squared")
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +122,7 @@ def unexplained(
         for unconfirmed, precision in ((True, PRECISION_UNCONFIRMED), (False, PRECISION_UNNAMED))
     }
     for one in found:
-        if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result:
+        if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
             continue
         if one.share < least_share(one) or one.size < least[wanders(one)][one.channel]:
             continue
@@ -131,12 +136,24 @@ def unexplained(
             f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"
             " catalogue stands for it"
         )
-        on = (one.variable, *({"direction": ("piston_velocity",)}.get(one.times, ())))
+        on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
         result[one.channel] = Unexplained(
             name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one,
             confirmed=bool(there),
         )  # fmt: skip
     return tuple(result[k] for k in sorted(result))
+
+
+def _by_place(one: Dependence, found: Sequence[Dependence]) -> bool:
+    """Whether what repeats in time rather repeats over a place that a motion comes back to."""
+    return one.variable == "time" and any(
+        other.channel == one.channel
+        and other.variable in POSITIONS
+        and other.period
+        and other.p_value <= FAMILY_ERROR_UNNAMED
+        and other.share > one.share
+        for other in (found if one.period else ())
+    )
 
 
 def _shape(one: Dependence) -> str:

@@ -12,7 +12,13 @@ from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 BEGIN, END = "<!-- study results: begin -->", "<!-- study results: end -->"
 #: Results side by side, by file name: thresholds were chosen on the first, frozen for the second.
 RESULTS = {"study_tuning.json": "tuning", "study.json": "fresh"}
-_BANDS = {"below_limit_": "below the limit", "1_to_3_": "1 to 3 limits", "": "3 limits and more"}
+_BANDS = {
+    "below_limit_": "below the limit",
+    "1_to_3_": "1 to 3 limits",
+    "": "3 limits and more",
+    "excite_": "... in `excite` runs",
+    "work_": "... in work cycles",
+}
 _FIGURES = {
     "detected": "detected",
     "right_channel": "right channel",

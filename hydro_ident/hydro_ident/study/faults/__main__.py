@@ -118,6 +118,8 @@ def _in_wall_time(count: int, seed: int, root: Path) -> dict[str, Any]:
     from hydro_ident.study.faults.ros_end import RosEnd
     from hydro_ident.study.faults.stage import Stage
 
+    # Shared memory of a killed process may hold up the next: `network.md`.
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     # Its processes end with it, whatever ends it.
     on_end(lambda: sys.exit(143))
     robot = load_robot("xs031")
