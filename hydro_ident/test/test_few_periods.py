@@ -95,6 +95,7 @@ def test_it_is_reported_with_what_it_depends_on(turned: Residuals) -> None:
     one = found["lift/flow_a"]
     assert one.depends_on == ("joint_angle", "piston_velocity")
     assert "times the piston's velocity" in one.text
+    assert "a position sensor off its centre" in one.text
     assert one.confirmed
 
 

@@ -20,7 +20,7 @@ from hydro_ident.mismatch.settings import (
     PRECISION_UNCONFIRMED,
     PRECISION_UNNAMED,
 )
-from hydro_ident.mismatch.state_space import UNITS
+from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.catalogue import CATALOGUE
@@ -37,6 +37,7 @@ _WORDS = {
     "velocity": " times the piston's velocity",
     "velocity_squared": " times the square of the piston's velocity",
 }
+_HINT = "; a position sensor off its centre, whose error repeats, acts so"
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
 
@@ -134,7 +135,7 @@ def unexplained(
         text = (
             f"{one.share:.0%} of what is left in {name} follows {one.variable}"
             f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"
-            " catalogue stands for it"
+            f" catalogue stands for it{_HINT if one.period and one.times in OF_READINGS else ''}"
         )
         on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
         result[one.channel] = Unexplained(

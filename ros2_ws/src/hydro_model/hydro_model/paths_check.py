@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from hydro_model.cylinder import lever, stroke
+from hydro_model.cylinder import lever, piston_force, stroke
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.paths import JointPath, TipPath
@@ -202,7 +202,8 @@ def check_path(
     Raises
     ------
     RobotError
-        A limit is exceeded: which, by how much and when.
+        A limit is exceeded: which, by how much and when. One is the weight that a cylinder can
+        hold at the supply's pressure.
     """
     count = max(2, int(np.ceil(path.duration_s / step_s)) + 1)
     times = np.linspace(0.0, path.duration_s, count)
@@ -224,6 +225,7 @@ def check_path(
         _limit(times, -x[:, i], 0.0, f"{name} goes to", "at least")
         what = f"{name} needs a share of its valve's flow of"
         _limit(times, share[:, i], flow_limit, what, "at most")
+    _refuse_unholdable(robot, times, q)
     return PathCheck(
         duration_s=path.duration_s,
         start_position=q[0],
@@ -245,6 +247,25 @@ def _limit(times: FloatArray, values: FloatArray, limit: float, what: str, bound
             f"{what} {sign * values[worst]:.4g} at {times[worst]:.2f} s,"
             f" expected {bound} {sign * limit:.4g}"
         )
+
+
+def _refuse_unholdable(robot: Robot, times: FloatArray, q: FloatArray) -> None:
+    """Refuse poses whose weight no pressure at the valve's ports can hold.
+
+    From one of these the way out is open: none is worse than the first.
+    """
+    if robot.supply_pressure_pa <= 0.0:
+        return
+    weight = inverse_dynamics(robot, q, np.zeros_like(q), np.zeros_like(q))
+    ports = robot.supply_pressure_pa, robot.tank_pressure_pa
+    fed = {valve.cylinder for valve in robot.valves}
+    for cylinder in (c for c in robot.cylinders if c.name in fed):
+        j = robot.joint_index(cylinder.joint)
+        force = weight[:, j] / lever(cylinder, q[:, j])
+        most, least = piston_force(cylinder, *ports), piston_force(cylinder, *ports[::-1])
+        share = np.where(force >= 0.0, force / most, force / least)
+        what = f"cylinder '{cylinder.name}' would have to hold, in shares of what it can,"
+        _limit(times, share, max(1.0, float(share[0])), what, "at most")
 
 
 def _pistons(

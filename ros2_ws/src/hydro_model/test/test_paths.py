@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -9,11 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hydro_model.cylinder import stroke
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.paths_check import check_path, joint_motion, joints_at_tip
 from hydro_model.paths_segments import Quintic, smooth_step
+from hydro_model.rigid_body import potential_energy
+from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
@@ -66,7 +70,7 @@ def test_quintic_meets_both_ends(values: list[float], duration: float) -> None:
 def test_rest_to_rest_is_the_minimum_jerk_polynomial() -> None:
     quintic = Quintic.at_rest([1.0], [3.0], 4.0)
     position, velocity, _ = quintic.sample(2.0)
-    assert position[0] == pytest.approx(2.0)
+    assert position[0] == pytest.approx(2.0, rel=1e-6)
     assert velocity[0] == pytest.approx(1.875 * 2.0 / 4.0)
 
 
@@ -169,6 +173,40 @@ def test_check_knows_what_the_valves_can_pass(tmp_path: FilePath) -> None:
     assert 0.2 < share[1] < 1.5
     with pytest.raises(RobotError, match="'tilt_cylinder' needs a share of its valve's flow"):
         check_path(ROBOT, path, near=np.array([0.6, -2.0]), flow_limit=0.2)
+
+
+def _held_share(robot: Robot, q: list[float]) -> float:
+    """Of what the lift cylinder can hold, by the slope of the potential energy over its stroke."""
+    cylinder, step = robot.cylinders[0], 1e-5
+    ends = [np.array([q[0] + d, q[1]]) for d in (-step, step)]
+    energy = np.diff([potential_energy(robot, at) for at in ends])
+    force = float(energy.item() / np.diff([stroke(cylinder, at[0]) for at in ends]).item())
+    p_s, p_t = robot.supply_pressure_pa, robot.tank_pressure_pa
+    area_a, area_b = cylinder.area_a_m2, cylinder.area_b_m2
+    can = p_s * area_a - p_t * area_b if force >= 0.0 else p_s * area_b - p_t * area_a
+    return abs(force) / can
+
+
+def test_a_pose_that_a_cylinder_cannot_hold_is_refused_and_left(tmp_path: FilePath) -> None:
+    weak, light, heavy = replace(ROBOT, tank_pressure_pa=0.0), [1.45, -0.15], [1.45, -1.2]
+    # Half of what the heavy pose asks for, and more than the light one does.
+    pressure = 0.5 * ROBOT.supply_pressure_pa * _held_share(weak, heavy)
+    weak = replace(weak, supply_pressure_pa=pressure)
+    assert _held_share(weak, heavy) == pytest.approx(2.0, rel=1e-6)
+    assert _held_share(weak, light) < 0.9
+    file = tmp_path / "p.yaml"
+    for start, end in ((light, heavy), (heavy, light)):
+        file.write_text(
+            f"joints: [lift, tilt]\nstart: {start}\n"
+            f"segments: [{{kind: move, to: {end}, duration_s: 60.0}}]\n"
+        )
+        path = load_path(file)
+        check_path(ROBOT, path)
+        if start is heavy:
+            check_path(weak, path)
+            continue
+        with pytest.raises(RobotError, match=r"'lift_cylinder' would have to hold, .* 2 at 60.00"):
+            check_path(weak, path)
 
 
 def test_a_path_of_other_joints_or_another_tip_is_refused(tmp_path: FilePath) -> None:
