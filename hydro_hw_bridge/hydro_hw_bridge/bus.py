@@ -189,7 +189,7 @@ class Bus:
         if self.name.interface not in _STAMPED:
             return 0.0
         # Both of one clock: its steps are seen by the frames alone that wait meanwhile.
-        return max(time.time() - message.timestamp, 0.0)
+        return max(time.time() - float(message.timestamp), 0.0)
 
     def _take_error(self, message: can.Message) -> None:
         self.counters.error_frames += 1
