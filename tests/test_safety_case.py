@@ -24,7 +24,13 @@ from hydro_model.robot_files import load_robot
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "hydro_msgs_docs/safety_case.md"
 RESULTS = ROOT / "hydro_msgs_docs/results"
-FOLDERS = ("hydro_hw_bridge/test", "hydro_control/test", "hydro_ident/test", "tests")
+FOLDERS = (
+    "hydro_hw_bridge/test",
+    "hydro_control/test",
+    "hydro_ident/test",
+    "ros2_ws/src/hydro_model/test",
+    "tests",
+)
 PROCESSES = (
     "can_bridge",
     "controller",
