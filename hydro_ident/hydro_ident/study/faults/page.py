@@ -93,8 +93,7 @@ def _wall(found: Mapping[str, Any]) -> str:
         f" in {found['minutes']:.0f} minutes"
         f" ({found['left_out']} tries left out, as the computer was too busy to drive),"
         f" {len(found['broken'])} broken promises beyond the time,"
-        f" {found['trips_by_the_busy_computer']} trips in between that nobody asked for:"
-        " the campaign's own publisher, in Python, was late."
+        f" {found['trips_by_the_busy_computer']} trips in between that nobody asked for."
         f" A bare timer on the same machine woke {timer['wakes']} times, late by"
         f" {timer['p50']:.2f} ms (median), {timer['p99']:.2f} ms (99 %), {timer['p99.9']:.2f} ms"
         f" (99.9 %), {timer['max']:.1f} ms at most.{_since(found)}",
