@@ -11,8 +11,10 @@ import can
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.bridge_step import NOTHING, CommandCounters, Sample, Step, ValveState
 from hydro_hw_bridge.codec import Codec, Frame, Readings, Status
-from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome
+from hydro_hw_bridge.gate import Gate, GateState, Outcome
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.own_frames import OwnFrames
+from hydro_hw_bridge.permissives import Inputs
 from hydro_hw_bridge.plausibility import ReadingsWatch
 from hydro_hw_bridge.sample_clock import SampleClock
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
-from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.parameters import PARAMETERS, Settings, settings_from
 from hydro_model.robot import Robot
 

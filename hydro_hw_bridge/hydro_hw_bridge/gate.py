@@ -12,6 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.output_ramp import RATE_FACTOR, ROUNDING_V, OutputRamp
+from hydro_hw_bridge.permissives import Inputs, missing_permissive
+
 
 class GateState(Enum):
     """WAITING: 0 V until a first good command; DRIVING; TRIPPED: 0 V until cleared."""
@@ -32,76 +36,6 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class GateLimits:
-    """What the gate holds commands and machine to.
-
-    Attributes
-    ----------
-    valve_names : tuple of str
-    rated_voltage_v : tuple of float
-        Per valve; commands above it trip.
-    period_s : float
-        Of the device's cycle.
-    slew_v_s : float
-        The legal slew rate; commands faster than twice that trip.
-    max_age_cycles : int
-        Commands and silences older than this trip.
-    min_supply_pa : float
-        Gauge; 0 or less switches the check off.
-    reenable_slew_v_s : float
-        Slew rate of the output in the first second of driving after a trip was cleared.
-    """
-
-    valve_names: tuple[str, ...]
-    rated_voltage_v: tuple[float, ...]
-    period_s: float
-    slew_v_s: float
-    max_age_cycles: int
-    min_supply_pa: float
-    reenable_slew_v_s: float = 10.0
-
-    @property
-    def legal_step_v(self) -> float:
-        """The largest legal change of voltage from one cycle to the next."""
-        return self.slew_v_s * self.period_s
-
-    @property
-    def max_age_s(self) -> float:
-        """The greatest age of a command that drives."""
-        return self.max_age_cycles * self.period_s
-
-    @property
-    def first_age_cycles(self) -> int:
-        """Age up to which a command may be the first: one at the limit would trip right after."""
-        return max(1, self.max_age_cycles // 2)
-
-    @property
-    def reenable_step_v(self) -> float:
-        """The largest change of the output from one cycle to the next after a cleared trip."""
-        return min(self.reenable_slew_v_s, self.slew_v_s) * self.period_s
-
-
-@dataclass(frozen=True, slots=True)
-class Inputs:
-    """The machine's permissives of one cycle.
-
-    Attributes
-    ----------
-    emergency_stop_ok, pump_on, enable_switch : bool
-    amplifier_watchdog : bool
-        The amplifiers shut down on their own.
-    supply_pa : float
-        Gauge; NaN where not measured.
-    """
-
-    emergency_stop_ok: bool
-    pump_on: bool
-    enable_switch: bool
-    amplifier_watchdog: bool
-    supply_pa: float
-
-
-@dataclass(frozen=True, slots=True)
 class Output:
     """What goes to the amplifiers: V per valve, and enable."""
 
@@ -109,13 +43,8 @@ class Output:
     enable: bool
 
 
-#: Twice the slew limit, less what rounding may add to a step that is exactly legal.
-_RATE_FACTOR = 2.0
-_ROUNDING_V = 1e-9
 #: Of what a command says, so many names with so many characters are told.
 _NAMES_TOLD, _NAME_LENGTH = 8, 40
-#: How long the output stays slow after a trip was cleared: time to see what moves, and to stop it.
-REENABLE_S = 1.0
 
 
 class Gate:
@@ -149,11 +78,8 @@ class Gate:
         self._newest: int | None = None
         self._first = 0
         self._accepted = 0
-        self._driving_since = 0
         self._command = self._zero
-        self._applied = self._zero
-        self._ramping = False
-        self._cleared = False
+        self._ramp = OutputRamp(limits)
         self._released: int | None = None
 
     def carry_over(self, other: Gate) -> None:
@@ -165,7 +91,7 @@ class Gate:
             The one before this.
         """
         self.trips, self.faults = other.trips, dict(other.faults)
-        self._cleared = other._cleared
+        self._ramp.cleared = other._ramp.cleared
         if other.state is GateState.TRIPPED:
             self.state, self.reason = GateState.TRIPPED, other.reason
 
@@ -174,7 +100,7 @@ class Gate:
         """What the amplifiers shall do now."""
         if self.state is not GateState.DRIVING:
             return Output(self._zero, enable=False)
-        return Output(self._applied, enable=True)
+        return Output(self._ramp.applied_v, enable=True)
 
     def arm(self) -> None:
         """Wait for a first command of the newest or a later cycle; a trip stays latched."""
@@ -192,7 +118,8 @@ class Gate:
 
     def _wait(self) -> None:
         self.state, self.reason = GateState.WAITING, ""
-        self._command = self._applied = self._zero
+        self._command = self._zero
+        self._ramp.reset()
 
     def trip(self, reason: str) -> None:
         """0 V and enable off, until cleared. The first reason is kept.
@@ -237,7 +164,7 @@ class Gate:
             return False, f"still there: {cause}"
         reason = self.reason
         self._wait()
-        self._cleared = True
+        self._ramp.cleared = True
         self.arm()
         return True, f"cleared: {reason}"
 
@@ -347,8 +274,7 @@ class Gate:
         if missing:
             return self._deny(missing)
         self.state = GateState.DRIVING
-        self._driving_since = counter
-        self._ramping = True
+        self._ramp.begin(counter)
         self._accept(counter, values)
         return Outcome.ACCEPTED
 
@@ -363,40 +289,17 @@ class Gate:
             self.limits.valve_names, values, self._command, strict=True
         ):
             step = abs(value - before)
-            if step > _RATE_FACTOR * legal + _ROUNDING_V:
+            if step > RATE_FACTOR * legal + ROUNDING_V:
                 return self._deny(
                     f"{name}: step of {step:.3f} V in {self._milliseconds(cycles)}"
-                    f" (limit {_RATE_FACTOR * legal:.3f} V)"
+                    f" (limit {RATE_FACTOR * legal:.3f} V)"
                 )
         self._accept(counter, values)
         return Outcome.ACCEPTED
 
     def _accept(self, counter: int, values: tuple[float, ...]) -> None:
         self._accepted, self._command = counter, values
-        slow = self._slow(counter)
-        if values != self._zero:
-            # From 0 V, or after missing commands, towards a controller that is elsewhere already:
-            # however many cycles lie between, the valves see one step.
-            most = self._most(slow)
-            values = tuple(
-                _towards(value, before, most)
-                for value, before in zip(values, self._applied, strict=True)
-            )
-        self._ramping = slow or values != self._command
-        self._applied = values
-
-    def _most(self, slow: bool) -> float:
-        """The largest change of the output at once, V."""
-        if slow:
-            return self.limits.reenable_step_v
-        return self.limits.legal_step_v * (1.0 if self._ramping else _RATE_FACTOR)
-
-    def _slow(self, counter: int) -> bool:
-        """Whether this is the first second of driving after a trip was cleared."""
-        if self._cleared:
-            driven_s = (counter - self._driving_since) * self.limits.period_s
-            self._cleared = driven_s < REENABLE_S
-        return self._cleared
+        self._ramp.follow(counter, values)
 
     def _judge(
         self, names: Sequence[str], voltages: Sequence[float]
@@ -419,23 +322,7 @@ class Gate:
 
     def _missing(self) -> str:
         """The first permissive that is not there; empty where all are."""
-        inputs, limits = self._inputs, self.limits
-        if inputs is None:
-            return "no complete cycle from the device yet"
-        if not inputs.emergency_stop_ok:
-            return "emergency stop"
-        if not inputs.enable_switch:
-            return "enable switch is off"
-        if not inputs.pump_on:
-            return "pump is off"
-        if limits.min_supply_pa > 0.0 and not inputs.supply_pa >= limits.min_supply_pa:
-            return (
-                f"supply pressure {inputs.supply_pa / 1e5:.1f} bar gauge"
-                f" (minimum {limits.min_supply_pa / 1e5:.1f} bar)"
-            )
-        if inputs.amplifier_watchdog and self._settled():
-            return "the amplifiers' watchdog shut them down"
-        return ""
+        return missing_permissive(self._inputs, self.limits, settled=self._settled())
 
     def _settled(self) -> bool:
         """Whether the amplifiers had time to answer to enable: before, their watchdog is tripped
@@ -443,7 +330,7 @@ class Gate:
         return (
             self.state is GateState.DRIVING
             and self._newest is not None
-            and self._newest - self._driving_since > self.limits.max_age_cycles
+            and self._ramp.driven_cycles(self._newest) > self.limits.max_age_cycles
         )
 
     def _milliseconds(self, cycles: int) -> str:
@@ -451,12 +338,6 @@ class Gate:
 
     def _age_limit(self) -> str:
         return f"limit {self._milliseconds(self.limits.max_age_cycles)}"
-
-
-def _towards(value: float, before: float, most: float) -> float:
-    """A value, or as near to it as a step of at most so much comes."""
-    step = value - before
-    return value if abs(step) <= most + _ROUNDING_V else before + math.copysign(most, step)
 
 
 def _told(names: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from hydro_hw_bridge.faults.machine_faults import MachineFault
 from hydro_hw_bridge.faults.naming import SILENT, Diagnosis, Named
 from hydro_hw_bridge.faults.trial import Outcome, Trial
 from hydro_hw_bridge.faults.wave import Wave
-from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_model.robot import Robot

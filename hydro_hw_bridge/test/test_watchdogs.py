@@ -14,7 +14,8 @@ import pytest
 from hydro_hw_bridge.bridge_core import IMPOSSIBLE, READ_LATE, BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.gate import GateLimits, GateState
+from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import BUS_OFF, UNSENT, CommandLink
 
 NAMES = ("lift_valve", "tilt_valve")

@@ -21,7 +21,7 @@ from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import Command, CommandFault, Publisher
 from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, MachineFault
-from hydro_hw_bridge.gate import GateLimits
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device

@@ -13,7 +13,8 @@ from hydro_hw_bridge.faults.command_faults import CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
 from hydro_hw_bridge.faults.machine_faults import MachineFault
 from hydro_hw_bridge.faults.naming import Diagnosis
-from hydro_hw_bridge.gate import GateLimits, GateState
+from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.rig.core import RigCore
 
 #: Cycles after the fault until the trip is cleared, and those of driving again after that.

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome, Output
+from hydro_hw_bridge.gate import Gate, GateState, Outcome, Output
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.permissives import Inputs
 
 NAMES = ("lift_valve", "tilt_valve")
 #: 2 V legal per 2 ms cycle, tripping above 4 V; 5 cycles are 10 ms.
@@ -18,17 +20,17 @@ OFF = Output((0.0, 0.0), enable=False)
 Make = Callable[..., Any]
 
 
-def _waiting(newest: int = 100, **inputs: Any) -> Gate:
-    gate = Gate(LIMITS)
+def _waiting(newest: int = 100, limits: GateLimits = LIMITS, **inputs: Any) -> Gate:
+    gate = Gate(limits)
     gate.advance(newest)
     gate.check(replace(GOOD, **inputs))
     gate.arm()
     return gate
 
 
-def _driving(lift: float = 0.0, tilt: float = 0.0) -> Gate:
+def _driving(lift: float = 0.0, tilt: float = 0.0, limits: GateLimits = LIMITS) -> Gate:
     """A gate that accepted (lift, tilt) for cycle 100, with its first ramp over."""
-    gate = _waiting(90)
+    gate = _waiting(90, limits)
     for counter in range(90, 101):
         _step(gate, counter, lift, tilt)
     assert gate.output == Output((lift, tilt), enable=True)
@@ -49,13 +51,13 @@ def _assert_tripped(gate: Gate, reason: str) -> None:
 
 @pytest.fixture
 def waiting() -> Make:
-    """`waiting(newest=100, **inputs)`: a gate that waits for a first command."""
+    """`waiting(newest=100, limits=LIMITS, **inputs)`: a gate that waits for a first command."""
     return _waiting
 
 
 @pytest.fixture
 def driving() -> Make:
-    """`driving(lift=0.0, tilt=0.0)`: a gate that accepted them for cycle 100."""
+    """`driving(lift=0.0, tilt=0.0, limits=LIMITS)`: a gate that accepted them for cycle 100."""
     return _driving
 
 

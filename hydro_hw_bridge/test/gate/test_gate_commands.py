@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.gate import Gate, GateLimits, GateState, Inputs, Outcome, Output
+from hydro_hw_bridge.gate import Gate, GateState, Outcome, Output
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.permissives import Inputs
 
 NAMES = ("lift_valve", "tilt_valve")
 #: 2 V legal per 2 ms cycle, tripping above 4 V; 5 cycles are 10 ms.
@@ -177,8 +179,7 @@ def test_rate_trips_above_twice_the_slew_limit_and_never_on_a_legal_step(
         (2.0, Outcome.ACCEPTED),
         (2.001, Outcome.DENIED),
     ):
-        gate = driving()
-        gate.limits = limits
+        gate = driving(limits=limits)
         voltages = [0.0, 0.0]
         voltages[valve] = sign * size * cycles * limits.legal_step_v
         gate.advance(100 + cycles)
@@ -196,8 +197,8 @@ def test_rate_trips_above_twice_the_slew_limit_and_never_on_a_legal_step(
 
 def test_a_command_after_missing_ones_is_reached_in_legal_steps(driving: Make, step: Make) -> None:
     """From one end to the other while four commands were lost: never more than twice the limit."""
-    gate = driving(-10.0, 0.0)
-    gate.limits = replace(LIMITS, slew_v_s=2000.0)  # 4 V legal per cycle
+    # 4 V legal per cycle.
+    gate = driving(-10.0, 0.0, replace(LIMITS, slew_v_s=2000.0))
     outputs = []
     for counter in (105, *range(106, 112)):
         assert step(gate, counter, 10.0, 0.0) is Outcome.ACCEPTED

@@ -33,10 +33,8 @@ def _gate() -> Iterator[Harmless]:
     no_defect = _UNREAD.format("it belongs to a defect, and there is none yet")
     yield from _begins("gate", init, "_defect_at", ("-1", "1"), no_defect)
     yield from _begins("gate", init, "_first", ("-1",), _NO_NEGATIVE)
-    for name in ("_accepted", "_driving_since"):
-        yield from _begins("gate", init, name, ("pass", "-1", "1"), _DRIVING_FIRST)
+    yield from _begins("gate", init, "_accepted", ("pass", "-1", "1"), _DRIVING_FIRST)
     yield from _begins("gate", init, "_command", ("pass",), _DRIVING_FIRST, "self._zero")
-    yield from _begins("gate", init, "_ramping", ("pass", "True"), _DRIVING_FIRST, "False")
     end = " if self._newest is None else self._newest"
     yield Harmless(
         "gate", "Gate.arm", f"self._first = 0{end}", f"self._first = -1{end}", _NO_NEGATIVE
@@ -53,14 +51,28 @@ def _gate() -> Iterator[Harmless]:
     judged = _LENGTHS.format("`_judge` has compared them")
     for where, before in (
         ("Gate._follow", "self.limits.valve_names, values, self._command, strict="),
-        ("Gate._accept", "for value, before in zip(values, self._applied, strict="),
         ("Gate._judge", "at = dict(zip(names, voltages, strict="),
     ):
-        rest = {"Gate._follow": "", "Gate._accept": ")", "Gate._judge": "))"}[where]
+        rest = {"Gate._follow": "", "Gate._judge": "))"}[where]
         yield Harmless("gate", where, f"{before}True{rest}", f"{before}False{rest}", judged)
+
+
+def _permissives() -> Iterator[Harmless]:
     yield Harmless(
-        "gate", "Gate._missing", 'return ""', "pass",
+        "permissives", "missing_permissive", 'return ""', "pass",
         "None is as empty as the text: both are only asked whether there is anything",
+    )  # fmt: skip
+
+
+def _output_ramp() -> Iterator[Harmless]:
+    init = "OutputRamp.__init__"
+    values = ("pass", "-1", "1")
+    yield from _begins("output_ramp", init, "_driving_since", values, _DRIVING_FIRST)
+    yield from _begins("output_ramp", init, "_ramping", ("pass", "True"), _DRIVING_FIRST, "False")
+    before = "for value, before in zip(values, self.applied_v, strict="
+    yield Harmless(
+        "output_ramp", "OutputRamp.follow", f"{before}True)", f"{before}False)",
+        _LENGTHS.format("the gate has compared them"),
     )  # fmt: skip
 
 
@@ -149,6 +161,8 @@ def _claims() -> Iterator[Harmless]:
 
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
+    *_permissives(),
+    *_output_ramp(),
     *_plausibility(),
     *_bridge_core(),
     *_amplifier(),

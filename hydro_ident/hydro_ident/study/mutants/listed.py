@@ -65,7 +65,10 @@ class Harmless:
 
 
 TARGETS: tuple[Target, ...] = (
-    Target("gate", "hydro_hw_bridge.gate", (f"{_TEST}/gate",)),
+    *(
+        Target(name, f"hydro_hw_bridge.{name}", (f"{_TEST}/gate",))
+        for name in ("gate", "gate_limits", "permissives", "output_ramp")
+    ),
     Target(
         "plausibility",
         "hydro_hw_bridge.plausibility",

@@ -1,0 +1,91 @@
+"""How the valves' voltages come to what is commanded: never by more than a legal step at once."""
+
+from __future__ import annotations
+
+import math
+
+from hydro_hw_bridge.gate_limits import GateLimits
+
+#: Twice the slew limit, less what rounding may add to a step that is exactly legal.
+RATE_FACTOR = 2.0
+ROUNDING_V = 1e-9
+#: How long the output stays slow after a trip was cleared: time to see what moves, and to stop it.
+REENABLE_S = 1.0
+
+
+class OutputRamp:
+    """The gate's output, one command after the other.
+
+    Parameters
+    ----------
+    limits : GateLimits
+
+    Attributes
+    ----------
+    applied_v : tuple of float
+        What the valves get.
+    cleared : bool
+        A trip was cleared, and not a second was driven since.
+    """
+
+    def __init__(self, limits: GateLimits) -> None:
+        self._limits = limits
+        self._zero = (0.0,) * len(limits.valve_names)
+        self.applied_v = self._zero
+        self.cleared = False
+        self._driving_since = 0
+        self._ramping = False
+
+    def reset(self) -> None:
+        """0 V: nothing is driven."""
+        self.applied_v = self._zero
+
+    def begin(self, counter: int) -> None:
+        """Driving begins with the command of this cycle."""
+        self._driving_since = counter
+        self._ramping = True
+
+    def driven_cycles(self, counter: int) -> int:
+        """How many cycles were driven until this one."""
+        return counter - self._driving_since
+
+    def follow(self, counter: int, command_v: tuple[float, ...]) -> None:
+        """Go towards an accepted command.
+
+        Parameters
+        ----------
+        counter : int
+            Sample counter of the cycle that it answers.
+        command_v : tuple of float
+        """
+        slow = self._slow(counter)
+        values = command_v
+        if values != self._zero:
+            # From 0 V, or after missing commands, towards a controller that is elsewhere already:
+            # however many cycles lie between, the valves see one step.
+            most = self._most(slow)
+            values = tuple(
+                _towards(value, before, most)
+                for value, before in zip(values, self.applied_v, strict=True)
+            )
+        self._ramping = slow or values != command_v
+        self.applied_v = values
+
+    def _most(self, slow: bool) -> float:
+        """The largest change of the output at once, V."""
+        if slow:
+            return self._limits.reenable_step_v
+        return self._limits.legal_step_v * (1.0 if self._ramping else RATE_FACTOR)
+
+    def _slow(self, counter: int) -> bool:
+        """Whether this is the first second of driving after a trip was cleared."""
+        if self.cleared:
+            driven_s = self.driven_cycles(counter) * self._limits.period_s
+            self.cleared = driven_s < REENABLE_S
+        return self.cleared
+
+
+def _towards(value: float, before: float, most: float) -> float:
+    """A value, or as near to it as a step of at most so much comes."""
+    step = value - before
+    return value if abs(step) <= most + ROUNDING_V else before + math.copysign(most, step)
