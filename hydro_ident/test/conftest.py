@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -147,11 +148,16 @@ def _motion(t: float, phase: float, scale: float = 1.0) -> np.ndarray:
 
 
 def simulated_run(
-    robot: Robot, seconds: float, seed: int = 0, scale: float = 1.0, noisy: bool = True
+    robot: Robot,
+    seconds: float,
+    seed: int = 0,
+    scale: float = 1.0,
+    noisy: bool = True,
+    pace: float = 1.0,
 ) -> SimulatedRun:
     """Drive the model along a motion by a slow loop, then roll it out in one piece.
 
-    `scale` is that of the motion's amplitude; `noisy` are the sensors.
+    `scale` is that of the motion's amplitude, `pace` that of its time; `noisy` are the sensors.
     """
     from hydro_model.cylinder import lever
     from hydro_model.simulate import simulate
@@ -159,10 +165,11 @@ def simulated_run(
     step = PERIOD_NS * 1e-9
     time = np.arange(round(seconds / step) + 1) * step
     voltage, instant, phase = np.zeros((time.size, 2)), replace(robot, command_delay_s=0.0), seed
-    q, qd, pressures = _motion(0.0, phase, scale), np.zeros(2), None
+    path = partial(_motion, phase=phase, scale=scale)
+    q, qd, pressures = path(0.0), np.zeros(2), None
     for k in range(0, time.size - 1, 10):
         piece = slice(k, min(k + 11, time.size))
-        ahead, later = (_motion(time[k] + dt, phase, scale) for dt in (0.02, 0.021))
+        ahead, later = (path(pace * (time[k] + dt)) for dt in (0.02, 0.021))
         for i, cylinder in enumerate(robot.cylinders):
             speed = (later[i] - ahead[i]) / 0.001 + 2.0 * (ahead[i] - q[i])
             flow = float(lever(cylinder, q[i])) * speed * cylinder.area_a_m2
@@ -170,7 +177,7 @@ def simulated_run(
         out = simulate(instant, time[piece], voltage[piece], q, qd, pressures)
         q, qd = out.q[-1], out.qd[-1]
         pressures = np.stack([out.p_a[-1], out.p_b[-1]], axis=1)
-    out = simulate(robot, time, voltage, _motion(0.0, phase, scale))
+    out = simulate(robot, time, voltage, path(0.0))
     if not noisy:
         return SimulatedRun(robot, out.q, out.p_a, out.p_b, voltage)
     rng, count = np.random.default_rng(seed), 2 * np.pi / 2**20

@@ -18,7 +18,7 @@ from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_model.robot import Robot
 
-PERIODS, SWING_RAD = 5.0, 2.0e-4
+PERIODS, MANY, SWING_RAD = 5.0, 40.0, 2.0e-4
 
 
 def _off_centre(run: Any, count: float) -> Any:
@@ -106,3 +106,18 @@ def test_a_sound_encoder_repeats_nothing(clean: Residuals) -> None:
         if d.period and d.variable in POSITIONS and d.p_value <= FAMILY_ERROR_UNNAMED
     ]
     assert not told
+
+
+def test_many_periods_are_lines_that_act_as_readings_do(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
+) -> None:
+    """A motion that is slow beside the rows' distance has room for a spectrum over the angle."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(true_crane(), 60.0, pace=0.15)
+    seen = run.q[:, 0]
+    count = MANY * 2.0 * np.pi / float(np.ptp(seen))
+    q = run.q + np.array([1.0, 0.0]) * (SWING_RAD / 10.0 * np.sin(count * run.q))
+    found = _strongest(lay_out(replace(run, q=q)), "lift/flow_a")
+    assert (found.variable, found.times) == ("joint_angle", "velocity")
+    assert found.p_value <= FAMILY_ERROR_UNNAMED
+    assert found.period == pytest.approx(2.0 * np.pi / count, rel=0.02)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.dependence import Dependence, Function, dependence_of
+from hydro_ident.mismatch.dependence import Dependence, dependence_of
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.state_space import row_values
@@ -15,6 +15,8 @@ from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.robot import FloatArray
 
+#: A variable, the factor's name and its values (N,), 0 on other rows.
+Repeatable = tuple[str, str, FloatArray]
 #: Rows that carry a line: where a few do, its neighbours are no measure of chance.
 LEAST_ROWS = 400.0
 #: Points of a period that are given.
@@ -25,21 +27,31 @@ def lines_of(
     training: Training,
     fitted: Fitted,
     channel: int,
-    functions: Sequence[Function],
+    repeatable: Sequence[Repeatable],
 ) -> list[Dependence]:
     """The strongest line of a channel over every variable, each with its own p-value.
 
     The rows are not whitened: a strong line is what their autoregression would take away first.
+
+    Parameters
+    ----------
+    training : Training
+    fitted : Fitted
+    channel : int
+    repeatable : sequence of Repeatable
+
+    Returns
+    -------
+    list of Dependence
+        At most one for each.
     """
     mask, found = training.mask, []
     noise = independent_noise(training, fitted)
     bench = training.bench(noise, fitted.residual, fitted.columns, fitted.offset)
-    for variable, times, _, pieces in functions:
+    for variable, times, factor in repeatable:
         if variable not in VARIABLES:
             continue
         values = row_values(training.predictor, fitted.model, channel, variable)
-        # Straight pieces add up to one: their sum is the factor.
-        factor = pieces.sum(axis=1)
         lines = Lines.of(bench, values[mask], factor[mask])
         if lines is None or _worth(factor[mask]) < LEAST_ROWS:
             continue

@@ -8,7 +8,7 @@ what they explain by chance under sign flips of whole blocks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,9 +22,9 @@ from hydro_ident.mismatch.dependence import (
     inverse_of,
     values_of,
 )
-from hydro_ident.mismatch.few_periods import Pair, Tried, repeating
+from hydro_ident.mismatch.few_periods import POSITIONS, Pair, Tried, repeating
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.lines import lines_of
+from hydro_ident.mismatch.lines import Repeatable, lines_of
 from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
 from hydro_ident.mismatch.state_space import OF_READINGS, factors_of, hats, knots_of
@@ -116,7 +116,9 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
     own, bench = alone(training, fitted, channel)
     if bench is None:
         return
-    functions = _functions(own, fitted, channel)
+    values = values_of(own, fitted, channel)
+    factors = factors_of(own.predictor, fitted.model, channel, values, own.mask)
+    functions = _functions(own, channel, values, factors)
     tried = [
         one
         for one in _each(own, fitted, bench, channel, functions)
@@ -137,7 +139,7 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
         lost = np.sqrt(units / max(units - best.found.freedom, 1))
         by_chance = [_by_chance(bench, pair, left, lost * draws) for pair in one.tried]
         into.chances.append(np.max(by_chance, axis=0))
-    into.lines += lines_of(own, fitted, channel, functions)
+    into.lines += lines_of(own, fitted, channel, _repeatable(own, functions, factors))
 
 
 def _each(
@@ -226,13 +228,15 @@ def _later(training: Training, columns: FloatArray, rows: int, channel: int) -> 
     return result
 
 
-def _functions(training: Training, fitted: Fitted, channel: int) -> list[Function]:
+def _functions(
+    training: Training,
+    channel: int,
+    values: Mapping[str, FloatArray],
+    factors: Mapping[str, FloatArray],
+) -> list[Function]:
     """Variable, factor, knots and columns (N, m) of every smooth function of a channel."""
-    predictor = training.predictor
-    material = predictor.material
+    material = training.predictor.material
     own = (material.channel == channel) & training.mask
-    values = values_of(training, fitted, channel)
-    factors = factors_of(predictor, fitted.model, channel, values, own)
     result = []
     for name, column in values.items():
         seen = column[own]
@@ -250,6 +254,22 @@ def _functions(training: Training, fitted: Fitted, channel: int) -> list[Functio
             if np.isfinite(factor[own]).all():
                 result.append((name, kind, knots, columns * np.where(own, factor, 0.0)[:, None]))
     return result
+
+
+def _repeatable(
+    training: Training, functions: Sequence[Function], factors: Mapping[str, FloatArray]
+) -> list[Repeatable]:
+    """What may repeat: over every variable of a function, and readings over positions."""
+    # Straight pieces add up to one: their sum is the factor.
+    smooth = [(name, times, pieces.sum(axis=1)) for name, times, _, pieces in functions]
+    seen, mask = {name for name, *_ in functions}, training.mask
+    readings = [
+        (name, times, np.where(mask, factors[times], 0.0))
+        for name in POSITIONS
+        for times in OF_READINGS
+        if name in seen and times in factors and np.isfinite(factors[times][mask]).all()
+    ]
+    return smooth + readings
 
 
 def _without(bench: Bench, columns: FloatArray) -> FloatArray:
