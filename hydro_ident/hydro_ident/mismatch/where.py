@@ -22,6 +22,8 @@ VARIABLES = {
     "position_dependent_friction": "piston_position",
     "temperature_drift": "time",
     "pin_friction": "piston_velocity",
+    "rotor_inertia": "piston_acceleration",
+    "load_dependent_friction": "piston_velocity",
     "payload_change": "time",
     "cylinder_inertia": "joint_angle",
     "structural_flexibility": "piston_acceleration",

@@ -159,6 +159,7 @@ def _dry(model: Any, work: Any, y: Array, dy: Array, d: int, time: float, mode: 
     s[TIME] = time
     s[JOINT_POSITION], s[JOINT_VELOCITY] = y[j], y[n + j]
     s[PISTON_POSITION], s[PISTON_VELOCITY], s[LEVER] = y[j], y[n + j], 1.0
+    s[PISTON_FORCE] = work.force[j]
     look_aside(model, work, s, y, j)
     viscous = model.dry_viscous[d] * y[n + j]
     work.force[j] -= _apply(model, work, y, dy, m + 1 + d, FRICTION, viscous, mode)

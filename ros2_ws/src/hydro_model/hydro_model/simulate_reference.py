@@ -63,7 +63,7 @@ def reference_rates(
         flows += used
     for j in robot.dry_joints:
         own = [(one, where) for one, where in effects if one.joint == j]
-        torque[j] -= _dry_friction(robot, j, own, common, state, rates)
+        torque[j] -= _dry_friction(robot, j, torque[j], own, common, state, rates)
     common[sig.SUPPLY_FLOW], common[sig.RETURN_FLOW] = flows
     for one, where in wide:
         _drive(one, where, common, state, rates)
@@ -123,6 +123,7 @@ def _cylinder(
 def _dry_friction(
     robot: Robot,
     j: int,
+    torque: float,
     own: list[tuple[ActiveEffect, slice]],
     common: FloatArray,
     state: FloatArray,
@@ -134,6 +135,7 @@ def _dry_friction(
     s[[sig.SUPPLY_PRESSURE, sig.TANK_PRESSURE]] = np.nan
     _look_around(robot, s, None, j, state)
     s[[sig.JOINT_POSITION, sig.JOINT_VELOCITY, sig.LEVER]] = q, qd, 1.0
+    s[sig.PISTON_FORCE] = torque
     s[[sig.PISTON_POSITION, sig.PISTON_VELOCITY]] = q, qd
     for one, where in own:
         _drive(one, where, s, state, rates)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from hydro_model.effects.bodies import BODY_EFFECTS
 from hydro_model.effects.chamber import CHAMBER_EFFECTS
+from hydro_model.effects.drives import DRIVE_EFFECTS
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.friction import FRICTION_EFFECTS
 from hydro_model.effects.friction_conditions import FRICTION_CONDITION_EFFECTS
@@ -26,6 +27,7 @@ CATALOGUE: dict[str, Effect] = {
         *FRICTION_EFFECTS,
         *FRICTION_CONDITION_EFFECTS,
         *MECHANICS_EFFECTS,
+        *DRIVE_EFFECTS,
         *BODY_EFFECTS,
         *SENSOR_EFFECTS,
         *VALVE_EFFECTS,

@@ -84,6 +84,8 @@ class Effect:
         False where the laws look at the motion alone, so that the effect can act on a joint
         without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute
         joint.
+    drive_only : bool
+        Its targets are joints without cylinder alone.
     channels : tuple of str
         The kinds of residual channels it can show in, of `CHANNELS`; strongest first.
     acts_on : str
@@ -123,6 +125,7 @@ class Effect:
     states: tuple[InternalState, ...] = ()
     known_states: KnownStates | None = None
     needs_cylinder: bool = True
+    drive_only: bool = False
     channels: tuple[str, ...] = ("force",)
     acts_on: str = "cylinder"
     change: RobotChange | None = None

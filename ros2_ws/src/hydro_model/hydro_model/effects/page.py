@@ -124,6 +124,8 @@ def _section(effect: Effect) -> str:
 
 
 def _target(effect: Effect) -> str:
+    if effect.drive_only:
+        return "joints without cylinder"
     kind = _KINDS[effect.acts_on]
     bare = effect.acts_on == "cylinder" and not effect.needs_cylinder
     return f"{kind}, or joints without" if bare else kind

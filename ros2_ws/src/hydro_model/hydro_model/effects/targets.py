@@ -151,7 +151,9 @@ def _all(robot: Robot, effect: Effect) -> list[Place]:
         return _chambers(robot)
     if effect.sided:
         return [p for i in range(len(robot.cylinders)) for p in _sides(robot, i)]
-    wet = [Place(c.name, i, None, i) for i, c in enumerate(robot.cylinders)]
+    wet = [
+        Place(c.name, i, None, i) for i, c in enumerate(robot.cylinders) if not effect.drive_only
+    ]
     dry = () if effect.needs_cylinder else robot.dry_joints
     return wet + [Place(robot.joint_names[j], None, j, j) for j in dry]
 
@@ -175,7 +177,7 @@ def _known(robot: Robot, effect: Effect) -> dict[str, list[Place]]:
     every = _all(robot, effect)
     known = {robot.name: every} if every else {}
     known |= {place.name: [place] for place in every}
-    for i, cylinder in enumerate(robot.cylinders):
+    for i, cylinder in enumerate(() if effect.drive_only else robot.cylinders):
         own = _of_cylinder(robot, effect, i)
         aliases = [cylinder.name, cylinder.joint]
         aliases += [v.name for v in robot.valves if v.cylinder == cylinder.name]
