@@ -26,8 +26,8 @@ def force_noise(
 ) -> FloatArray:
     """Noise floor of the force channels, shape (n,).
 
-    Pressure noise through the filters, and encoder noise through the filters, the second
-    derivative and the mass matrix at the mean pose.
+    Noise of pressures, or of measured torques, through the filters, and encoder noise through the
+    filters, the second derivative and the mass matrix at the mean pose.
 
     Parameters
     ----------
@@ -43,6 +43,9 @@ def force_noise(
     pose = survey.pose
     inertia = np.asarray(mass_matrix(robot, pose))
     variance = (inertia**2) @ (encoder * accelerate) ** 2
+    measured = range(robot.dof) if model.torque else robot.dry_joints
+    for joint in measured:
+        variance[joint] += (survey.effort[joint].noise(0.0) * smooth) ** 2
     for i, cylinder in enumerate(robot.cylinders if not model.torque else ()):
         joint = robot.joint_index(cylinder.joint)
         variance[joint] /= float(lever(cylinder, pose[joint])) ** 2
