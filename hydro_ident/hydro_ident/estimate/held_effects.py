@@ -99,7 +99,8 @@ def moving_signals(
         at = robot.joint_index(robot.cylinders[index].joint)
         return at, cylinder_signals(robot, trace, index, moved)
     # The piston of a joint without cylinder is the joint itself.
-    signals = signal_rows(robot, None, one.joint, trace.time_s, moved.q, moved.qd, moved.qdd)
+    motion = moved.q, moved.qd, moved.qdd
+    signals = signal_rows(robot, None, one.joint, trace.time_s, *motion, oil_c=trace.oil_c)
     signals[:, PISTON_FORCE] = trace.joint_torque[:, one.joint]
     return one.joint, signals
 
@@ -122,6 +123,7 @@ def cylinder_signals(
         None if moved is None else moved.qdd,
         pressures,
         trace.valve_signal[:, index],
+        trace.oil_c,
     )
     signals[:, PISTON_POSITION] = trace.stroke[:, index]
     return signals

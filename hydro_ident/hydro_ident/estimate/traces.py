@@ -50,6 +50,8 @@ class Trace:
         None: all.
     q_ref : (N, n) array or None
         What the controller followed, where that was recorded throughout.
+    oil_c : (N,) array or None
+        Oil temperature in deg C, where it was recorded: straight from reading to reading.
     """
 
     label: str
@@ -66,6 +68,7 @@ class Trace:
     cycle: int = 0
     core: tuple[int, int] | None = None
     q_ref: FloatArray | None = None
+    oil_c: FloatArray | None = None
 
     @property
     def samples(self) -> int:
@@ -157,6 +160,7 @@ def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Tra
         joint_torque=_cut(recording.effort, piece, q.shape),
         cycle=round((int(recording.stamp_ns[piece.start]) - start_ns) * 1e-9 / recording.period_s),
         q_ref=_complete(recording.q_ref, piece),
+        oil_c=_oil_temperature(recording, piece),
     )
 
 
@@ -168,6 +172,17 @@ def _complete(values: FloatArray | None, piece: slice) -> FloatArray | None:
     if values is None or not np.isfinite(values[piece]).all():
         return None
     return values[piece].copy()
+
+
+def _oil_temperature(recording: Recording, piece: slice) -> FloatArray | None:
+    if recording.temperature_c is None or recording.temperature_stamp_ns is None:
+        return None
+    known = np.isfinite(recording.temperature_c)
+    if not known.any():
+        return None
+    begin = recording.stamp_ns[0]
+    at, readings = recording.temperature_stamp_ns[known], recording.temperature_c[known]
+    return np.asarray(np.interp(recording.stamp_ns[piece] - begin, at - begin, readings))
 
 
 def _constant(

@@ -18,6 +18,7 @@ from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
     bounded_bodies,
     instants_of,
+    mean_oil_c,
     pilots,
     quantiles,
     rubbing,
@@ -214,6 +215,13 @@ def _grid(
         # From before the recording on, too: a refit of the base swallows that, a fixed one not.
         always = [] if spec.default is None else [spec.default]
         return always + instants_of(material)
+    if effect.name == "temperature_drift" and (mean_c := mean_oil_c(material)) is not None:
+        # A temperature that is known needs no rise with time; roll-outs are at the mean.
+        known = {"reference": [mean_c], "rise": [0.0], "time_constant": [spec.typical]}
+        if spec.name in known:
+            return known[spec.name]
+        if spec.name == "halving_temperature":
+            return [f * spec.typical for f in (0.5, 1.0, 2.0)]
     if effect.name == "external_contact" and spec.name == "height":
         return quantiles(predictor, model, one, (TIP_HEIGHT,))
     if effect.name == "end_cushion" and spec.name == "length":

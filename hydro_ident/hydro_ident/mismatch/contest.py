@@ -16,7 +16,7 @@ from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import resolved
+from hydro_ident.mismatch.worth import base_delay, resolved
 from hydro_model.effects.targets import ActiveEffect
 
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
@@ -73,7 +73,8 @@ class Contest:
         leading = max(contenders, key=lambda c: c.held_out)
         # Of what the best law leaves: a trial's own misfit is no noise.
         spread = min(overdispersion(best), self._spread(without, best, leading.fitted))
-        return named_of(members, p, spread, self.few), leading in told
+        allowance = base_delay(self.training, without, leading.term)
+        return named_of(members, p, spread, self.few, allowance), leading in told
 
     def _spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
         """As `overdispersion`, of the residual that a fit leaves."""

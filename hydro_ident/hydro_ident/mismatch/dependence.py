@@ -85,10 +85,12 @@ def values_of(training: Training, fitted: Fitted, channel: int) -> dict[str, Flo
     """Every variable of a channel on the rows, (N,) each, free of the channel's own noise.
 
     No flow depends on an acceleration; a piston's is what the valve's chance flow makes of it.
+    Within a recording the oil's temperature goes with time, which is looked at.
     """
     predictor = training.predictor
     flow = predictor.material.is_flow(channel)
-    names = [name for name in SIGNALS if not (flow and name == "piston_acceleration")]
+    left_out = {"oil_temperature", *(("piston_acceleration",) if flow else ())}
+    names = [name for name in SIGNALS if name not in left_out]
     values = {name: row_values(predictor, fitted.model, channel, name) for name in names}
     return values | _undisturbed(training, fitted, channel, values)
 

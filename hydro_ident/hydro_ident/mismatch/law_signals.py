@@ -78,4 +78,5 @@ def _rows(
 ) -> FloatArray:
     trace, m = stretch.trace, stretch.moved
     q, qd, qdd = (trace.q, None, None) if m is None else (m.q, m.qd, m.qdd)
-    return signal_rows(robot, cylinder, joint, trace.time_s, q, qd, qdd, pressures)
+    oil = trace.oil_c
+    return signal_rows(robot, cylinder, joint, trace.time_s, q, qd, qdd, pressures, oil_c=oil)

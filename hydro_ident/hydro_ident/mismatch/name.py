@@ -282,7 +282,7 @@ class Searcher:
         if not terms:
             return without, None
         again = self.contest.members(self.contest.fitted(without, terms, noise))
-        fresh = named_of(again, one.p_value, one.spread, self.few)
+        fresh = named_of(again, one.p_value, one.spread, self.few, one.allowance)
         if one.alike and _is(fresh.term, one.term):
             shares = one.probability[-len(one.alike) :]
             own = 1.0 - sum(shares)

@@ -18,8 +18,8 @@ LIMITS = {
     "presliding_friction": ("distance", 1.0e-4, np.inf, "coulomb_friction"),
     "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, "coulomb_friction"),
 }
-#: The same on joints without cylinder: a mode that no motion excites is stiff, and what its inertia
-#: does to its own joint alone is a rotor's.
+#: The same on joints without cylinder: a mode that no motion excites is stiff, and what its
+#: inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 25.0, "rotor_inertia")}
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
@@ -88,7 +88,7 @@ class Named:
         Overdispersion of sums over blocks.
     refused : int
         Effects of the set that held-out rows have refused before.
-    few : float
+    few, allowance : float
         As `named_of`.
     alike : tuple of str
         Names of effects that, one at every cylinder, fit as well as one of the whole robot; their
@@ -103,6 +103,7 @@ class Named:
     spread: float
     refused: int = 0
     few: float = 1.0
+    allowance: float = 0.0
     alike: tuple[str, ...] = ()
 
     def beside(self, odds: Mapping[str, float]) -> Named:
@@ -167,7 +168,7 @@ class Named:
         ]
         if not rest:
             return None
-        other = named_of(rest, self.p_value, self.spread, self.few)
+        other = named_of(rest, self.p_value, self.spread, self.few, self.allowance)
         return replace(other, refused=self.refused + 1)
 
     @property
@@ -199,7 +200,13 @@ def at_a_bound(term: ActiveEffect) -> str:
     return ""
 
 
-def named_of(contenders: Sequence[Contender], p: float, spread: float, few: float = 1.0) -> Named:
+def named_of(
+    contenders: Sequence[Contender],
+    p: float,
+    spread: float,
+    few: float = 1.0,
+    allowance: float = 0.0,
+) -> Named:
     """The set of contenders that are not out of reach of the best.
 
     Log-likelihood counts in units of the sums' overdispersion, and of the catalogue's form: laws
@@ -215,8 +222,11 @@ def named_of(contenders: Sequence[Contender], p: float, spread: float, few: floa
     few : float
         Blocks per motion, where there are so few motions that each counts as one observation of
         the laws' forms.
+    allowance : float
+        Sum of squares of what the base has of the same effect (`worth.base_delay`).
     """
-    form = FORM_TOLERANCE**2 * max(c.gain for c in contenders) / _FORM_NATS
+    whole = max(c.gain for c in contenders) + allowance
+    form = FORM_TOLERANCE**2 * whole / _FORM_NATS
     own, spread = spread, max(spread, form, few)
 
     def own_evidence(one: Contender) -> float:
@@ -243,7 +253,7 @@ def named_of(contenders: Sequence[Contender], p: float, spread: float, few: floa
     }
     gain = ranked[0].gain
     shares = tuple(total[n] for n in names)
-    return Named(kept, shares, p, gain, tuple(ranked), own, few=few)
+    return Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
 
 
 def _near(one: Contender, other: Contender) -> bool:

@@ -69,4 +69,5 @@ def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:
         cycle=trace.cycle + begin,
         core=None,
         q_ref=None,
+        oil_c=None if trace.oil_c is None else trace.oil_c[at],
     )

@@ -95,6 +95,15 @@ def instants_of(material: Material) -> list[float]:
     return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
 
 
+def mean_oil_c(material: Material) -> float | None:
+    """Mean oil temperature in deg C; None where not every recording has it."""
+    seen = [s.trace.oil_c for s in material.stretches]
+    known = [oil for oil in seen if oil is not None]
+    if not known or len(known) < len(seen):
+        return None
+    return round(float(np.mean(np.concatenate(known))), 1)
+
+
 def quantiles(
     predictor: Predictor, model: Model, one: ActiveEffect, signals: Sequence[int]
 ) -> list[float]:

@@ -35,8 +35,9 @@ ADDED_SHARE = 0.05
 #: better than this share (rms) of what is measured.
 PRECISION = 5.0e-5
 #: The same for a dependence without a name: no law says that it is more than the form's flaw. And
-#: for one that wanders with time, which no other rows can confirm.
-PRECISION_UNNAMED, PRECISION_UNCONFIRMED = 2.5e-4, 5.0e-4
+#: for what wanders with time, or begins at an instant, which no other rows can confirm: sensors
+#: drift by as much.
+PRECISION_UNNAMED, PRECISION_UNCONFIRMED = 2.5e-4, 1.0e-3
 #: A shift in time below this many sampling intervals is no finding: when a sensor is read within
 #: its interval is known no better, and noise that a controller feeds back shifts fits by as much.
 LEAST_CYCLES = 0.5

@@ -28,6 +28,7 @@ SIGNALS = {
     "valve_rate": sig.VALVE_RATE,
     "other_joint": sig.OTHER_VELOCITY,
     "time": sig.TIME,
+    "oil_temperature": sig.OIL_TEMPERATURE,
 }
 UNITS = {
     "piston_velocity": "m/s", "piston_position": "m", "piston_acceleration": "m/s^2",

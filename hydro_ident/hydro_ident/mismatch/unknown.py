@@ -11,13 +11,13 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.precision import least_unconfirmed, measured_size
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
     FORM_TOLERANCE,
     LEAST_SHARE,
     LEAST_SHARE_UNCONFIRMED,
-    PRECISION_UNCONFIRMED,
     PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
@@ -119,8 +119,8 @@ def unexplained(
     result: dict[int, Unexplained] = {}
     channels = range(len(material.channels))
     least = {
-        unconfirmed: [least_size(training, fitted, k, precision) for k in channels]
-        for unconfirmed, precision in ((True, PRECISION_UNCONFIRMED), (False, PRECISION_UNNAMED))
+        wandering: [least_size(training, fitted, k, wandering=wandering) for k in channels]
+        for wandering in (True, False)
     }
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
@@ -165,14 +165,16 @@ def _shape(one: Dependence) -> str:
     return f"{one.variable} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
-def least_size(
-    training: Training, fitted: Fitted, channel: int, precision: float = PRECISION_UNNAMED
-) -> float:
-    """Rms below which a function is a flaw of the model's form and precision."""
-    predictor = training.predictor
+def least_size(training: Training, fitted: Fitted, channel: int, *, wandering: bool) -> float:
+    """Rms below which a function is a flaw of the model's form and precision.
+
+    `wandering` is one of time that does not repeat.
+    """
+    predictor, model = training.predictor, fitted.model
     own = (predictor.material.channel == channel) & training.mask
-    y, _ = predictor.base(fitted.model)
-    size = precision * float(np.sqrt(np.mean(y[own] ** 2)))
+    size = PRECISION_UNNAMED * measured_size(training, model, channel)
+    if wandering:
+        size = least_unconfirmed(training, model, channel)
     parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
     squares = sum(float(np.var(part)) for part in parts)
     return max(size, FORM_TOLERANCE * float(np.sqrt(squares)))

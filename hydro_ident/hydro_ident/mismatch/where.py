@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.places import mean_oil_c
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
@@ -93,6 +94,8 @@ def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: st
     predictor = training.predictor
     material = predictor.material
     variable = VARIABLES.get(term.effect.name, "everywhere")
+    if term.effect.name == "temperature_drift" and mean_oil_c(material) is not None:
+        variable = "oil_temperature"
     number = material.channels.index(channel)
     rows = (material.channel == number) & training.mask
     if variable not in SIGNALS:

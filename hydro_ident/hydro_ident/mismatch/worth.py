@@ -8,15 +8,22 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.precision import least_unconfirmed, measured_size
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
-from hydro_ident.mismatch.settings import ADDED_SHARE, LEAST_CYCLES, LEAST_EXCESS, PRECISION
+from hydro_ident.mismatch.settings import (
+    ADDED_SHARE,
+    LEAST_CYCLES,
+    LEAST_EXCESS,
+    LEAST_SHARE_UNCONFIRMED,
+    PRECISION,
+)
+from hydro_ident.mismatch.stepping import LAGS
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 
-#: Effects that, where small, are a delay of a valve's signal or of its flow.
-_LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
 #: Share of an effect's gain from which a mere delay says the same.
 _SAME_AS_DELAY = 0.9
 
@@ -47,12 +54,29 @@ def worth(
     channel = material.channel[mask]
     acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
     share = max(
-        float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / _size(training, start, k)
+        float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / measured_size(training, start.model, k)
         for k in acting
     )
     if share < PRECISION:
         return False
+    if _begins(candidate.entry.trial.active):
+        # No other recording has the same instant, and sensors that drift step a little, too.
+        left = current.residual[mask]
+        if not any(
+            np.sum(fresh[channel == k] ** 2)
+            >= LEAST_SHARE_UNCONFIRMED * np.sum(left[channel == k] ** 2)
+            and rms(fresh[channel == k]) >= least_unconfirmed(training, start.model, k)
+            for k in acting
+        ):
+            return False
     return candidate.value >= ADDED_SHARE**2 * _explained(training, current, bench, acting)
+
+
+def _begins(one: ActiveEffect) -> bool:
+    """Whether an effect begins at an instant within the recording."""
+    specs = one.effect.parameters
+    at = [k for k, spec in enumerate(specs) if spec.name == one.effect.start]
+    return any(one.parameters[k] != specs[k].default for k in at)
 
 
 def resolved(training: Training, without: Fitted, one: Contender) -> bool:
@@ -71,10 +95,37 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     if term.effect.name == DELAY:
         excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
         return bool(excess >= LEAST_EXCESS * cycle_s)
-    if term.effect.name not in _LAGS:
+    if term.effect.name not in LAGS:
         return True
     gain, shift_s = _as_delay(training, without, term)
-    return gain < _SAME_AS_DELAY * one.gain or abs(shift_s) >= LEAST_EXCESS * cycle_s
+    late_s = shift_s
+    if term.cylinder is not None:
+        late_s += without.model.delays_s[term.cylinder] - cycle_s
+    excess_s = max(abs(shift_s), late_s)
+    return gain < _SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
+
+
+def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float:
+    """Sum of squares, in units of the noise, of the delay that a base has where a lag is tried.
+
+    What a lag adds to it is a part of one and the same: laws of it differ by their forms as a
+    whole.
+
+    Parameters
+    ----------
+    training : Training
+    without : Fitted
+        The model that the lag is added to.
+    term : ActiveEffect
+    """
+    predictor = training.predictor
+    at = predictor.delay_columns.get(-1 if term.cylinder is None else term.cylinder)
+    if term.effect.name not in LAGS or at is None or term.cylinder is None:
+        return 0.0
+    _, base = predictor.base(without.model)
+    late = base[:, at] * without.model.delays_s[term.cylinder]
+    rest = np.delete(without.columns, at, axis=1)
+    return float(np.sum(training.bench(without.bench.noise, late, rest).residual ** 2))
 
 
 def _as_delay(training: Training, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
@@ -105,10 +156,3 @@ def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequen
         if any(column[material.channel == k].any() for k in acting):
             total += float(np.sum(alone.beyond(column[training.mask][:, None]) ** 2))
     return total
-
-
-def _size(training: Training, start: Fitted, channel: int) -> float:
-    material = training.predictor.material
-    y, _ = training.predictor.base(start.model)
-    values = y[(material.channel == channel) & training.mask]
-    return float(np.sqrt(np.mean(values**2))) or 1.0

@@ -73,6 +73,7 @@ def signal_rows(
     qdd: ArrayLike | None = None,
     pressures: ArrayLike | None = None,
     valve_signal: ArrayLike | None = None,
+    oil_c: ArrayLike | None = None,
 ) -> FloatArray:
     """Signals of one cylinder, or of a joint without one, over N samples.
 
@@ -90,6 +91,8 @@ def signal_rows(
         Gauge pressures of chambers A and B, supply and tank, Pa.
     valve_signal : (N,) array, optional
         As the effects on it left it: the flows of the edges are those at this signal.
+    oil_c : (N,) array, optional
+        Oil temperature, deg C.
 
     Returns
     -------
@@ -103,6 +106,8 @@ def signal_rows(
     ).items():
         s[:, index] = value
     s[:, sig.TIME] = times
+    if oil_c is not None:
+        s[:, sig.OIL_TEMPERATURE] = oil_c
     _fill_motion(s, robot, cylinder, joint, position, qd, qdd)
     set_tip(s, robot, joint, position)
     if cylinder is None:

@@ -1,0 +1,54 @@
+"""How well a channel is known at all: what is smaller is no finding, however significant."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.prediction import Model
+from hydro_ident.mismatch.settings import PRECISION_UNCONFIRMED
+from hydro_ident.mismatch.training import Training
+
+#: Slow drift of a pressure transducer as a share of its range, that of a kelvin's change: usual
+#: ones are compensated to 0.01 to 0.04 % of the range per kelvin.
+DRIFT = 2.0e-4
+
+
+def measured_size(training: Training, model: Model, channel: int) -> float:
+    """Root mean square of what a channel measures on the training rows, in its unit."""
+    material = training.predictor.material
+    y, _ = training.predictor.base(model)
+    values = y[(material.channel == channel) & training.mask]
+    return float(np.sqrt(np.mean(values**2))) or 1.0
+
+
+def least_unconfirmed(training: Training, model: Model, channel: int) -> float:
+    """Size below which nothing counts that no other recording can confirm, in a channel's unit.
+
+    Parameters
+    ----------
+    training : Training
+    model : Model
+    channel : int
+    """
+    least = PRECISION_UNCONFIRMED * measured_size(training, model, channel)
+    return max(least, drift_of(training.predictor.material, channel))
+
+
+def drift_of(material: Material, channel: int) -> float:
+    """What slowly drifting transducers make of a channel, in its unit; 0 where it has none.
+
+    Parameters
+    ----------
+    material : Material
+    channel : int
+    """
+    robot = material.robot
+    if material.is_flow(channel) or material.forces.torque:
+        return 0.0
+    joint = robot.joint_names[material.joint_of(channel)]
+    drift_pa = DRIFT * robot.sensors.pressure_range_pa
+    areas = [(c.area_a_m2, c.area_b_m2) for c in robot.cylinders if c.joint == joint]
+    return max((drift_pa * math.hypot(*pair) for pair in areas), default=0.0)

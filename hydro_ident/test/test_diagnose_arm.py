@@ -1,0 +1,150 @@
+"""A robot without cylinders whose joint torques are measured: pinocchio is the machine."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.commands.diagnose import run as diagnose
+
+pin = pytest.importorskip("pinocchio")
+
+JOINTS = ("shoulder", "elbow")
+STEP_S, TORQUE_NOISE, COUNT_RAD = 0.002, (0.2, 0.1), 2.0 * np.pi / 2**19
+ROTOR, COULOMB, SHARE = 0.4, 6.0, 0.12
+VISCOUS = (4.0, 2.5)
+
+_LINK = """
+  <link name="{name}"><inertial><origin xyz="{x} 0 {z}"/><mass value="{m}"/>
+    <inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+"""
+_JOINT = """
+  <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{x} 0 0"/><axis xyz="0 -1 0"/><dynamics damping="{damping}"/>
+    <limit lower="-3" upper="3" effort="200" velocity="5"/></joint>
+"""
+_ROBOT = """
+robot: arm
+urdf: arm.urdf
+tip_link: tip_link
+sensors: {rate_hz: 500, encoder: {counts_per_rev: 524288}}
+"""
+
+
+def _urdf(scale: float, damping: tuple[float, float]) -> str:
+    """The arm of the datasheet; its bodies scaled."""
+    return (
+        '<robot name="arm"><link name="base_link"/>'
+        + _JOINT.format(
+            name="shoulder", parent="base_link", child="upper", x=0.0, damping=damping[0]
+        )
+        + _LINK.format(name="upper", x=0.3, z=0.02 * scale, m=9.0 * scale, i=0.5 * scale)
+        + _JOINT.format(name="elbow", parent="upper", child="fore", x=0.6, damping=damping[1])
+        + _LINK.format(name="fore", x=0.25, z=-0.01, m=6.0 / scale, i=0.25 * scale)
+        + '<joint name="end" type="fixed"><parent link="fore"/><child link="tip_link"/>'
+        '<origin xyz="0.5 0 0"/></joint><link name="tip_link"/></robot>'
+    )
+
+
+@pytest.fixture(scope="module")
+def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "arm.urdf").write_text(_urdf(1.0, (3.0, 3.0)))
+    (folder / "arm.hydraulics.yaml").write_text(_ROBOT)
+    return folder / "arm.hydraulics.yaml"
+
+
+def _motion(seconds: float, seed: int) -> tuple[np.ndarray, ...]:
+    """Positions, velocities and accelerations of sums of sines, (N, 2) each."""
+    rng, time = np.random.default_rng(seed), STEP_S * np.arange(round(seconds / STEP_S))
+    omega = 2.0 * np.pi * np.array([0.11, 0.23, 0.41, 0.67, 1.03])
+    phase = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
+    size = rng.uniform(0.5, 1.0, (2, 5)) * np.array([0.5, 0.35, 0.2, 0.12, 0.08])
+    angle = omega[:, None] * time + phase[..., None]
+    waves = size[..., None] * np.stack(
+        [np.sin(angle), omega[:, None] * np.cos(angle), -(omega[:, None] ** 2) * np.sin(angle)]
+    )
+    q, qd, qdd = waves.sum(axis=2).transpose(0, 2, 1)
+    return q + np.array([0.4, -0.8]), qd, qdd
+
+
+def _torque(
+    q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, effects: tuple[str, ...]
+) -> np.ndarray:
+    """What the drives ask of the joints, (N, 2)."""
+    model = pin.buildModelFromXML(_urdf(1.15, VISCOUS))
+    data = model.createData()
+    torque = np.array([pin.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])
+    torque += np.array(VISCOUS) * qd
+    if "rotor" in effects:
+        torque[:, 1] += ROTOR * qdd[:, 1]
+    if "coulomb" in effects:
+        torque[:, 0] += COULOMB * qd[:, 0] / np.hypot(qd[:, 0], 2e-3)
+    if "gear" in effects:
+        # Of the drive's torque a share is lost: it needs to be that much larger, or smaller.
+        loss = SHARE * np.sign(qd[:, 0]) * np.sign(torque[:, 0])
+        torque[:, 0] /= 1.0 - loss
+    return torque
+
+
+@pytest.fixture
+def diagnosed(
+    robot_file: Path, write_bag: Callable[..., Path], tmp_path: Path
+) -> Callable[..., dict[str, Any]]:
+    """What is told of the arm with some effects, by two recordings of it."""
+
+    def run(*effects: str) -> dict[str, Any]:
+        bags = []
+        for name, seconds, seed in (("train", 40.0, 1), ("check", 25.0, 2)):
+            q, qd, qdd = _motion(seconds, seed)
+            rng = np.random.default_rng(10 + seed)
+            torque = _torque(q, qd, qdd, effects)
+            torque += rng.normal(size=q.shape) * TORQUE_NOISE
+            seen = COUNT_RAD * np.round(q / COUNT_RAD)
+            columns = {"/joint_states": (JOINTS, {"position": seen, "effort": torque})}
+            bags.append(str(write_bag(columns, name=name)))
+        out = tmp_path / "out"
+        arguments = [bags[0], "--robot", str(robot_file), "--validate", bags[1], "--out", str(out)]
+        assert diagnose(arguments) == 0
+        found: dict[str, Any] = json.loads((out / "result.json").read_text())
+        return found
+
+    return run
+
+
+def _named(found: dict[str, Any]) -> dict[tuple[str, str], float]:
+    """Size of every finding that one name stands for, by channel and name."""
+    assert all(len(f["names"]) == 1 for f in found["findings"])
+    return {(f["channel"], f["names"][0]): f["parameters"][0]["value"] for f in found["findings"]}
+
+
+def test_an_arm_that_is_its_description_matches(diagnosed: Callable[..., dict[str, Any]]) -> None:
+    """Bodies and viscous friction off the file are no finding; what is left is sensor noise."""
+    found = diagnosed()
+    assert (found["verdict"], found["findings"], found["unexplained"]) == ("matches", [], [])
+    assert set(found["channels"]) == {"shoulder/torque", "elbow/torque"}
+    for channel in found["channels"].values():
+        assert channel["rmse_before"] == pytest.approx(channel["noise_floor"], rel=0.15)
+
+
+def test_a_rotor_and_dry_friction_are_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
+    found = diagnosed("rotor", "coulomb")
+    assert found["verdict"] == "explained"
+    assert _named(found) == {
+        ("elbow/torque", "rotor_inertia"): pytest.approx(ROTOR, rel=0.05),
+        ("shoulder/torque", "coulomb_friction"): pytest.approx(COULOMB, rel=0.05),
+    }
+    for channel in found["channels"].values():
+        assert channel["rmse_after"] == pytest.approx(channel["noise_floor"], rel=0.3)
+
+
+def test_a_gear_that_rubs_under_load_is_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
+    found = diagnosed("gear")
+    assert _named(found) == {
+        ("shoulder/torque", "load_dependent_friction"): pytest.approx(SHARE, rel=0.05)
+    }
