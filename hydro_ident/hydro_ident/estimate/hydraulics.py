@@ -12,13 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
 from hydro_ident.estimate.closed_chain import HeldPart
-from hydro_ident.estimate.delay import Solve, fit_delay
+from hydro_ident.estimate.delay import FittedChamber, Solve, fit_delay
 from hydro_ident.estimate.flow_moments import ExtraColumns, FlowGatherer, Select
 from hydro_ident.estimate.least_squares import Fit
 from hydro_ident.estimate.regression import solve_wls
+from hydro_ident.estimate.shared_parameters import chambers_to_cylinder
 from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import FloatArray, Robot
 
@@ -173,34 +175,25 @@ def hydraulic_fit(
     if found is None:
         return None
     by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}
-    fits = [ChamberFit(by_name[n], one.names, one.fit) for n, one in found.chambers.items()]
+    fitted = [(by_name[name], one) for name, one in found.chambers.items()]
     cylinders = tuple(
-        _combine([f for f in fits if f.chamber.index == index])
-        for index in sorted({f.chamber.index for f in fits})
+        _combine([(chamber, one) for chamber, one in fitted if chamber.index == index])
+        for index in sorted({chamber.index for chamber, _ in fitted})
     )
     return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s)
 
 
-def _combine(fits: Sequence[ChamberFit]) -> CylinderFit:
+def _combine(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
     """Merge chambers: parameters of the same name are one, weighted by their information."""
+    fits = [ChamberFit(chamber, one.names, one.fit) for chamber, one in fitted]
     names = tuple(dict.fromkeys(name for f in fits for name in f.names))
     order = sorted(names, key=lambda n: (n != INVERSE_BULK, not n.startswith("c_")))
-    information = np.zeros((len(order), len(order)))
-    weighted = np.zeros(len(order))
-    scale = np.array([max(_magnitudes(fits, name)) for name in order])
-    collinear = np.zeros(len(order))
-    for f in fits:
-        at = np.array([order.index(name) for name in f.names])
-        size = scale[at]
-        inverse = np.linalg.pinv(
-            f.fit.covariance / np.outer(size, size), rcond=1e-15, hermitian=True
-        )
-        information[np.ix_(at, at)] += inverse
-        weighted[at] += inverse @ (f.fit.theta / size)
-        collinear[at] = np.maximum(collinear[at], f.fit.collinearity)
-    covariance = np.linalg.pinv(information, rcond=1e-15, hermitian=True)
-    theta = np.asarray(covariance @ weighted * scale, dtype=float)
-    covariance = covariance * np.outer(scale, scale)
+    path = chambers_to_cylinder([one for _, one in fitted], order)
+    theta = path @ np.concatenate([f.fit.theta for f in fits])
+    covariance = path @ block_diag(*(f.fit.covariance for f in fits)) @ path.T
+    collinear = np.array(
+        [max(f.fit.collinearity[f.names.index(n)] for f in fits if n in f.names) for n in order]
+    )
     std = np.sqrt(np.diag(covariance))
     # Edges and bulk modulus cannot be zero; what an effect adds may well be.
     known = tuple(
@@ -208,12 +201,12 @@ def _combine(fits: Sequence[ChamberFit]) -> CylinderFit:
         for name, c, s, v in zip(order, collinear, std, theta, strict=True)
     )
     chamber = fits[0].chamber
-    values = dict(zip(order, theta, strict=True))
+    values = dict(zip(order, theta.tolist(), strict=True))
     return CylinderFit(
         chamber.cylinder.name,
         chamber.valve.name,
         tuple(order),
-        theta,
+        np.asarray(theta, dtype=float),
         np.asarray(covariance, dtype=float),
         known,
         _reason(values, dict(zip(order, known, strict=True)), len(fits)),
@@ -236,15 +229,6 @@ def _combined_dof(fits: Sequence[ChamberFit], order: Sequence[str]) -> FloatArra
 
 def _essential(name: str) -> bool:
     return name == INVERSE_BULK or name.startswith("c_")
-
-
-def _magnitudes(fits: Sequence[ChamberFit], name: str) -> list[float]:
-    values = [
-        float(max(abs(f.fit.theta[f.names.index(name)]), f.fit.std[f.names.index(name)]))
-        for f in fits
-        if name in f.names
-    ]
-    return [v if v > 0.0 else 1.0 for v in values]
 
 
 def _reason(values: Mapping[str, float], known: Mapping[str, bool], chambers: int) -> str:

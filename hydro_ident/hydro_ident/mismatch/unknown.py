@@ -37,6 +37,8 @@ _WORDS = {
     "velocity": " times the piston's velocity",
     "velocity_squared": " times the square of the piston's velocity",
 }
+#: Periods of time from which a mere offset repeats: fewer are a drift that came and went.
+_REPEATS = 5.0
 _HINT = "; a position sensor off its centre, whose error repeats, acts so"
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
@@ -84,17 +86,19 @@ class NotTestable:
     why: str
 
 
-def least_share(one: Dependence) -> float:
-    """Share of the residual from which a dependence counts.
+def wanders(one: Dependence, longest_s: float) -> bool:
+    """Whether a dependence is one on time that does not repeat, or hardly.
 
     What wanders with time does so otherwise in other recordings: they cannot confirm it.
+
+    Parameters
+    ----------
+    one : Dependence
+    longest_s : float
+        Of the recordings.
     """
-    return LEAST_SHARE_UNCONFIRMED if wanders(one) else LEAST_SHARE
-
-
-def wanders(one: Dependence) -> bool:
-    """Whether a dependence is one on time that does not repeat."""
-    return one.variable == "time" and not one.period
+    slow = not one.times and one.period > longest_s / _REPEATS
+    return one.variable == "time" and (slow or not one.period)
 
 
 def unexplained(
@@ -116,6 +120,7 @@ def unexplained(
         Whether a dependence is there on rows that took no part.
     """
     material = training.predictor.material
+    longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
     result: dict[int, Unexplained] = {}
     channels = range(len(material.channels))
     least = {
@@ -125,7 +130,9 @@ def unexplained(
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
             continue
-        if one.share < least_share(one) or one.size < least[wanders(one)][one.channel]:
+        slow = wanders(one, longest_s)
+        least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
+        if one.share < least_share or one.size < least[slow][one.channel]:
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)

@@ -124,7 +124,8 @@ def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float
         return 0.0
     _, base = predictor.base(without.model)
     late = base[:, at] * without.model.delays_s[term.cylinder]
-    rest = np.delete(without.columns, at, axis=1)
+    rest = without.columns.copy()
+    rest[:, at] = 0.0
     return float(np.sum(training.bench(without.bench.noise, late, rest).residual ** 2))
 
 
