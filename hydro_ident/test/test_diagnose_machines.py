@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
@@ -82,3 +83,51 @@ def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnos
     found = diagnosed(EffectSpec("tank_back_pressure", "xs031", rail))
     assert [f.named.names[0] for f in found.findings] == ["tank_back_pressure"]
     assert found.findings[0].named.term.parameters[0] == pytest.approx(3e11, rel=0.03)
+
+
+@pytest.mark.parametrize("recorded", [True, False])
+def test_oil_that_thins_out_is_told_by_its_temperature(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]], recorded: bool
+) -> None:
+    """Recorded, the temperature says what else only time could."""
+    true_crane, simulated_run = make_run
+    viscous, rise_k, tau_s, at_first_c = 3.0e4, 24.0, 8.0, 31.0
+    warming = {"viscous": viscous, "rise": rise_k, "time_constant": tau_s}
+    truth = replace(
+        true_crane(), effects=(EffectSpec("temperature_drift", "lift_cylinder", warming),)
+    )
+    bags = []
+    for name, seconds, seed in (("train", 30.0, 0), ("check", 20.0, 3)):
+        bag = simulated_run(truth, seconds, seed=seed).recording(name)
+        if recorded:
+            stamps = bag.stamp_ns[::500]
+            since_s = (stamps - stamps[0]) * 1e-9
+            oil_c = at_first_c + rise_k * (1.0 - np.exp(-since_s / tau_s))
+            bag = replace(bag, temperature_stamp_ns=stamps, temperature_c=oil_c)
+        bags.append(bag)
+    found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
+    (one,) = found.findings
+    assert (one.named.names, one.channels[0]) == (("temperature_drift",), "lift/force")
+    variable = finding_dict(found, one)["where"]["variable"]
+    assert variable == ("oil_temperature" if recorded else "time")
+    if recorded:
+        b, halving, rise, _, reference = one.named.term.parameters
+        expected = viscous * 2.0 ** (-(reference - at_first_c) / 17.5)
+        assert rise == 0.0
+        assert (b, halving) == (pytest.approx(expected, rel=0.05), pytest.approx(17.5, rel=0.05))
+
+
+def test_transducers_that_drift_a_little_are_no_payload(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+) -> None:
+    """Offsets that come and go within 0.02 % of the range: no event, and nothing unknown."""
+    true_crane, simulated_run = make_run
+    bags = []
+    for name, seconds, seed in (("train", 40.0, 0), ("check", 25.0, 3)):
+        run = simulated_run(true_crane(), seconds, seed=seed)
+        time = 0.002 * np.arange(len(run.q))
+        wander = 3.0e3 * np.sin(time[:, None] / 6.0 + np.array([1.0, 2.0]))
+        run = replace(run, p_a=run.p_a + wander, p_b=run.p_b - wander)
+        bags.append(run.recording(name))
+    found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
+    assert (found.verdict, found.findings, found.unexplained) == ("matches", (), ())

@@ -10,8 +10,11 @@ import pytest
 from scipy.signal import lsim
 
 from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
+from hydro_ident.estimate.delay import fit_delay
+from hydro_ident.estimate.flow_moments import FlowGatherer
 from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
 from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.shared_parameters import chambers_to_cylinder
 from hydro_ident.estimate.summed_flow import SummedComparison, SummedFlow, summed_dict
 from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import EffectSpec, Robot
@@ -131,6 +134,34 @@ def test_each_chamber_alone_gives_the_same_bulk_modulus(robot: Robot) -> None:
     (lift,) = _fit(robot, 0.001).cylinders
     for chamber in lift.chambers:
         assert 1.0 / chamber.fit.theta[0] == pytest.approx(BULK, rel=1e-3)
+
+
+def test_what_a_chamber_has_alone_follows_its_rows(robot: Robot) -> None:
+    """However sure its errors' covariance is of a direction: as least squares say."""
+    time = np.arange(0.0, 6.0, H)
+    u = _signal(robot, time)
+    # Later than a base may be: the two chambers do not agree on the oil.
+    p_a, p_b = (_chamber(side, robot, time, u, 0.0035) for side in "ab")
+    gathered = FlowGatherer(robot, "late", WindowSettings())
+    gathered.add(_trace(robot, u, time, p_a, p_b))
+    found = fit_delay(robot, [gathered], WindowSettings())
+    assert found is not None
+    order = ["inverse_bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb"]
+    chambers = []
+    for one in found.chambers.values():
+        along = one.fit.theta * np.array([1.0, -0.5, 0.5])
+        covariance = one.fit.covariance + np.outer(along, along) * 0.01
+        chambers.append(replace(one, fit=replace(one.fit, covariance=covariance)))
+    path = chambers_to_cylinder(chambers, order)
+    both = path @ np.concatenate([one.fit.theta for one in chambers])
+    alone = sorted(one.fit.theta[0] for one in chambers)
+    assert alone[0] < both[0] < alone[1]
+    for one in chambers:
+        x, y = (rows[0] for rows in one.blocks.rows)
+        size = np.linalg.norm(x, axis=0)
+        expected = np.linalg.lstsq(x[:, 1:] / size[1:], y - both[0] * x[:, 0])[0] / size[1:]
+        edges = [both[order.index(name)] for name in one.names[1:]]
+        np.testing.assert_allclose(edges, expected, rtol=1e-9)
 
 
 def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot) -> None:

@@ -8,7 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch import residuals
 from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis_file import as_modelled
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.outcome import UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
@@ -16,7 +19,10 @@ from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.diagnosis_views import law_views
 from hydro_ident.report.law_section import LawView
 from hydro_model.robot import EffectSpec, FloatArray, Robot
+from hydro_model.robot_files import load_robot
 
+#: Name, length in s and seed of two runs of a machine.
+RUNS = (("train", 40.0, 0), ("check", 15.0, 3))
 DEADBAND = EffectSpec("valve_deadband", "tilt_valve", {"width": 0.02})
 
 
@@ -80,3 +86,27 @@ def test_what_the_base_swallows_of_a_law_is_not_drawn(
     (more,) = drawn(sticking, [replace(d, coefficients=d.coefficients + large * d.knots)])
     assert rms(more.law) < 1.1 * rms(more.residual)
     assert more.law == pytest.approx(alone.law, abs=1e-2 * rms(alone.law))
+
+
+def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_on(
+    make_run: tuple[Callable[..., Robot], Callable[..., object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Long recordings are searched in parts: of fewer rows than are fitted in the end."""
+    monkeypatch.setattr(residuals, "LONGEST_SCAN_S", 20.0)
+    true_crane, simulated_run = make_run
+    bristle = EffectSpec("presliding_friction", "lift_cylinder", {"force": 3e3, "distance": 4e-5})
+    truth = replace(true_crane(), effects=(bristle,))
+    bags = [simulated_run(truth, seconds, seed=s).recording(n) for n, seconds, s in RUNS]
+    found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
+    assert found.work is not None
+    assert found.work.scan.mask.size < found.work.training.mask.size
+    (one,) = found.findings
+    other = next(c for c in one.named.tried if c.term.effect.name == "coulomb_friction")
+    named = replace(one.named, contenders=(other,), tried=(other,), probability=(1.0,))
+    instead = replace(one, named=named)
+    assert as_modelled(found, instead)[0] is not found.whole
+    (view,) = law_views(replace(found, findings=(instead,)))
+    assert view.law is not None
+    assert view.left is not None
+    assert view.x.shape == view.residual.shape == view.law.shape
+    assert rms(view.left) < 0.3 * rms(view.residual)

@@ -17,11 +17,13 @@ from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
     bounded_bodies,
+    bounded_tilt,
     instants_of,
     mean_oil_c,
     pilots,
     quantiles,
     rubbing,
+    tilts,
     visited,
 )
 from hydro_ident.mismatch.prediction import Model, Predictor
@@ -151,6 +153,8 @@ def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
     ]
     if effect.name == "cylinder_inertia":
         result = [bounded_bodies(robot, one) for one in result]
+    if effect.name == "base_tilt":
+        result = [bounded_tilt(robot, one) for one in result]
     if effect.shared:
         everywhere = ActiveEffect(effect, None, effect.typical.copy(), target=robot.name)
         result.append(replace(everywhere, index=EVERY_CHAMBER))
@@ -163,6 +167,8 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
     shape = [i for i in range(len(effect.parameters)) if i not in linear]
     if effect.name == "counterbalance_valve":
         chosen = pilots(predictor, model, one)
+    elif effect.name == "base_tilt":
+        chosen = tilts(one)
     elif effect.name == "position_dependent_friction":
         scales = _grid(predictor, model, one, effect.parameters[shape[0]])
         begin, end = visited(predictor, model, one)

@@ -11,7 +11,8 @@ from hydro_ident.estimate.closed_chain import LARGEST_SHARE, steel_masses
 from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_model.effects.catalogue import ActiveEffect
+from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
+from hydro_model.kinematics import link_frames
 from hydro_model.robot import Robot
 from hydro_model.signals import (
     PISTON_POSITION,
@@ -27,6 +28,8 @@ FURTHER_FACTORS = (0.4, 1.0, 2.5)
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 #: Instants tried for something that begins within a recording: one every so often, in s.
 INSTANT_S, MOST_INSTANTS = 2.0, 60
+#: Sine of an angle from which axes are not parallel.
+_PARALLEL = 1.0e-3
 #: Share of positions, at either end, that are too lone to put a station at.
 _LONE = 0.005
 
@@ -84,6 +87,36 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
         for spec, mass_kg in zip(one.effect.parameters, steel, strict=True)
     )
     return replace(one, effect=replace(one.effect, parameters=specs))
+
+
+def bounded_tilt(robot: Robot, one: ActiveEffect) -> ActiveEffect:
+    """A tilt of the base of which only what turns gravity about the joints' axes is free.
+
+    Of a planar machine the other part does nothing but scale gravity by its cosine, and would
+    take whatever else does that.
+    """
+    _, turns = link_frames(robot, np.zeros(robot.dof))
+    axes = np.array([turn @ joint.axis for turn, joint in zip(turns, robot.joints, strict=True)])
+    planar = np.linalg.norm(np.cross(axes[0], axes), axis=1).max() < _PARALLEL
+    shown = np.abs(axes[0][:2]) >= _PARALLEL
+    if not planar or not shown.any():
+        return one
+    specs = tuple(
+        spec if shows else replace(spec, lower=0.0, upper=0.0)
+        for spec, shows in zip(one.effect.parameters, shown.tolist(), strict=True)
+    )
+    return replace(one, effect=replace(one.effect, parameters=specs))
+
+
+def tilts(one: ActiveEffect) -> list[tuple[float, ...]]:
+    """Tilts to either side of every direction that is free, (roll, pitch)."""
+    roll, pitch = one.effect.parameters
+    size = CATALOGUE[one.effect.name].parameters[1].typical
+    if roll.lower == roll.upper:
+        return [(0.0, size)]
+    if pitch.lower == pitch.upper:
+        return [(size, 0.0)]
+    return [(0.0, size), (size, size), (-size, size), (size, 0.0)]
 
 
 def instants_of(material: Material) -> list[float]:

@@ -171,7 +171,10 @@ def _listed_delay(model: Model) -> bool:
 
 def is_free(term: ActiveEffect, index: int) -> bool:
     """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
-    name = term.effect.parameters[index].name
+    spec = term.effect.parameters[index]
+    name = spec.name
+    if spec.lower == spec.upper:
+        return False
     if name in WAYS and BEND in term.effect.parameters:
         bends = bool(term.parameters[term.effect.parameters.index(BEND)] > 0.0)
         return bends == (name == BEND.name)

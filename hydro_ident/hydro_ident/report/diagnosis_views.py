@@ -13,6 +13,7 @@ from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factors_of, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
@@ -65,7 +66,7 @@ def law_views(found: Diagnosis) -> list[LawView]:
     """Findings, then what is left unexplained; without either, the strongest dependences."""
     if found.work is None or found.whole is None:
         return []
-    views = [_finding_view(found, found.work.training, one) for one in found.findings]
+    views = [_finding_view(found, found.work, one) for one in found.findings]
     views += [
         _dependence_view(found.work.training, found.whole, one.dependence, unit_text(one.text))
         for one in found.unexplained
@@ -88,8 +89,10 @@ def law_views(found: Diagnosis) -> list[LawView]:
     ]
 
 
-def _finding_view(found: Diagnosis, training: Training, one: Finding) -> LawView:
+def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
     fitted, term = as_modelled(found, one)
+    # A law that another stands for in the model was weighed on the rows that were searched.
+    training = work.training if fitted is found.whole else work.scan
     data = finding_dict(found, one)
     predictor, mask = training.predictor, training.mask
     channel = predictor.material.channels.index(data["channel"])
