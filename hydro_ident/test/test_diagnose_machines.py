@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.diagnosis_file import finding_dict
@@ -117,17 +118,22 @@ def test_oil_that_thins_out_is_told_by_its_temperature(
         assert (b, halving) == (pytest.approx(expected, rel=0.05), pytest.approx(17.5, rel=0.05))
 
 
-def test_transducers_that_drift_a_little_are_no_payload(
-    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+@pytest.mark.parametrize("seed", [1, 2])
+def test_transducers_that_wander_slowly_are_no_finding(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]], seed: int
 ) -> None:
-    """Offsets that come and go within 0.02 % of the range: no event, and nothing unknown."""
+    """Offsets of 0.02 % of the range that come and go over seconds: no event, no line of time."""
     true_crane, simulated_run = make_run
+    rng, kept = np.random.default_rng(seed), np.exp(-0.002 / 8.0)
+
+    def wander(like: Any) -> Any:
+        steps = rng.normal(size=like.shape) * np.sqrt(1.0 - kept**2)
+        return 5.0e3 * lfilter([1.0], [1.0, -kept], steps, axis=0)
+
     bags = []
-    for name, seconds, seed in (("train", 40.0, 0), ("check", 25.0, 3)):
-        run = simulated_run(true_crane(), seconds, seed=seed)
-        time = 0.002 * np.arange(len(run.q))
-        wander = 3.0e3 * np.sin(time[:, None] / 6.0 + np.array([1.0, 2.0]))
-        run = replace(run, p_a=run.p_a + wander, p_b=run.p_b - wander)
+    for name, seconds, motion in (("train", 40.0, 0), ("check", 25.0, 3)):
+        run = simulated_run(true_crane(), seconds, seed=motion)
+        run = replace(run, p_a=run.p_a + wander(run.p_a), p_b=run.p_b + wander(run.p_b))
         bags.append(run.recording(name))
     found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
-    assert (found.verdict, found.findings, found.unexplained) == ("matches", (), ())
+    assert (found.findings, found.unexplained) == ((), ())

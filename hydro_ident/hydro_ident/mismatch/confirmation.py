@@ -29,7 +29,7 @@ _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: The same for a name that held-out rows do not exercise: less than this is its law's own form.
 _BESIDE_SILENT = 0.1
 #: Rmse of a channel over its noise floor from which such a name stands for none of what is left.
-_FAR = 10.0
+FAR = 10.0
 #: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
 _CLEARLY_WORSE = 1.2
 #: Searches, each without what the ones before named and held-out rows did not confirm.
@@ -214,7 +214,7 @@ def _far_from_floor(work: Residuals, whole: Fitted, channel: str) -> bool:
     material, mask = work.training.predictor.material, work.training.mask
     own = mask & (material.channel == material.channels.index(channel))
     floor = work.noise_floors().get(channel, np.inf)
-    return bool(rms(whole.residual[own]) > _FAR * floor)
+    return bool(rms(whole.residual[own]) > FAR * floor)
 
 
 def _variable(finding: Finding) -> str:

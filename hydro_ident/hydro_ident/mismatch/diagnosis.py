@@ -11,7 +11,7 @@ from hydro_ident.free_run import free_run
 from hydro_ident.mismatch.causes import one_per_cause
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.confirmation import searched, withdrawn
+from hydro_ident.mismatch.confirmation import FAR, searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -49,6 +49,8 @@ _FEW = (
 
 #: What is left in a channel over its sensors' noise from which a note says so.
 _MUCH = 3.0
+#: Share of the error (rms) left by findings that explain less than is left.
+_HARDLY = 0.7
 #: Of a diagnosis, as `advance` counts them.
 _STAGES = 7
 
@@ -148,7 +150,9 @@ def _diagnosed(
     notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
     notes += _left_notes(channels)
     return Diagnosis(
-        _verdict(findings, [*rejected, *taken], unknown, few),
+        _verdict(
+            findings, [*rejected, *taken], unknown, few or _hardly_better(findings, channels)
+        ),
         work.robot,
         modelled.robot,
         tuple(one_per_cause(findings)),
@@ -252,14 +256,24 @@ def _channels(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelResu
     return tuple(result)
 
 
+def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:
+    """Whether more is left than was explained where something was found, far above the sensors."""
+    named = {name for finding in findings for name in finding.channels}
+    return any(
+        rms(c.measured - c.after) > max(_HARDLY * rms(c.measured - c.before), FAR * c.noise_floor)
+        for c in channels
+        if c.name in named
+    )
+
+
 def _verdict(
     findings: Sequence[Finding],
     rejected: Sequence[Finding],
     unknown: Sequence[Unexplained],
-    few: bool,
+    doubtful: bool,
 ) -> str:
     if findings:
-        doubts = unknown or few or any(f.verification.silent for f in findings)
+        doubts = unknown or doubtful or any(f.verification.silent for f in findings)
         return PARTLY if doubts else EXPLAINED
     if unknown:
         return UNKNOWN

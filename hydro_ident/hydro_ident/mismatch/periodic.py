@@ -3,7 +3,8 @@
 The whitened residual is transformed to wave numbers over each of these variables, alone and times
 the channel's factor. A line is a wave number whose power stands far above its neighbours'; their
 own power is the noise that it is held against (Thomson, Proc. IEEE 70 (1982) 1055, section XIII),
-so that nothing smooth in the spectrum counts, whatever made it.
+so that nothing smooth in the spectrum counts, whatever made it. The noise is a power of the wave
+number near it: that of what drifts is steep.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ _ROWS = 3.0
 _REACH, _NEAREST = 60, 4
 #: Strongest wave numbers that are looked at more closely, by either measure.
 _PEAKS = 4
-#: The median of a neighbour's power over its mean, for the exponential law; and how many
-#: independent neighbours a median over so many steps is worth.
-_MEDIAN, _WORTH = float(np.log(2.0)), 0.24
+#: Of the logarithm of a power over its mean, for the exponential law: less the mean (Euler's
+#: constant), and variance.
+_BELOW, _VARIANCE = float(np.euler_gamma), np.pi**2 / 6.0
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class Lines:
         """
         powers = self._found
         found: list[int] = []
-        for size in (powers, powers / _background(powers, np.arange(powers.size))):
+        background, _ = self._background(powers, np.arange(powers.size))
+        for size in (powers, powers / background):
             left = size.copy()
             for _ in range(_PEAKS):
                 best = int(np.argmax(left))
@@ -91,10 +93,31 @@ class Lines:
             The whitened residual without it: what its neighbours hold of it through gaps and
             pauses of the motion is not their own.
         """
-        ratio = self._found[number] / _background(self._powers(rest), np.array([number]))[0]
-        worth = _WORTH * 2.0 * (_REACH - _NEAREST)
+        background, worth = self._background(self._powers(rest), np.array([number]))
+        ratio = self._found[number] / background[0]
         # The tail of a power over the mean of so many others.
-        return float((1.0 + ratio / worth) ** -worth)
+        return float((1.0 + ratio / worth[0]) ** -worth[0])
+
+    def _background(
+        self, powers: FloatArray, at: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the neighbours of some wave numbers, by place, say of their power.
+
+        And how many independent powers it is worth: least squares of a straight line of the
+        logarithms over that of the wave number.
+        """
+        near = np.arange(-_REACH, _REACH + 1)
+        beside = at[:, None] + near[np.abs(near) > _NEAREST][None]
+        there = (beside >= 0) & (beside < powers.size)
+        beside = np.clip(beside, 0, powers.size - 1)
+        x = np.where(there, np.log(self.numbers[beside] / self.numbers[at][:, None]), 0.0)
+        y = np.where(there, np.log(np.maximum(powers[beside], 1e-300)), 0.0)
+        count, first, second = there.sum(axis=1), x.sum(axis=1), (x**2).sum(axis=1)
+        determinant = count * second - first**2
+        level = (second * y.sum(axis=1) - first * (x * y).sum(axis=1)) / determinant
+        # So many steps of the scan are independent.
+        variance = PER_PERIOD * _VARIANCE * second / determinant
+        return np.exp(level + _BELOW), 1.0 / variance
 
     @cached_property
     def _found(self) -> FloatArray:
@@ -154,15 +177,3 @@ def is_scanned(at: FloatArray) -> bool:
     `at` (N,) are the variable's values.
     """
     return wave_numbers(at).size >= 2 * _REACH
-
-
-def _background(
-    powers: FloatArray, numbers: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
-) -> FloatArray:
-    """What the neighbours of some wave numbers, by place, say of their power."""
-    near = np.arange(-_REACH, _REACH + 1)
-    near = near[np.abs(near) > _NEAREST]
-    # At the ends, neighbours of the inner side stand in.
-    at = np.abs(numbers[:, None] + near[None])
-    at = np.where(at >= powers.size, 2 * (powers.size - 1) - at, at)
-    return np.asarray(np.maximum(np.median(powers[at], axis=1) / _MEDIAN, 1e-300))

@@ -16,6 +16,7 @@ from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
     FORM_TOLERANCE,
+    LEAST_EXCESS,
     LEAST_SHARE,
     LEAST_SHARE_UNCONFIRMED,
     PRECISION_UNNAMED,
@@ -23,6 +24,7 @@ from hydro_ident.mismatch.settings import (
 from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.worth import SAME_AS_DELAY, mere_delay
 from hydro_model.effects.catalogue import CATALOGUE
 
 #: Deviations at which a candidate's size is as good as always found.
@@ -134,6 +136,8 @@ def unexplained(
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
         if one.share < least_share or one.size < least[slow][one.channel]:
             continue
+        if _mere_delay(training, fitted, one):
+            continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)
         unheard = there is None and one.variable != "time"
@@ -150,6 +154,14 @@ def unexplained(
             confirmed=bool(there),
         )  # fmt: skip
     return tuple(result[k] for k in sorted(result))
+
+
+def _mere_delay(training: Training, fitted: Fitted, one: Dependence) -> bool:
+    """Whether it is a delay of the commands too small to be a finding."""
+    if one.variable != "valve_rate" or not training.predictor.material.is_flow(one.channel):
+        return False
+    gain, shift_s = mere_delay(training, fitted, [one.channel])
+    return gain >= SAME_AS_DELAY * one.gain and abs(shift_s) < LEAST_EXCESS * training.cycle_s
 
 
 def _by_place(one: Dependence, found: Sequence[Dependence]) -> bool:

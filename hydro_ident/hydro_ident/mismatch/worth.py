@@ -25,7 +25,7 @@ from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 
 #: Share of an effect's gain from which a mere delay says the same.
-_SAME_AS_DELAY = 0.9
+SAME_AS_DELAY = 0.9
 
 
 def worth(
@@ -97,12 +97,15 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
         return bool(excess >= LEAST_EXCESS * cycle_s)
     if term.effect.name not in LAGS:
         return True
-    gain, shift_s = _as_delay(training, without, term)
+    channel = training.predictor.material.channel
+    column = training.predictor.contribution(without.model, term)
+    acting = [k for k in np.unique(channel).tolist() if column[channel == k].any()]
+    gain, shift_s = mere_delay(training, without, acting)
     late_s = shift_s
     if term.cylinder is not None:
         late_s += without.model.delays_s[term.cylinder] - cycle_s
     excess_s = max(abs(shift_s), late_s)
-    return gain < _SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
+    return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
 
 
 def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float:
@@ -129,15 +132,21 @@ def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float
     return float(np.sum(training.bench(without.bench.noise, late, rest).residual ** 2))
 
 
-def _as_delay(training: Training, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
-    """What a mere delay of the signals that an effect acts on gains, and the delay in s."""
+def mere_delay(
+    training: Training, without: Fitted, channels: Sequence[int]
+) -> tuple[float, float]:
+    """What a mere delay of all that commands do in some channels gains, and the delay in s.
+
+    Parameters
+    ----------
+    training : Training
+    without : Fitted
+    channels : sequence of int
+    """
     predictor, mask = training.predictor, training.mask
-    material = predictor.material
-    column = predictor.contribution(without.model, term)
-    acting = [k for k in np.unique(material.channel) if column[material.channel == k].any()]
     _, base = predictor.base(without.model)
     slopes = base[:, list(predictor.delay_columns.values())].sum(axis=1)
-    slope = slopes * np.isin(material.channel, acting)
+    slope = slopes * np.isin(predictor.material.channel, channels)
     own = without.bench.beyond(slope[mask][:, None])[:, 0]
     square, product = float(own @ own), float(own @ without.bench.residual)
     return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
