@@ -149,10 +149,9 @@ def _diagnosed(
     channels = _channels(work, whole, work.check)
     notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
     notes += _left_notes(channels)
+    doubtful = few or _hardly_better(findings, channels)
     return Diagnosis(
-        _verdict(
-            findings, [*rejected, *taken], unknown, few or _hardly_better(findings, channels)
-        ),
+        _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
         modelled.robot,
         tuple(one_per_cause(findings)),
