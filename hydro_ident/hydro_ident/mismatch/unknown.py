@@ -157,8 +157,8 @@ def unexplained(
 
 
 def _mere_delay(training: Training, fitted: Fitted, one: Dependence) -> bool:
-    """Whether it is a delay of the commands too small to be a finding."""
-    if one.variable != "valve_rate" or not training.predictor.material.is_flow(one.channel):
+    """Whether a delay of the commands that is too small to be a finding explains as much."""
+    if not training.predictor.material.is_flow(one.channel):
         return False
     gain, shift_s = mere_delay(training, fitted, [one.channel])
     return gain >= SAME_AS_DELAY * one.gain and abs(shift_s) < LEAST_EXCESS * training.cycle_s
