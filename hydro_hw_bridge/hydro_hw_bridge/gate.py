@@ -118,7 +118,6 @@ class Gate:
 
     def _wait(self) -> None:
         self.state, self.reason = GateState.WAITING, ""
-        self._command = self._zero
         self._ramp.reset()
 
     def trip(self, reason: str) -> None:

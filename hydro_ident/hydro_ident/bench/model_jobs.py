@@ -13,6 +13,7 @@ import numpy as np
 from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
 from hydro_ident.bench.job import Job, Row, against_limit, seconds_of
 from hydro_model.effects import CATALOGUE
+from hydro_model.effects.targets import targets
 from hydro_model.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
@@ -85,6 +86,7 @@ def with_every_effect(robot: Robot) -> Robot:
     specs = (
         EffectSpec(effect.name, robot.name, {p.name: p.typical for p in effect.parameters})
         for effect in CATALOGUE.values()
+        if targets(robot, effect)
     )
     return replace(robot, effects=tuple(specs))
 

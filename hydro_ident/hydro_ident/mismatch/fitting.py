@@ -9,7 +9,13 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import Model, Predictor, shapes
-from hydro_ident.mismatch.stepping import held_columns, is_free, moved, stepped
+from hydro_ident.mismatch.stepping import (
+    delays_beyond,
+    held_columns,
+    is_free,
+    moved,
+    stepped,
+)
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
@@ -86,7 +92,7 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     """
     current = _at(training, model, noise)
     for _ in range(passes):
-        step, factor, better = current.bench.solve(_reach(current)), 1.0, False
+        step, factor, better = _within_range(training, current), 1.0, False
         for _ in range(_HALVINGS):
             further = moved(training, current.model, factor * step)
             # A step is judged by the weights that it was found with.
@@ -171,6 +177,26 @@ def fit_term(
         if gained < _SETTLED * max(current.squares, 1.0):
             break
     return current
+
+
+def _within_range(training: Training, current: Fitted) -> FloatArray:
+    """A linear step; of a delay that would leave its range no further than to the end of that.
+
+    What else goes with a delay follows how far it really goes.
+    """
+    reach = _reach(current)
+    step = current.bench.solve(reach)
+    beyond = delays_beyond(training, current.model, step)
+    if not beyond:
+        return step
+    columns, residual = current.columns.copy(), current.residual.copy()
+    for at, change in beyond.items():
+        residual -= change * columns[:, at]
+        columns[:, at] = 0.0
+    step = training.bench(current.bench.noise, residual, columns, current.offset).solve(reach)
+    for at, change in beyond.items():
+        step[at] = change
+    return step
 
 
 def _reach(one: Fitted) -> FloatArray:

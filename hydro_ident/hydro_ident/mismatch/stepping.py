@@ -36,12 +36,9 @@ HELD = {
 }
 #: What a law turns around over: the one that is in use is fitted.
 WAYS = (BEND.name, VELOCITY_SCALE.name)
-#: Effects that, where small, are a delay of a valve's signal or of its flow.
-LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
-#: Cycles of command delay that are the base's own: one, and what is no finding yet beyond it; with
-#: a lag at the valve one, and what fits err by; exactly one where the effect of the same name is
-#: in the model.
-_CYCLES, _CYCLES_BESIDE_LAG = 1.0 + LEAST_EXCESS, 1.1
+#: Cycles of command delay that are the base's own: one, and what is no finding yet beyond it;
+#: exactly one where the effect of the same name is in the model.
+_CYCLES = 1.0 + LEAST_EXCESS
 #: A delay of less than this share of a cycle is none: a step to less is no step.
 _NO_DELAY = 0.05
 #: Steps of the delay below this change nothing that could be measured.
@@ -77,8 +74,7 @@ def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, 
     """Delays of the valves after a step, of up to a cycle and what fits err by."""
     result = list(model.delays_s)
     for index, at in training.predictor.delay_columns.items():
-        longest = _longest_delay(training, model, index)
-        fresh = min(max(result[index] + float(step[at]), 0.0), longest)
+        fresh = min(max(result[index] + float(step[at]), 0.0), _CYCLES * training.cycle_s)
         if _listed_delay(model):
             fresh = training.cycle_s  # The effect is what goes beyond one cycle.
         if abs(fresh - result[index]) >= _LEAST_DELAY_S:
@@ -140,6 +136,17 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
+def delays_beyond(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
+    """Columns of the delays that a step would take out of their range, and how far they may go."""
+    longest, result = _CYCLES * training.cycle_s, dict[int, float]()
+    for index, at in training.predictor.delay_columns.items():
+        now = model.delays_s[index]
+        within = min(max(now + float(step[at]), 0.0), longest) - now
+        if within != float(step[at]):
+            result[at] = within
+    return result
+
+
 def held_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
     """Columns that can take no step: at their bound, or a delay beside one that is listed."""
     held = [
@@ -156,13 +163,8 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
 
 def at_longest_delay(training: Training, model: Model, index: int) -> bool:
     """Whether a cylinder's valve is as late as a base may make it."""
-    return bool(model.delays_s[index] >= _longest_delay(training, model, index) - _LEAST_DELAY_S)
-
-
-def _longest_delay(training: Training, model: Model, index: int) -> float:
-    """Delay of a cylinder's valve that the base may have, s."""
-    lags = any(t.cylinder == index and t.effect.name in LAGS for t in model.terms)
-    return (_CYCLES_BESIDE_LAG if lags else _CYCLES) * training.cycle_s
+    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
+    return bool(model.delays_s[index] >= longest)
 
 
 def _listed_delay(model: Model) -> bool:

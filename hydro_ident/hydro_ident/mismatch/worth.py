@@ -20,10 +20,11 @@ from hydro_ident.mismatch.settings import (
     LEAST_SHARE_UNCONFIRMED,
     PRECISION,
 )
-from hydro_ident.mismatch.stepping import LAGS
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 
+#: Effects that, where small, are a delay of a valve's signal or of its flow.
+LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 

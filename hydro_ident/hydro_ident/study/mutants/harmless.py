@@ -62,6 +62,12 @@ def _permissives() -> Iterator[Harmless]:
         "permissives", "missing_permissive", 'return ""', "pass",
         "None is as empty as the text: both are only asked whether there is anything",
     )  # fmt: skip
+    asked = "def missing_permissive(inputs: Inputs | None, limits: GateLimits, {}, settled: bool)"
+    yield Harmless(
+        "permissives", "missing_permissive",
+        f"{asked.format('*')} -> str:", f"{asked.format('/')} -> str:",
+        "the gate gives inputs and limits by their place and says what the word means",
+    )  # fmt: skip
 
 
 def _output_ramp() -> Iterator[Harmless]:

@@ -21,18 +21,24 @@ def listed(*specs: tuple[str, str, dict[str, float]], robot: Robot = CRANE) -> R
     return replace(robot, effects=tuple(EffectSpec(*spec) for spec in specs))
 
 
+def machine(name: str) -> Robot:
+    """A robot that may have an effect: the crane, or an axis without cylinder."""
+    return AXIS if CATALOGUE[name].drive_only else CRANE
+
+
 def typical(name: str) -> dict[str, float]:
     return {p.name: p.typical for p in CATALOGUE[name].parameters}
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_effect_resolves_at_each_of_its_targets_and_at_the_robot(name) -> None:
-    every = targets(CRANE, CATALOGUE[name])
+    robot = machine(name)
+    every = targets(robot, CATALOGUE[name])
     assert every
     for target in every:
-        (one,) = resolve(listed((name, target, typical(name))))
+        (one,) = resolve(listed((name, target, typical(name)), robot=robot))
         assert one.target == target
-    found = resolve(listed((name, "xs031", typical(name))))
+    found = resolve(listed((name, robot.name, typical(name)), robot=robot))
     assert tuple(one.target for one in found) == every
 
 
@@ -86,15 +92,17 @@ def test_what_a_robot_does_not_have_is_said(spec, message) -> None:
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_values_outside_their_bounds_are_rejected(name) -> None:
-    effect = CATALOGUE[name]
-    target = targets(CRANE, effect)[0]
+    effect, robot = CATALOGUE[name], machine(name)
+    target = targets(robot, effect)[0]
     for parameter in effect.parameters:
         for value in (parameter.lower, parameter.upper):
-            resolve(listed((name, target, {**typical(name), parameter.name: value})))
+            given = {**typical(name), parameter.name: value}
+            resolve(listed((name, target, given), robot=robot))
         span = parameter.upper - parameter.lower
         for value in (parameter.lower - 0.01 * span, parameter.upper + 0.01 * span, np.nan):
+            changed = listed((name, target, {**typical(name), parameter.name: value}), robot=robot)
             with pytest.raises(RobotError, match=f"{name}.{parameter.name} should be"):
-                resolve(listed((name, target, {**typical(name), parameter.name: value})))
+                resolve(changed)
 
 
 def test_payload_may_change_more_than_once_but_not_twice_at_once() -> None:

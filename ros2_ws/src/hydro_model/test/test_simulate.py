@@ -10,6 +10,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from hydro_model.cylinder import chamber_volumes, lever, stroke
 from hydro_model.effects import CATALOGUE
+from hydro_model.effects.targets import targets
 from hydro_model.errors import RobotError, SimulationError
 from hydro_model.rigid_body import inverse_dynamics, kinetic_energy, potential_energy
 from hydro_model.robot import EffectSpec, Robot
@@ -35,6 +36,7 @@ def with_every_effect(robot: Robot) -> Robot:
     specs = (
         EffectSpec(e.name, robot.name, {p.name: p.typical for p in e.parameters})
         for e in CATALOGUE.values()
+        if targets(robot, e)
     )
     return replace(robot, effects=tuple(specs))
 

@@ -89,7 +89,8 @@ def test_an_effect_of_size_zero_changes_nothing(make_slider, name) -> None:
 
 def test_every_effect_without_dynamics_of_its_own_can_be_off() -> None:
     dynamic = {"valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics"}
-    others = {"joint_coupling"}  # of a robot with more joints
+    # Of a robot with more joints, or without cylinders.
+    others = {"joint_coupling", "rotor_inertia", "load_dependent_friction"}
     assert set(OFF) == set(CATALOGUE) - dynamic - others
 
 
