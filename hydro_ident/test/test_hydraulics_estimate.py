@@ -164,6 +164,32 @@ def test_what_a_chamber_has_alone_follows_its_rows(robot: Robot) -> None:
         np.testing.assert_allclose(edges, expected, rtol=1e-9)
 
 
+def test_shared_parameters_of_any_size_are_averaged(robot: Robot) -> None:
+    """A compliance of 1e-9 beside a share of one: either by its own information."""
+    time = np.arange(0.0, 6.0, H)
+    u = _signal(robot, time)
+    gathered = FlowGatherer(robot, "run", WindowSettings())
+    pressures = (_chamber(side, robot, time, u, 0.001) for side in "ab")
+    gathered.add(_trace(robot, u, time, *pressures))
+    found = fit_delay(robot, [gathered], WindowSettings())
+    assert found is not None
+    stds = np.array([[1e-13, 1e-3, 1e-9], [2e-13, 3e-3, 1e-9]])
+    thetas = np.array([[1.3e-9, 0.010, 7e-7], [1.4e-9, 0.014, 8e-7]])
+    chambers = [
+        replace(
+            one,
+            names=("inverse_bulk_modulus", "bias", f"edge_{k}"),
+            fit=replace(one.fit, theta=thetas[k], covariance=np.diag(stds[k] ** 2)),
+        )
+        for k, one in enumerate(found.chambers.values())
+    ]
+    order = ["inverse_bulk_modulus", "bias", "edge_0", "edge_1"]
+    both = chambers_to_cylinder(chambers, order) @ thetas.ravel()
+    weights = 1.0 / stds[:, :2] ** 2
+    expected = (weights * thetas[:, :2]).sum(axis=0) / weights.sum(axis=0)
+    np.testing.assert_allclose(both[:2], expected, rtol=1e-9)
+
+
 def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot) -> None:
     time = np.arange(0.0, 2.0, H)
     u = _signal(robot, time)

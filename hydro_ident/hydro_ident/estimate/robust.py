@@ -48,7 +48,7 @@ class Weights:
     biweight : bool
         Tukey's; False: Huber's.
     residuals : dict of (int, str) to Histogram
-        Sizes met in rows that predict more than the scale, for the scale of the next pass.
+        Sizes met, for the scale of the next pass.
     """
 
     theta: FloatArray
@@ -72,11 +72,9 @@ class Weights:
         kept : (T,) bool array
             Neither the row nor any of its lags is rejected.
         """
-        error = block[..., block.shape[2] - self.theta.size :] @ self.theta
-        size, key = np.abs(error), (channel, label)
-        # Of rows in which nothing happens nothing is learnt: they are no measure of the others.
-        telling = np.abs(block[:, 0, -1] - error[:, 0]) >= self.scale[key]
-        self.residuals.setdefault(key, Histogram()).add(size[telling, 0])
+        size = np.abs(block[..., block.shape[2] - self.theta.size :] @ self.theta)
+        key = channel, label
+        self.residuals.setdefault(key, Histogram()).add(size[:, 0])
         ratio = size / self.scale[key]
         if not self.biweight:
             huber = 1.0 / np.maximum(1.0, ratio[:, 0] / _HUBER)

@@ -42,7 +42,7 @@ def chambers_to_cylinder(fitted: Sequence[FittedChamber], order: Sequence[str]) 
         for begin, one in zip(begins, fitted, strict=False)
     ]
     informations = [_information(one, shared) for one in fitted]
-    total = np.linalg.pinv(np.sum(informations, axis=0), rcond=1e-15, hermitian=True)
+    total = _inverse(np.sum(informations, axis=0))
     for at, information in zip(own, informations, strict=True):
         path[np.ix_(among, at)] = total @ information
     for begin, one, at in zip(begins, fitted, own, strict=False):
@@ -58,10 +58,14 @@ def chambers_to_cylinder(fitted: Sequence[FittedChamber], order: Sequence[str]) 
 def _information(one: FittedChamber, names: Sequence[str]) -> FloatArray:
     """Information of a chamber on some of its parameters, whatever the others are."""
     at = [one.names.index(name) for name in names]
-    covariance = one.fit.covariance[np.ix_(at, at)]
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return _inverse(one.fit.covariance[np.ix_(at, at)])
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a covariance, or of an information, whatever the parameters' units are."""
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     square = np.outer(size, size)
-    return np.asarray(np.linalg.pinv(covariance / square, rcond=1e-15, hermitian=True) / square)
+    return np.asarray(np.linalg.pinv(matrix / square, rcond=1e-15, hermitian=True) / square)
 
 
 def _follows(one: FittedChamber, held: Sequence[str], rest: Sequence[int]) -> FloatArray:

@@ -18,9 +18,9 @@ LIMITS = {
     "presliding_friction": ("distance", 1.0e-4, np.inf, "coulomb_friction"),
     "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, "coulomb_friction"),
 }
-#: The same on joints without cylinder: a mode that no motion excites is stiff, and what its
-#: inertia does to its own joint alone is a rotor's.
-DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 25.0, "rotor_inertia")}
+#: The same on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
+#: there, and what its inertia does to its own joint alone is a rotor's.
+DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
 EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
@@ -60,7 +60,8 @@ class Contender:
     def name(self) -> str:
         """The name that it bears: where a law has run to another one's limit, that one's."""
         effect = self.term.effect
-        limits = LIMITS if self.term.joint is None else LIMITS | DRIVE_LIMITS
+        # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
+        limits = LIMITS | DRIVE_LIMITS if self.term.joint else LIMITS
         if effect.name in limits:
             parameter, least, most, other = limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)

@@ -12,7 +12,7 @@ from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
-from hydro_model.kinematics import link_frames
+from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 from hydro_model.signals import (
     PISTON_POSITION,
@@ -28,8 +28,9 @@ FURTHER_FACTORS = (0.4, 1.0, 2.5)
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 #: Instants tried for something that begins within a recording: one every so often, in s.
 INSTANT_S, MOST_INSTANTS = 2.0, 60
-#: Sine of an angle from which axes are not parallel.
-_PARALLEL = 1.0e-3
+#: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
+#: two tilts from which one shows.
+_POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
 #: Share of positions, at either end, that are too lone to put a station at.
 _LONE = 0.005
 
@@ -90,20 +91,25 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
 
 
 def bounded_tilt(robot: Robot, one: ActiveEffect) -> ActiveEffect:
-    """A tilt of the base of which only what turns gravity about the joints' axes is free.
+    """A tilt of the base of which only what turns gravity onto the drives is free.
 
     Of a planar machine the other part does nothing but scale gravity by its cosine, and would
     take whatever else does that.
     """
-    _, turns = link_frames(robot, np.zeros(robot.dof))
-    axes = np.array([turn @ joint.axis for turn, joint in zip(turns, robot.joints, strict=True)])
-    planar = np.linalg.norm(np.cross(axes[0], axes), axis=1).max() < _PARALLEL
-    shown = np.abs(axes[0][:2]) >= _PARALLEL
-    if not planar or not shown.any():
+    change = one.effect.change
+    if change is None:
+        return one
+    poses = np.random.default_rng(0).uniform(-1.0, 1.0, (_POSES, robot.dof))
+    still = np.zeros_like(poses)
+    level = inverse_dynamics(robot, poses, still, still)
+    tilted = [change(robot, one.target, turn) for turn in _SMALL_TURN * np.eye(2)]
+    loads = [inverse_dynamics(other, poses, still, still) for other in tilted]
+    shown = np.array([np.abs(load - level).max() for load in loads])
+    if not shown.any():
         return one
     specs = tuple(
         spec if shows else replace(spec, lower=0.0, upper=0.0)
-        for spec, shows in zip(one.effect.parameters, shown.tolist(), strict=True)
+        for spec, shows in zip(one.effect.parameters, shown > _SHOWS * shown.max(), strict=True)
     )
     return replace(one, effect=replace(one.effect, parameters=specs))
 

@@ -149,6 +149,12 @@ def residuals(
     whole = whole_traces(sources, cleaner, cleaned)
     if not whole:
         return None
+    recorded = whole_traces(others, cleaner, dict[str, int]()) if others else whole[:0]
+    if any(trace.oil_c is None for trace in (*whole, *recorded)):
+        # A law of what only some recordings know would be two laws.
+        whole, recorded = (
+            tuple(replace(t, oil_c=None) for t in some) for some in (whole, recorded)
+        )
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole)
     if not (torque or settings.fixed_base):
@@ -169,7 +175,6 @@ def residuals(
         scan = Training.of(Predictor(seen), rows, training.prior)
     notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
     if others:
-        recorded = whole_traces(others, cleaner, dict[str, int]())
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
         there = laid.material(traces)

@@ -141,9 +141,9 @@ def delays_beyond(training: Training, model: Model, step: FloatArray) -> dict[in
     longest, result = _CYCLES * training.cycle_s, dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
         now = model.delays_s[index]
-        within = min(max(now + float(step[at]), 0.0), longest) - now
-        if within != float(step[at]):
-            result[at] = within
+        fresh = now + float(step[at])
+        if not 0.0 <= fresh <= longest:
+            result[at] = min(max(fresh, 0.0), longest) - now
     return result
 
 

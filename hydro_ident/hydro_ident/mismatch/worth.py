@@ -123,9 +123,9 @@ def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float
     term : ActiveEffect
     """
     predictor = training.predictor
-    at = predictor.delay_columns.get(-1 if term.cylinder is None else term.cylinder)
-    if term.effect.name not in LAGS or at is None or term.cylinder is None:
+    if term.effect.name not in LAGS or term.cylinder not in predictor.delay_columns:
         return 0.0
+    at = predictor.delay_columns[term.cylinder]
     _, base = predictor.base(without.model)
     late = base[:, at] * without.model.delays_s[term.cylinder]
     rest = without.columns.copy()

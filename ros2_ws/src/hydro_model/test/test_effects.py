@@ -16,9 +16,9 @@ from hydro_model.robot import EffectSpec, Valve
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import edge_flows, signed_root
 
-#: Every name of the contract, by family.
 #: Names beside the contract's.
 EXTENSIONS = {"rotor_inertia", "load_dependent_friction"}
+#: Every name of the contract, by family.
 NAMES = {
     "force": """coulomb_friction stribeck_friction asymmetric_friction pressure_dependent_friction
         presliding_friction quadratic_friction position_dependent_friction temperature_drift
@@ -182,6 +182,7 @@ def test_law_is_its_equation(name, values, stage, expected) -> None:
 
 def test_catalogue_has_what_the_contract_names() -> None:
     assert all(name == effect.name for name, effect in CATALOGUE.items())
+    assert set(CATALOGUE) >= EXTENSIONS
     for channel, names in NAMES.items():
         found = {effect.name for effect in CATALOGUE.values() if effect.channel == channel}
         assert found - EXTENSIONS == set(names.split())

@@ -46,7 +46,15 @@ ROTOR_INERTIA = Effect(
     source="rotor and gear turned N times as fast as the joint, J = N^2 Jm: the term Ia qdd of"
     " Khalil and Dombre, Modeling, Identification and Control of Robots (2002), chapter 9",
     parameters=(
-        ParameterSpec("inertia", "kg m^2", "J, seen from the joint", 0.0, 1e5, 1.0, linear=True),
+        ParameterSpec(
+            "inertia",
+            "kg m^2",
+            "J, seen from the joint; kg on a prismatic one",
+            0.0,
+            1e5,
+            1.0,
+            linear=True,
+        ),
     ),
     terms=(Term(Stage.FRICTION, _rotor),),
     states=(InternalState(_rotor_rate, _joint_velocity, 0.1),),
@@ -54,9 +62,9 @@ ROTOR_INERTIA = Effect(
     drive_only=True,
     looks_like=("base inertial parameters", "joint_coupling", "structural_flexibility"),
     separating_experiment="quick motion at poses that change the load's inertia about the joint",
-    limits="nothing of the rotor's turning with the links before it; of the first joint, and of"
-    " one parallel to those before it, it is part of a link's inertia; in a roll-out the"
-    f" acceleration is the velocity differentiated with a lag of {ROTOR_LAG_S:g} s",
+    limits="nothing of the rotor's turning with the links before it; of the first joint it is"
+    " part of the link's inertia; in a roll-out the acceleration is the velocity differentiated"
+    f" with a lag of {ROTOR_LAG_S:g} s",
 )
 
 LOAD_DEPENDENT_FRICTION = Effect(
@@ -68,7 +76,7 @@ LOAD_DEPENDENT_FRICTION = Effect(
     parameters=(
         ParameterSpec("share", "1", "s", 0.0, 0.9, 0.1, linear=True),
         ParameterSpec(
-            "velocity_scale", "rad/s", "w0, velocity over which the sign is rounded",
+            "velocity_scale", "rad/s", "w0, over which the sign is rounded; m/s if prismatic",
             1e-5, 0.3, 0.01, optional=True,
         ),
     ),

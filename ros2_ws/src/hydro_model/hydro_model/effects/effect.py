@@ -146,7 +146,10 @@ class Effect:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Parameters that say how large it is: the linear ones, else one that it grows with."""
-        return self.linear or (1 if self.name == "base_tilt" else 0,)
+        if self.name != "base_tilt":
+            return self.linear or (0,)
+        # The tilt about y, but where that is held at none.
+        return (1 if self.parameters[1].lower < self.parameters[1].upper else 0,)
 
     @property
     def robot_wide(self) -> bool:

@@ -1,0 +1,104 @@
+"""What of an effect a robot and its recordings leave to be fitted: tilts, delays, temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.places import bounded_tilt, tilts
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.stepping import delays_beyond, is_free
+from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+TILT = CATALOGUE["base_tilt"]
+
+_LINK = (
+    '<link name="{name}"><inertial><origin xyz="{at}"/><mass value="8"/><inertia ixx="0.4"'
+    ' iyy="0.4" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+_JOINT = (
+    '<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+    '<origin xyz="{at}"/><axis xyz="{axis}"/><limit lower="-1" upper="1" effort="9"'
+    ' velocity="1"/></joint>'
+)
+
+
+def _arm(folder: Path, axes: tuple[str, str], kind: str = "revolute") -> Robot:
+    """Two links whose arms lie across their joints' axes."""
+    at = "0 0.5 0" if axes[0] == "1 0 0" else "0.5 0 0"
+    urdf = '<robot name="arm"><link name="base"/>' + "".join(
+        _JOINT.format(name=f"j{k}", kind=kind, parent=parent, child=f"l{k}", at=place, axis=axis)
+        + _LINK.format(name=f"l{k}", at=at)
+        for k, parent, place, axis in ((1, "base", "0 0 0", axes[0]), (2, "l1", at, axes[1]))
+    )
+    tip = '<joint name="end" type="fixed"><parent link="l2"/><child link="tip"/></joint>'
+    (folder / "arm.urdf").write_text(f'{urdf}{tip}<link name="tip"/></robot>')
+    (folder / "arm.hydraulics.yaml").write_text("robot: arm\nurdf: arm.urdf\ntip_link: tip\n")
+    return load_robot(folder / "arm.hydraulics.yaml")
+
+
+def _tilt(robot: Robot) -> ActiveEffect:
+    return bounded_tilt(robot, ActiveEffect(TILT, None, TILT.typical, target=robot.name))
+
+
+@pytest.mark.parametrize(
+    ("axes", "kind", "free"),
+    [
+        (("0 1 0", "0 -1 0"), "revolute", (False, True)),
+        (("1 0 0", "1 0 0"), "revolute", (True, False)),
+        (("0 0 1", "0 0 1"), "revolute", (True, True)),
+        (("0 0 1", "0 1 0"), "revolute", (True, True)),
+        (("1 0 0", "1 0 0"), "prismatic", (False, True)),
+        (("0 1 0", "0 1 0"), "prismatic", (True, False)),
+    ],
+)
+def test_a_tilt_is_free_where_it_turns_gravity_onto_a_drive(
+    tmp_path: Path, axes: tuple[str, str], kind: str, free: tuple[bool, bool]
+) -> None:
+    one = _tilt(_arm(tmp_path, axes, kind))
+    assert tuple(is_free(one, k) for k in range(2)) == free
+    assert one.effect.sizes == ((1,) if free[1] else (0,))
+    for shape in tilts(one):
+        assert all(shows or value == 0.0 for shows, value in zip(free, shape, strict=True))
+
+
+def test_a_crane_in_a_plane_tilts_in_that_plane() -> None:
+    assert tilts(_tilt(load_robot("xs031"))) == [(0.0, TILT.parameters[1].typical)]
+
+
+def test_a_delay_goes_to_the_end_of_its_range_and_no_further(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    work = lay_out(crane_run)
+    model, columns = work.base.model, work.training.predictor.delay_columns
+    cycle, step = work.training.cycle_s, np.zeros(work.base.columns.shape[1])
+    assert delays_beyond(work.training, model, step) == {}
+    now = model.delays_s[0]
+    step[columns[0]], step[columns[1]] = 0.3 * cycle - now, 3.0 * cycle
+    beyond = delays_beyond(work.training, model, step)
+    assert beyond == {columns[1]: pytest.approx(1.25 * cycle - model.delays_s[1])}
+    step[columns[0]] = -2.0 * cycle
+    assert delays_beyond(work.training, model, step)[columns[0]] == pytest.approx(-now)
+
+
+def test_a_temperature_that_only_some_recordings_have_is_left_aside(
+    crane_run: Any, make_run: tuple[Callable[..., Any], Callable[..., Any]]
+) -> None:
+    true_crane, simulated_run = make_run
+    bag, other = crane_run.recording(), simulated_run(true_crane(), 10.0, seed=3).recording("b")
+    stamps = bag.stamp_ns[::500]
+    oil_c = np.linspace(30.0, 40.0, len(stamps))
+    warm = replace(bag, temperature_stamp_ns=stamps, temperature_c=oil_c)
+    found = diagnose(load_robot("xs031"), [warm], [other])
+    assert found.work is not None
+    assert all(s.trace.oil_c is None for s in found.work.training.predictor.material.stretches)
+    assert found.verdict == "matches"
