@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis import _hardly_better, diagnose
+from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.places import bounded_tilt, tilts
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.stepping import delays_beyond, is_free
@@ -102,3 +104,21 @@ def test_a_temperature_that_only_some_recordings_have_is_left_aside(
     assert found.work is not None
     assert all(s.trace.oil_c is None for s in found.work.training.predictor.material.stretches)
     assert found.verdict == "matches"
+
+
+@pytest.mark.parametrize(
+    ("left", "floor", "channels", "hardly"),
+    [
+        (0.8, 0.01, ("lift/force",), True),
+        (0.6, 0.01, ("lift/force",), False),  # more is explained than is left
+        (0.8, 0.10, ("lift/force",), False),  # not far above the sensors
+        (0.8, 0.01, ("tilt/force",), False),  # nothing was found there
+    ],
+)
+def test_what_leaves_more_than_it_explains_is_not_explained(
+    left: float, floor: float, channels: tuple[str, ...], hardly: bool
+) -> None:
+    time = np.arange(100.0)
+    error = np.where(time % 2.0 > 0.0, 1.0, -1.0)
+    one = ChannelResult("lift/force", "N", time, np.zeros(100), -error, -left * error, floor)
+    assert _hardly_better([SimpleNamespace(channels=channels)], [one]) is hardly  # type: ignore[list-item]
