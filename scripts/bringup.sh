@@ -1,29 +1,31 @@
 #!/usr/bin/env bash
 # Brings the crane up: bridge and controller, until Ctrl-C, which ends with the valves at zero.
 #   scripts/bringup.sh --can can0 --robot xs031             read and publish only (bridge inactive)
-#   scripts/bringup.sh --can can0 --robot xs031 --drive     drive the valves
+#   scripts/bringup.sh --can can0 --robot xs031 --calibration FILE --drive     drive the valves
 #   scripts/bringup.sh --sim [--drive]                      the simulated rig instead of a machine
 # Options:
 #   --robot ROBOT      shipped name, *.hydraulics.yaml or model.yaml (default xs031)
 #   --controller FILE  ROS parameters of the controller (gains; default: the package's gains.yaml)
 #   --path FILE        path that the controller plays once it drives
 #   --mapping FILE, --dbc FILE      the lab's own I/O (default: those of the robot)
-#   --calibration FILE what `calibrate` wrote
+#   --calibration FILE what `calibrate` wrote: no model file carries it
+#   --no-calibration   drive on --can with the mapping's own zeros, offsets and signs
 #   --record NAME      record a bag into ./bags
 #   --bus BUS          bus of --sim (default udp_multicast:239.74.163.2:43113)
 set -euo pipefail
 shopt -s inherit_errexit
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-usage() { sed -n '2,14s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n '2,15s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
 bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
 
-can= robot=xs031 controller= path= mapping= dbc= calibration= record= sim=false drive=false
+can= robot=xs031 controller= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
 bus=udp_multicast:239.74.163.2:43113
 while [[ $# -gt 0 ]]; do
   case $1 in
     --sim) sim=true; shift ;;
     --drive) drive=true; shift ;;
+    --no-calibration) uncalibrated=true; shift ;;
     -h|--help) usage; exit 0 ;;
     --can|--robot|--controller|--path|--mapping|--dbc|--calibration|--record|--bus)
       [[ $# -ge 2 ]] || bad "$1 needs a value"
@@ -33,6 +35,13 @@ while [[ $# -gt 0 ]]; do
 done
 if $sim && [[ -n $can ]]; then bad "--sim and --can exclude each other"; fi
 if ! $sim && [[ -z $can ]]; then bad "expected --can INTERFACE or --sim (see --help)"; fi
+if $uncalibrated && [[ -n $calibration ]]; then
+  bad "--no-calibration and --calibration exclude each other"
+fi
+if $drive && ! $sim && ! $uncalibrated && [[ -z $calibration ]]; then
+  bad "--drive on $can needs --calibration FILE (what calibrate wrote: zeros, offsets and valve" \
+    "signs; a model file has none); --no-calibration drives without"
+fi
 if $sim; then can=$bus; fi
 
 # shellcheck source=scripts/env.sh

@@ -142,6 +142,9 @@ def test_results_of_before_stay(tmp_path: Path) -> None:
         ("bringup.sh", [], "--can"),
         ("bringup.sh", ["--sim", "--can", "can0"], "exclude"),
         ("bringup.sh", ["--robot"], "needs a value"),
+        ("bringup.sh", ["--can", "can0", "--drive"], "--calibration FILE"),
+        ("bringup.sh", ["--can", "can0", "--drive"], "--no-calibration drives without"),
+        ("bringup.sh", ["--sim", "--calibration", "c.yaml", "--no-calibration"], "exclude"),
         ("record.sh", [], "NAME"),
         ("replay.sh", ["no/such/bag"], "no/such/bag"),
         ("identify.sh", ["--robot", "xs031"], "BAG"),
@@ -165,6 +168,7 @@ def test_scripts_refuse(script: str, arguments: list[str], word: str) -> None:
     ("arguments", "word"),
     [
         (["--can", "hydrocan7"], "hydrocan7"),
+        (["--can", "hydrocan7", "--drive", "--no-calibration"], "hydrocan7"),
         (["--sim", "--robot", "nobody.yaml"], "nobody.yaml"),
         (["--sim", "--bus", "udp_multicast:239.74.163.2:43162", "--path", "no.yaml"], "no.yaml"),
     ],

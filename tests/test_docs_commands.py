@@ -273,6 +273,15 @@ def test_what_is_said_of_commands_run_by_hand_is_there() -> None:
             assert shown or file.endswith(".py"), f"{file} does not show {name}"
 
 
+def test_who_drives_a_bus_says_with_which_calibration() -> None:
+    help_lines = (ROOT / "scripts/bringup.sh").read_text(encoding="utf-8").splitlines()[:10]
+    lines = [line for page in PAGES for line in page.read_text(encoding="utf-8").splitlines()]
+    driving = [ln for ln in lines + help_lines if "--can " in ln and "--drive" in ln]
+    assert len(driving) >= 6
+    silent = [ln for ln in driving if not re.search(r"--calibration \w|--no-calibration", ln)]
+    assert not [ln for ln in silent if "bringup.sh" in ln]
+
+
 @pytest.mark.parametrize(("package", "name"), sorted(executables()))
 def test_every_command_takes_json(package: str, name: str) -> None:
     # Nodes and the simulated machine say what they do on topics and on the bus.
