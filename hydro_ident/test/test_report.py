@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ ORIGIN = {
     "robot": "<robot>",
     "bags": [{"name": "run<b>1</b>&.mcap", "sha256": "0" * 64}],
     "validation": [],
+    "robot_files": [{"name": "xs031.urdf", "sha256": "1" * 64}],
+    "compared": [],
 }
 
 
@@ -231,7 +234,36 @@ def test_what_is_not_told_from_its_bound_is_grey(
 ) -> None:
     bounds = (0.0, 0.002) if name == "command_delay" else (-np.inf, np.inf)
     row = identified_row(Parameter(name, value, std, "m/s", None, True, bounds=bounds), {})
-    assert row.off == ("not told from its bound" in row.below) == (not told)
+    assert ("not told from its bound" in row.below) == (not told)
+    assert row.off == bool(row.below)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "datasheet", "grey"),
+    [
+        (-254.65, 602.0, None, True),
+        (-254.65, 602.0, 900.0, True),
+        (-254.65, 120.0, None, False),
+        # The datasheet's size tells what a small value is small beside.
+        (2.0, 4.0, 300.0, False),
+    ],
+)
+def test_what_is_hardly_determined_is_grey(
+    value: float, std: float, datasheet: float | None, grey: bool
+) -> None:
+    row = identified_row(Parameter("lift_link.mcz", value, std, "kg m", datasheet, True), {})
+    assert row.off == ("hardly determined" in row.below) == grey
+
+
+def test_the_strip_counts_what_stands_in_black(found: Identification) -> None:
+    wide = [p for p in found.parameters if p.identifiable and not p.held][:2]
+    loose = {p.name: replace(p, std=10.0 * max(abs(p.value), abs(p.datasheet or 0))) for p in wide}
+    changed = tuple(loose.get(p.name, p) for p in found.parameters)
+    text = report_html(replace(found, parameters=changed), ORIGIN)
+    count, total = map(int, re.findall(r"(\d+) of (\d+) parameters are determined", text)[0])
+    rows = [identified_row(p, {}) for p in changed]
+    assert (count, total) == (sum(not row.off for row in rows), len(rows))
+    assert "greyed, too: " in text
 
 
 def test_a_joint_has_one_colour_everywhere(found: Identification, report: str) -> None:

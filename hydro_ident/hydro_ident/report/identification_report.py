@@ -89,9 +89,9 @@ def _rows(found: Identification, channels: Sequence[ChannelScore]) -> list[Chann
 
 def _parameters(found: Identification, note: str) -> Section:
     lead = (
-        "Every parameter that was fitted. Grey: these recordings do not determine it or do not"
-        " tell it from a bound, or it was held or rejected; the reason stands below its name, and"
-        " the given value stays in the model unless it says otherwise."
+        "Every parameter that was fitted. Grey: these recordings do not or hardly determine it or"
+        " do not tell it from a bound, or it was held or rejected; the reason stands below its"
+        " name. What was not determined, held or rejected stays as given in the model."
     )
     owner, joints = owners(found.given), found.given.joint_names
     rows = [identified_row(p, owner) for p in found.parameters]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import left_out
@@ -11,6 +11,7 @@ from hydro_ident.rejection import rejected_channels
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import Verdict, number, percent
+from hydro_ident.report.parameter_section import identified_row
 from hydro_ident.report.verdict_words import (
     error_line,
     free_run_line,
@@ -29,6 +30,8 @@ _NAMED = 4
 def identification_verdict(found: Identification, held_out: Sequence[ChannelRows]) -> Verdict:
     """What differs, what was left out, how sure, what to do next."""
     known = [p for p in found.parameters if p.identifiable and not p.held]
+    weak = {p.name for p in known if identified_row(p, {}).off}
+    told = [p for p in known if p.name not in weak]
     physics = left_out(found.channels)
     if found.verdict == NOT_ENOUGH:
         tone, headline = "bad", "These recordings are not enough to identify the machine."
@@ -41,9 +44,9 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
         tone, headline = "good", "The machine was identified."
     cards = (
         ("What differs", limited(_differs(known, found))),
-        ("What was left out", limited(_left_out(found, _modelled(found, physics)))),
-        ("How sure", limited(_sure(found, known, physics, held_out))),
-        ("What to do next", limited(_next(found, physics))),
+        ("What was left out", limited(_left_out(found, weak, _modelled(found, physics)))),
+        ("How sure", limited(_sure(found, told, physics, held_out))),
+        ("What to do next", limited(_next(found, weak, physics))),
     )
     return Verdict(tone, headline, found.verdict, cards)
 
@@ -85,7 +88,9 @@ def _modelled(found: Identification, physics: dict[str, float]) -> dict[str, flo
     return {name: ratio for name, ratio in physics.items() if name not in rejected}
 
 
-def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
+def _left_out(
+    found: Identification, weak: Collection[str], physics: dict[str, float]
+) -> list[str]:
     lines = []
     if physics:
         worst = max(physics, key=lambda name: physics[name])
@@ -96,6 +101,9 @@ def _left_out(found: Identification, physics: dict[str, float]) -> list[str]:
     unknown = [plain(p.name) for p in found.parameters if not p.identifiable]
     if unknown:
         lines.append(f"Not determined or not used, greyed below: {shortened(unknown)}.")
+    if weak:
+        names = shortened([plain(p.name) for p in found.parameters if p.name in weak])
+        lines.append(f"Hardly determined or not told from a bound, greyed, too: {names}.")
     lines += [f"{text[0].upper()}{text[1:]}." for text in found.problems]
     lines += loss_line(found.losses)
     return lines or ["Nothing."]
@@ -130,11 +138,11 @@ def _sure(
     return lines or ["Not at all."]
 
 
-def _next(found: Identification, physics: dict[str, float]) -> list[str]:
+def _next(found: Identification, weak: Collection[str], physics: dict[str, float]) -> list[str]:
     lines = []
     if physics:
         lines.append("Run `diagnose` on the same bags: it names what the model leaves out.")
-    if found.verdict != IDENTIFIED or any(not p.identifiable for p in found.parameters):
+    if found.verdict != IDENTIFIED or weak or any(not p.identifiable for p in found.parameters):
         lines.append(
             "For what is greyed, record a designed experiment (`excite`) and identify again with"
             " both bags."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
 _EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
 _HELD = "not fitted: as given"
-_WIDE = "hardly determined: its interval is wider than the value itself"
 _UNKNOWN = "these recordings do not determine it: the given value stays"
 
 
@@ -55,17 +53,7 @@ def model_rows(found: Diagnosis, owner: Mapping[str, str]) -> list[ParameterRow]
             rows.append(_row(robot, f"{valve.name}.{edge}", *values, "m^3/(s sqrt(Pa))"))
     delays = robot.command_delay_s, given.command_delay_s
     rows.append(_row(robot, COMMAND_DELAY, *delays, "s"))
-    return [_told(identified_row(p, owner)) for p in rows]
-
-
-def _told(row: ParameterRow) -> ParameterRow:
-    """Greyed where the interval says that the value could as well be nothing or the double."""
-    if row.off or row.interval is None:
-        return row
-    if row.interval[1] - row.interval[0] <= 2.0 * max(abs(row.value), abs(row.datasheet or 0.0)):
-        return row
-    below = f"{row.below}; {_WIDE}" if row.below else _WIDE
-    return replace(row, below=below, off=True)
+    return [identified_row(p, owner) for p in rows]
 
 
 def _row(robot: Robot, name: str, value: float, given: float, unit: str) -> Parameter:

@@ -21,6 +21,7 @@ _DRAWN = 2.0
 _POSITIVE = ("mass", "viscous_friction", "bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb")
 #: Names before that of an effect's parameter: its owner's and its own.
 _EFFECTS = 2
+_WIDE = "hardly determined: its interval is wider than the value itself"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,16 @@ def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
     off = p.held or not p.identifiable
     text = "; ".join(words)
     row = ParameterRow(p.name, p.value, p.ci95, p.unit, p.datasheet, text, off, joint)
-    return beside_bound(row, p.name)
+    return _determined(beside_bound(row, p.name))
+
+
+def _determined(row: ParameterRow) -> ParameterRow:
+    """Greyed where the interval says that the value could as well be nothing or the double."""
+    if row.off or row.interval is None:
+        return row
+    if row.interval[1] - row.interval[0] <= 2.0 * max(abs(row.value), abs(row.datasheet or 0.0)):
+        return row
+    return replace(row, below=f"{row.below}; {_WIDE}" if row.below else _WIDE, off=True)
 
 
 def beside_bound(row: ParameterRow, name: str) -> ParameterRow:
