@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from importlib import metadata
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +54,10 @@ class Provenance:
         The robot that was given, as given.
     bags, validation : mapping of str to str
         Bag name and the SHA-256 of its files.
+    robot_files : mapping of str to str
+        The robot's files by name, with their SHA-256: hydraulics or model, and URDF.
+    compared : mapping of str to str
+        The same of an earlier model that this was compared with.
     """
 
     command: str
@@ -63,6 +65,8 @@ class Provenance:
     robot: str
     bags: Mapping[str, str]
     validation: Mapping[str, str]
+    robot_files: Mapping[str, str] = field(default_factory=dict)
+    compared: Mapping[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """For the result file and the model file."""
@@ -70,38 +74,15 @@ class Provenance:
             "command": self.command,
             "version": self.version,
             "robot": self.robot,
-            "bags": [{"name": k, "sha256": v} for k, v in self.bags.items()],
-            "validation": [{"name": k, "sha256": v} for k, v in self.validation.items()],
+            "robot_files": _hashes(self.robot_files),
+            "bags": _hashes(self.bags),
+            "validation": _hashes(self.validation),
+            "compared": _hashes(self.compared),
         }
 
 
-def provenance(
-    command: str, robot: str, bags: Sequence[Path], validation: Sequence[Path]
-) -> Provenance:
-    """Provenance of a run: hashes the bags.
-
-    `validation` are the bags that predictions were scored on.
-    """
-    try:
-        version = metadata.version("hydro_ident")
-    except metadata.PackageNotFoundError:
-        version = "unknown"
-    hashes = [{path.name: bag_sha256(path) for path in paths} for paths in (bags, validation)]
-    return Provenance(command, version, robot, hashes[0], hashes[1])
-
-
-def bag_sha256(path: Path) -> str:
-    """SHA-256 over the MCAP files of a bag in name order, or over a bare file."""
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-    digest = hashlib.sha256()
-    try:
-        for file in files:
-            with file.open("rb") as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
-    except OSError as error:
-        raise IdentError(f"{path}: cannot be read: {error.strerror}") from error
-    return digest.hexdigest()
+def _hashes(files: Mapping[str, str]) -> list[dict[str, str]]:
+    return [{"name": name, "sha256": digest} for name, digest in files.items()]
 
 
 def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:

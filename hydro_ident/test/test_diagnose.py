@@ -103,7 +103,7 @@ def test_the_report_draws_each_law_through_its_own_rows(found: Diagnosis) -> Non
 
 
 def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None:
-    origin = {"command": "diagnose", "version": "1", "robot": "r", "bags": [], "validation": []}
+    origin = Provenance("diagnose", "1", "r", {}, {}).as_dict()
     report = report_html(found, origin)
     strip = report[report.index('id="verdict"') : report.index("<nav>")]
     assert "It has been found and named." in strip
@@ -118,7 +118,7 @@ def test_a_browser_opens_it_without_errors(
     found: Diagnosis, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
 ) -> None:
     file = tmp_path / "report.html"
-    origin = {"command": "diagnose", "version": "1", "robot": "r", "bags": [], "validation": []}
+    origin = Provenance("diagnose", "1", "r", {}, {}).as_dict()
     file.write_text(report_html(found, origin), encoding="utf-8")
     views = browser_check(file)["views"]
     assert [view["found"] for view in views] == [[]] * len(views)

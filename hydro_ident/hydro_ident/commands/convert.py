@@ -69,7 +69,7 @@ def _convert(options: argparse.Namespace) -> int:
     from hydro_ident.bag.log_file import read_log
     from hydro_ident.bag.log_map import read_map
     from hydro_ident.bag.provenance import software_version
-    from hydro_ident.results import bag_sha256
+    from hydro_ident.origin import bag_sha256
 
     mapping = read_map(options.map)
     log = read_log(options.log, mapping.layout)

@@ -106,7 +106,8 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     from hydro_ident.mismatch.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.optional import say_if_no_report
-    from hydro_ident.results import REPORT_FILE, provenance
+    from hydro_ident.origin import provenance
+    from hydro_ident.results import REPORT_FILE
     from hydro_ident.sources import bag_source
     from hydro_model.robot_files import load_robot
 
@@ -125,6 +126,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         options.robot,
         [source.path for source in training],
         [source.path for source in validation],
+        robot,
     )
     refine = RefineSettings() if options.refine else None
     settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)

@@ -125,7 +125,8 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.identification import identify
     from hydro_ident.model_statistics import Statistics, read_statistics
     from hydro_ident.optional import require, say_if_no_report
-    from hydro_ident.results import REPORT_FILE, provenance, result_dict
+    from hydro_ident.origin import provenance
+    from hydro_ident.results import REPORT_FILE, result_dict
     from hydro_ident.sources import bag_source
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_ident.workers import workers_at
@@ -150,6 +151,8 @@ def run(arguments: Sequence[str]) -> int:
         options.robot,
         [source.path for source in training],
         [source.path for source in validation],
+        robot,
+        old,
     )
     with workers_at(options.scheduler) as workers, progress_bar(options.json is None):
         found = identify(robot, training, validation, settings, workers)

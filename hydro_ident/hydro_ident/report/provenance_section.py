@@ -8,6 +8,12 @@ from typing import Any
 
 from hydro_ident.report.page import Section, bullets, table
 
+_HASHED = (
+    ("robot_files", "robot's file"),
+    ("bags", "fitted"),
+    ("validation", "checked on"),
+    ("compared", "compared with"),
+)
 #: What the numbers rest on.
 _LIBRARIES = ("numpy", "scipy", "numba", "plotly")
 
@@ -15,7 +21,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "plotly")
 def provenance_section(
     origin: Mapping[str, Any], method: Sequence[tuple[str, str]], notes: Sequence[str]
 ) -> Section:
-    """Command, version, robot, bags with their hashes, method and notes.
+    """Command, version, robot and bags with their hashes, method and notes.
 
     Parameters
     ----------
@@ -28,10 +34,10 @@ def provenance_section(
     rows = [("command", str(origin["command"])), ("version", f"hydro_ident {origin['version']}")]
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
     rows += [("libraries", libraries), ("robot", str(origin["robot"]))]
-    for kind, what in (("bags", "fitted"), ("validation", "checked on")):
+    for kind, what in _HASHED:
         rows += [(what, f"{b['name']}  sha256 {b['sha256']}") for b in origin[kind]]
     body = table(("what", "value"), [*rows, *method], text=(1,))
     if notes:
         body += "<h3>Notes</h3>" + bullets(notes)
-    lead = "The same command on the same bags gives the same numbers; result.json holds them all."
+    lead = "The same command on the same files gives the same numbers; result.json holds them all."
     return Section("provenance", "Where the numbers come from", lead, body)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
@@ -22,7 +23,7 @@ from hydro_ident.identification import Identification, identify
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.results import OWN_FILES, Provenance, result_dict, write_together
 from hydro_model.robot import EffectSpec
-from hydro_model.robot_files import load_robot
+from hydro_model.robot_files import load_robot, shipped_robots
 
 ORIGIN = Provenance("identify bag", "1.0", "xs031", {"bag": "00"}, {})
 
@@ -194,6 +195,12 @@ def test_an_earlier_result_is_told_by_its_date_and_command(
     assert earlier_result(tmp_path) == f"2026-03-01 12:00{command}"
 
 
+def hashes_of(file: Path) -> list[dict[str, str]]:
+    """Of a robot file and its URDF beside it."""
+    both = [file, file.parent / "xs031.urdf"]
+    return [{"name": f.name, "sha256": hashlib.sha256(f.read_bytes()).hexdigest()} for f in both]
+
+
 def test_the_command_writes_every_file_from_a_bag(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], clean: Any
 ) -> None:
@@ -210,6 +217,16 @@ def test_the_command_writes_every_file_from_a_bag(
     values = {p["name"]: p["value"] for p in result["parameters"]}
     assert values["lift_valve.c_pa"] == pytest.approx(7.9e-7, rel=1e-3)
     assert result["provenance"]["bags"][0]["name"] == "excitation"
+    assert result["provenance"]["robot_files"] == hashes_of(shipped_robots()["xs031"])
+    assert result["provenance"]["compared"] == []
+    again = ["--compare", str(out / "model.yaml"), "--out", str(tmp_path / "again")]
+    compared = hashes_of(out / "model.yaml")
+    assert run([str(bag), "--robot", "xs031", *again]) == 0
+    later = json.loads((tmp_path / "again/result.json").read_text())
+    assert later["provenance"]["compared"] == compared
+    page = (tmp_path / "again/report.html").read_text()
+    for one in [*compared, *result["provenance"]["robot_files"]]:
+        assert f"{one['name']}  sha256 {one['sha256']}" in page
     controller = yaml.safe_load((out / "controller.yaml").read_text())
     parameters = controller["controller"]["ros__parameters"]
     assert parameters["robot"] == str(out / "model.yaml")

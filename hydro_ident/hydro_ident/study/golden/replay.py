@@ -16,7 +16,7 @@ from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
 from hydro_ident.errors import IdentError
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.diagnosis_file import result_dict
-from hydro_ident.results import provenance
+from hydro_ident.origin import provenance
 from hydro_ident.sources import bag_source
 from hydro_ident.study.golden.bags import CONTROL_BAG, DELAY_S, DIAGNOSIS_BAG, PATH, ROBOT
 from hydro_model.robot_files import load_robot
