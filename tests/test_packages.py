@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -18,19 +19,22 @@ FOLDERS = [
 KEYS = {
     "can": "python3-can",
     "cantools": "python3-cantools-pip",
-    "lz4": "python3-lz4",
+    "hypothesis": "python3-hypothesis",
     "mcap": "python3-mcap-pip",
     "msgpack": "python3-msgpack",
     "numba": "python3-numba",
     "llvmlite": "python3-numba",
     "numpy": "python3-numpy",
+    "pytest": "python3-pytest",
+    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "urdf_parser_py": "urdfdom_py",
     "yaml": "python3-yaml",
-    "zstandard": "python3-zstandard",
 }
 #: rosdep has no key for these; scripts/setup.sh installs them.
 WITHOUT_KEY = {"clarabel", "plotly"}
+#: No key is known for sure, and an unknown one ends all of `rosdep install`: mcap brings both.
+BROUGHT = {"lz4": "mcap", "zstandard": "mcap"}
 #: Used where they are there; what cannot do without says so.
 OPTIONAL = {"argcomplete", "distributed", "pyarrow"}
 #: Imported by python-can's udp_multicast, and message types that recorder and player load by name.
@@ -48,26 +52,67 @@ def package(folder: Path) -> Package:
     return parsed
 
 
-def imported(folder: Path) -> set[str]:
-    """Top names of what a package's modules import, at their head or inside functions."""
+def imported(folder: Path, below: str) -> set[str]:
+    """Top names of what the modules below a package's folder import, or their functions."""
     found: set[str] = set()
-    for path in (folder / folder.name).rglob("*.py"):
+    own = {folder.name}
+    for path in (folder / below).rglob("*.py"):
         if FOR_DEVELOPERS & set(path.relative_to(folder).parts):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                found.add(node.module.split(".")[0])
-    return found - set(sys.stdlib_module_names) - {folder.name}
+        found |= imported_by(path)
+        own |= {path.stem} if below == "test" else set()
+    return found - set(sys.stdlib_module_names) - own
+
+
+def imported_by(path: Path) -> set[str]:
+    """Top names of what a module imports, at its head or inside functions."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+def keys(names: set[str]) -> set[str]:
+    """rosdep's names of what has one."""
+    return {KEYS.get(name, name) for name in names - WITHOUT_KEY - OPTIONAL - set(BROUGHT)}
 
 
 @packages
 def test_package_names_what_it_imports_and_nothing_else(folder: Path) -> None:
-    wanted = {KEYS.get(name, name) for name in imported(folder) - WITHOUT_KEY - OPTIONAL}
+    wanted = keys(imported(folder, folder.name))
     named = {dependency.name for dependency in package(folder).exec_depends}
     assert wanted - named == set(), "missing in package.xml"
     assert named - wanted - BY_NAME == set(), "not imported"
+
+
+@packages
+def test_package_names_what_its_tests_import_and_nothing_else(folder: Path) -> None:
+    parsed = package(folder)
+    runs_on = {dependency.name for dependency in parsed.exec_depends}
+    named = {dependency.name for dependency in parsed.test_depends}
+    wanted = keys(imported(folder, "test")) | {"python3-pytest"}
+    assert wanted - named - runs_on == set(), "missing in package.xml"
+    assert named - wanted == set(), "not imported by tests"
+    assert named & runs_on == set(), "named twice"
+
+
+@packages
+def test_tests_do_without_what_has_no_key(folder: Path) -> None:
+    for path in (folder / "test").rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        for name in imported_by(path) & (WITHOUT_KEY | OPTIONAL):
+            assert f'importorskip("{name}' in text, f"{path}: {name}"
+
+
+@packages
+def test_what_has_no_key_comes_with_what_has_one(folder: Path) -> None:
+    named = {dependency.name for dependency in package(folder).exec_depends}
+    for name in imported(folder, folder.name) & set(BROUGHT):
+        assert KEYS[BROUGHT[name]] in named
+        assert name in (metadata.requires(BROUGHT[name]) or [])
 
 
 @packages

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 
 from hydro_ident.bag.recording import Recording
@@ -31,6 +30,8 @@ from hydro_ident.report.parameter_section import (
 )
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
+
+go = pytest.importorskip("plotly.graph_objects", reason="plotly is not installed")
 
 ROOT = Path(__file__).resolve().parents[2]
 SECTIONS = [
