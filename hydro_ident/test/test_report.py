@@ -364,6 +364,20 @@ def test_a_stacked_table_has_its_headings_in_its_cells_too() -> None:
     assert told["change"] == "-50.0 %"
 
 
+def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None:
+    row = ParameterRow("c_pa", 6.8143e-7, (-6e-7, 7.12e-7), "1", 7e-7, "", False, "")
+    [cells] = re.findall(r"<tbody><tr>(.*?)</tr>", parameter_table([row], ()))
+    told = dict(re.findall(r'<td data-label="(.*?)">(.*?)</td>', cells))
+    whole = [f'<span class="n">{n}</span>' for n in ("6.8143e-7", "-6e-7", "7.12e-7")]
+    assert told["value"] == whole[0]
+    assert told["95 % interval"] == f"{whole[1]} … {whole[2]}"
+    style = read(report).style
+    assert re.search(r"\.n\{white-space:nowrap\}", style)
+    # Names alone may break anywhere on a narrow screen.
+    anywhere = re.findall(r"([^{}]*)\{[^{}]*overflow-wrap:anywhere", style)
+    assert [one.strip() for one in anywhere] == ["code", ".stack td:first-child"]
+
+
 def test_a_long_name_may_break_at_its_joints_and_nowhere_else() -> None:
     cells = table(("name", "value"), [("lift_cylinder.c_pa", "a.b"), ("1.5e-3", "x")])
     assert "<td>lift_<wbr>cylinder.<wbr>c_<wbr>pa</td><td>a.b</td>" in cells

@@ -252,12 +252,15 @@ def table(
 
 #: Where a long name may go on in the next line of a narrow screen.
 _JOINT = re.compile(r"(?<=[a-z][._/])(?=[a-z])")
+#: Numbers in which a browser would break the line: behind the exponent's minus.
+_BREAKABLE = re.compile(r"-?[\d.]+e-\d+")
 
 
 def _row(row: Row, kinds: Sequence[str]) -> str:
     dot = f'<span class="dot" style="background:{row.dot}"></span>' if row.dot else ""
     below = f"<small>{escape(written(row.below))}</small>" if row.below else ""
-    cells = [f"{escape(cell)}" for cell in row.cells]
-    cells[0] = f"{dot}{_JOINT.sub('<wbr>', cells[0])}{below}"
+    first, *others = (escape(cell) for cell in row.cells)
+    cells = [f"{dot}{_JOINT.sub('<wbr>', first)}{below}"]
+    cells += [_BREAKABLE.sub(r'<span class="n">\g<0></span>', cell) for cell in others]
     inner = "".join(f"<td{kind}>{cell}</td>" for kind, cell in zip(kinds, cells, strict=True))
     return f"<tr{' class=' + chr(34) + 'off' + chr(34) if row.off else ''}>{inner}</tr>"
