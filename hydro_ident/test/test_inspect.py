@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from hydro_ident.commands.inspect import main
 from hydro_ident.complaints import complaints_of
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import inspect_bag
+from hydro_model import terminal
 
 N = 1500
 
@@ -202,3 +206,28 @@ def test_bad_input_is_one_line_and_exit_2(tmp_path, write_bag, run_columns, caps
     with pytest.raises(SystemExit) as usage:
         main([])
     assert usage.value.code == 2
+
+
+class _Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("to", ["result.json", "-", None])
+def test_reading_shows_on_a_terminal_wherever_the_result_goes(
+    write_bag, run_columns, tmp_path, monkeypatch, capsys, to
+) -> None:
+    screen = _Screen()
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=screen, stdout=sys.stdout))
+    monkeypatch.setenv("TERM", "xterm")
+    file = to and (to if to == "-" else str(tmp_path / to))
+    options = [] if file is None else ["--json", file]
+    assert main([str(write_bag(run_columns(N))), "--robot", "xs031", *options]) == 0
+    assert "reading file 1 of 1" in screen.getvalue()
+    assert screen.getvalue().endswith("\r\x1b[2K")
+    said = capsys.readouterr().out
+    if to == "-":
+        assert json.loads(said)["cycles"] == N
+    else:
+        assert f"{N} cycles" in said
+        assert to is None or json.loads((tmp_path / to).read_text())["cycles"] == N

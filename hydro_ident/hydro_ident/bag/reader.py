@@ -22,6 +22,7 @@ from hydro_ident.bag.nearby import bags_beside
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
 from hydro_model.safe_yaml import parse
+from hydro_model.terminal import advance
 
 METADATA_FILE = "metadata.yaml"
 #: Name of the metadata record (and custom_data of metadata.yaml) of the project's own bags.
@@ -125,8 +126,10 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     infos: dict[str, TopicInfo] = {}
     decoder = Decoder(path, notes, diagnostics=True)
     healths = []
-    for file in files:
+    for number, file in enumerate(files, 1):
         for block in file.blocks():
+            what = f"reading file {number} of {len(files)}"
+            advance(what, file.health.read_bytes, file.health.size_bytes)
             count_block(infos, block)
             if topics is None or block.channel.topic in topics:
                 decoder.add(block)

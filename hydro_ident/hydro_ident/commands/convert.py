@@ -79,7 +79,7 @@ def _convert(options: argparse.Namespace) -> int:
         "software": software_version(),
         "note": options.note,
     }
-    with progress_bar(options.json is None):
+    with progress_bar():
         done = convert(log, mapping, options.out, metadata)
     report(options.json, done.as_dict(), summary_text(done))
     return 0

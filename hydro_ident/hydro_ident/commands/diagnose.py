@@ -130,7 +130,7 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     )
     refine = RefineSettings() if options.refine else None
     settings = DiagnosisSettings(options.fixed_base, refine=refine, longest_s=options.longest)
-    with progress_bar(options.json is None):
+    with progress_bar():
         found = diagnose(robot, training, validation, settings)
     earlier = earlier_result(options.out)
     write_results(found, origin, options.out)

@@ -103,7 +103,7 @@ def run(arguments: Sequence[str]) -> int:
     residual = _residual(options)
     with tempfile.TemporaryDirectory() as name:
         folder, settings = Path(name), {"residual": residual, "seed": options.seed}
-        with progress_bar(options.json is None):
+        with progress_bar():
             excitation = design_excitation(robot, start, options.duration, folder, **settings)
             advance("designing the validation run", 4, DESIGN_STAGES)
             validation = design_validation(

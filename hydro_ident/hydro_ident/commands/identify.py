@@ -154,7 +154,7 @@ def run(arguments: Sequence[str]) -> int:
         robot,
         old,
     )
-    with workers_at(options.scheduler) as workers, progress_bar(options.json is None):
+    with workers_at(options.scheduler) as workers, progress_bar():
         found = identify(robot, training, validation, settings, workers)
     if old is not None and found.robot is not None:
         before = Statistics() if old.source is None else read_statistics(old.source)

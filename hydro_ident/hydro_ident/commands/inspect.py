@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from hydro_model.command import printable, run_command
 from hydro_model.output import add_json, report
-from hydro_model.terminal import coloured
+from hydro_model.terminal import advance, coloured, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.inspection import Inspection
@@ -35,8 +35,11 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.inspection import inspect_bag, robot_of
 
-    bag = read_bag(options.bag)
-    inspection = inspect_bag(bag, robot_of(bag, options.robot), strict=options.robot is not None)
+    with progress_bar():
+        bag = read_bag(options.bag)
+        robot = robot_of(bag, options.robot)
+        advance("looking at signals", 1, 1)
+        inspection = inspect_bag(bag, robot, strict=options.robot is not None)
     report(options.json, inspection.as_dict(), text_of(inspection))
     return 0
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command
-from hydro_model.output import add_json, report
+from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import advance, progress_bar, say
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def run(arguments: Sequence[str]) -> int:
     _say_if_not_secluded()
     if not options.done_only:
         _prepare_robots(options.out, seed, options.cases, options.jobs)
-    with progress_bar(options.json is None):
+    with progress_bar():
         advance("cases", 0, options.cases)
         done = _work(options, seed)
     if options.generate_only:
@@ -215,7 +215,7 @@ def _work(options: argparse.Namespace, seed: int) -> list[str]:
             row = future.result()
             said = row.get("failed") or row.get("verdict", "")
             line = f"{number}/{len(waiting)} {row['case']} {said}"
-            if options.json is None:
+            if options.json != STDOUT:
                 say(line)
             advance("cases", number, len(waiting))
             if options.generate_only or "failed" in row:

@@ -107,17 +107,13 @@ def progress_heard(hear: Callable[[str, int, int], None]) -> Iterator[None]:
 
 
 @contextmanager
-def progress_bar(wanted: bool = True) -> Iterator[None]:
-    """Show what the work inside says of its progress, on standard error.
+def progress_bar() -> Iterator[None]:
+    """Show what the work inside says of its progress, on standard error where that is a terminal.
 
-    Parameters
-    ----------
-    wanted : bool
-        False where the command prints for programs. Nothing is shown either where standard error
-        is no terminal.
+    Results go to standard output or to files, also as JSON: a bar is in nobody's way there.
     """
     global _bar
-    if not wanted or not is_terminal(sys.stderr) or _bar is not None:
+    if not is_terminal(sys.stderr) or _bar is not None:
         yield
         return
     _bar = _Bar(sys.stderr)
