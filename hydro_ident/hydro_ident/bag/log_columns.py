@@ -12,6 +12,7 @@ from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import read_columns
 from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.log_signal import LogSignal, turns
+from hydro_ident.bag.log_targets import MARGIN
 from hydro_ident.bag.log_times import times_among
 from hydro_ident.errors import BagError
 
@@ -59,12 +60,15 @@ class Columns:
         Signals of the log that were taken, their clocks among them.
     remarks : list of str
         What was done to values, and what looks odd.
+    warnings : list of str
+        What cannot be as the mapping says.
     """
 
     def __init__(self, log: Log, mapping: LogMap, timeline: Timeline) -> None:
         self.log, self.mapping, self.timeline = log, mapping, timeline
         self.used = set(timeline.rows) | ({mapping.time.signal} if mapping.time else set())
         self.remarks: list[str] = []
+        self.warnings: list[str] = []
 
     @property
     def count(self) -> int:
@@ -80,7 +84,7 @@ class Columns:
         where : str
             Who asks, for messages.
         joint : str
-            Whose angle it is; whole turns bring it into the joint's range.
+            Whose angle it is; whole turns bring it nearest to the joint's range.
 
         Returns
         -------
@@ -111,6 +115,8 @@ class Columns:
         self._say_beginning(recorded, rows, where)
         placed = np.full(self.count, np.nan)
         placed[rows[rows >= 0]] = values[rows >= 0]
+        if joint:
+            self._warn_outside(placed, joint, where)
         return placed
 
     def _recorded(self, name: str, where: str, count: int) -> FloatArray:
@@ -149,8 +155,24 @@ class Columns:
             return values
         whole = round(away / turn)
         if whole:
-            self.remarks.append(f"{where}: {whole:+d} turns, into the joint's range")
+            self.remarks.append(f"{where}: {whole:+d} turns, nearest to the joint's range")
         return values + whole * turn
+
+    def _warn_outside(self, values: FloatArray, joint: str, where: str) -> None:
+        """An angle that its joint cannot have: zero, sign or unit are not the robot's."""
+        robot = self.mapping.robot
+        limits = next((j for j in robot.joints if j.name == joint), None) if robot else None
+        known = values[np.isfinite(values)]
+        if limits is None or not len(known) or not math.isfinite(limits.upper - limits.lower):
+            return
+        margin = MARGIN * (limits.upper - limits.lower)
+        outside = (known < limits.lower - margin) | (known > limits.upper + margin)
+        if outside.any():
+            self.warnings.append(
+                f"{where}: expected {limits.lower:.4g} to {limits.upper:.4g} rad, found"
+                f" {known.min():.4g} to {known.max():.4g} rad, {outside.mean():.0%} of it outside"
+                " the joint's range: give its sign and offset (or minus), or the unit it is in"
+            )
 
     def _say_beginning(self, recorded: FloatArray, rows: np.ndarray, where: str) -> None:
         """A channel that was triggered later than the others."""

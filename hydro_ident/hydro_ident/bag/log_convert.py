@@ -87,6 +87,8 @@ class Conversion:
         Signals of the log that the mapping does not name.
     remarks : tuple of str
         How the file was read, and what was done to times and values.
+    warnings : tuple of str
+        What cannot be as the mapping says: the bag has it all the same.
     """
 
     path: Path
@@ -97,6 +99,7 @@ class Conversion:
     counts: Mapping[str, int]
     unused: tuple[str, ...]
     remarks: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """For `--json`."""
@@ -108,6 +111,7 @@ class Conversion:
             "messages": dict(self.counts),
             "not_in_the_mapping": list(self.unused),
             "remarks": list(self.remarks),
+            "warnings": list(self.warnings),
         }
 
 
@@ -162,6 +166,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         counts=counts,
         unused=tuple(name for name in log.columns if name not in columns.used),
         remarks=(*log.notes, *timeline.remarks, *columns.remarks, *odd, *remark),
+        warnings=tuple(columns.warnings),
     )
 
 

@@ -23,6 +23,8 @@ from hydro_model.robot import Robot
 
 _NAME, _NUMBER, _CHAMBER = 4.0, 2.0, 1.0
 _SUPPLY_PA, _RATED_V = 2e7, 10.0
+#: Share of a joint's range by which it may be recorded beyond its ends.
+MARGIN = 0.02
 
 
 class Targets:
@@ -81,7 +83,7 @@ class Targets:
         known = values[np.isfinite(values)] * UNITS["position"][unit]
         if limits is None or not len(known) or not math.isfinite(limits.upper - limits.lower):
             return 0.0
-        margin = 0.02 * (limits.upper - limits.lower)
+        margin = MARGIN * (limits.upper - limits.lower)
         inside = (known >= limits.lower - margin) & (known <= limits.upper + margin)
         return float(inside.mean())
 
