@@ -17,17 +17,20 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.free_run import FreeRun, JointRollout
 from hydro_ident.identification import Identification, identify
 from hydro_ident.parameters import Parameter
 from hydro_ident.report.figure import Figure
 from hydro_ident.report.identification_report import report_html
-from hydro_ident.report.page import Row, number, paragraph, table, written
+from hydro_ident.report.page import Row, number, paragraph, percent, table, written
 from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import (
     ParameterRow,
     identified_row,
     parameter_table,
 )
+from hydro_ident.report.verdict_words import free_run_line
+from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
@@ -297,6 +300,40 @@ def _luminance(colour: str) -> float:
 def test_numbers_read_as_people_write_them() -> None:
     written = [number(v) for v in (4000.09, 12345.678, 1.767e7, 2.33e-6, 0.0101, None, np.inf)]
     assert written == ["4000", "12350", "1.767e7", "2.33e-6", "0.0101", "–", "–"]
+
+
+def test_a_share_that_rounds_to_nothing_is_said_in_words() -> None:
+    assert [percent(v, 1, "+") for v in (-2e-4, 2e-4, 0.0)] == ["under 0.1 %"] * 2 + ["0.0 %"]
+    assert [percent(v) for v in (-0.004, 0.004, -0.006, 0.5)] == ["under 1 %"] * 2 + [
+        "-1 %",
+        "50 %",
+    ]
+    assert percent(-0.01, 1, "+") == "-1.0 %"
+
+
+def test_the_strip_says_no_width_of_zero(found: Identification) -> None:
+    thin = tuple(replace(p, std=1e-9 * abs(p.value)) for p in found.parameters)
+    text = report_html(replace(found, parameters=thin), ORIGIN)
+    assert "the middle one to less than ±0.1 % (95 %)." in text
+    assert "-0.0 %" not in text
+    assert "±0.0 %" not in text
+
+
+def test_what_is_not_enough_is_no_improvement(found: Identification) -> None:
+    assert found.channels
+    html = report_html(replace(found, verdict=NOT_ENOUGH, robot=None), ORIGIN)
+    strip = html.partition('id="verdict"')[2].partition("</section>")[0]
+    for said in ("error changes", "Simulated for", "determined, the middle", "→"):
+        assert said not in strip
+
+
+def test_of_a_joint_rolled_out_by_one_model_alone_nothing_is_compared() -> None:
+    none = (None, None, *[np.empty(0)] * 4)
+    lone = JointRollout("lift", "rad", 0.004, None, *none)
+    both = JointRollout("tilt", "rad", 0.2, 0.1, *none)
+    assert free_run_line(FreeRun((lone,), 1, 0, 2.0, (), "")) == []
+    [line] = free_run_line(FreeRun((lone, both), 1, 0, 2.0, (), ""))
+    assert line.endswith("error: tilt 0.2 → 0.1 rad.")
 
 
 def test_cells_are_text() -> None:

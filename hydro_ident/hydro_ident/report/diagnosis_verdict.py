@@ -132,6 +132,8 @@ def _left_out(found: Diagnosis) -> list[str]:
 
 def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     lines = health_line(found.recordings)
+    if found.verdict == NOT_ENOUGH:
+        return [*lines, *loss_line(found.losses)] or ["Not at all."]
     if found.findings:
         lines.append(_chance(found.findings))
         lines += error_line(held_out)

@@ -116,13 +116,17 @@ def _sure(
     held_out: Sequence[ChannelRows],
 ) -> list[str]:
     lines = health_line(found.recordings)
+    if found.verdict == NOT_ENOUGH:
+        return lines or ["Not at all."]
     relative = sorted(
         (p.ci95[1] - p.ci95[0]) / (2.0 * abs(p.value)) for p in known if p.ci95 and p.value
     )
     if relative:
+        width = percent(relative[len(relative) // 2], 1)
+        width = width.replace("under ", "less than ±") if "under" in width else f"±{width}"
         text = (
             f"{len(known)} of {len(found.parameters)} parameters are determined, the middle one to"
-            f" ±{percent(relative[len(relative) // 2], 1)} (95 %)."
+            f" {width} (95 %)."
         )
         if physics:
             text += " These intervals count noise alone: what was left out may bias them further."

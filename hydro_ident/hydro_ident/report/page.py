@@ -156,8 +156,14 @@ def paragraph(text: str, style: str = "none") -> str:
 
 
 def percent(share: float, digits: int = 0, sign: str = "") -> str:
-    """A share in per cent, with `digits` behind the point; `sign` "+" writes that, too."""
-    return f"{100.0 * share:{sign}.{digits}f} %"
+    """A share in per cent, with `digits` behind the point; `sign` "+" writes that, too.
+
+    What rounds to nothing and is not nothing is under the last digit.
+    """
+    text = f"{100.0 * share:{sign}.{digits}f}"
+    if float(text) == 0.0:
+        text = f"under {10.0**-digits:.{digits}f}" if share else f"{0.0:.{digits}f}"
+    return f"{text} %"
 
 
 #: How the packages' own texts write units and exponents, and how a report does.

@@ -63,7 +63,7 @@ def free_run_line(run: FreeRun | None) -> list[str]:
     parts = [
         f"{j.joint} {number(j.rmse_before, 2)} → {number(j.rmse_after, 2)} {j.unit}"
         for j in run.joints
-        if j.rmse_before is not None or j.rmse_after is not None
+        if j.rmse_before is not None and j.rmse_after is not None
     ]
     if not parts:
         return []
