@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from hydro_control import parameters as controller_parameters
+from hydro_hw_bridge import parameters as bridge_parameters
 from hydro_model.robot_files import shipped_robots
 
 ROOT = Path(__file__).parents[1]
@@ -134,6 +137,37 @@ def test_results_of_before_stay(tmp_path: Path) -> None:
     assert_refused(result, "nothing")
     assert (out / "result.json").read_text() == "{}"
     assert [p.name for p in out.iterdir()] == ["result.json"]
+
+
+NODES = {
+    "can_bridge": "hydro_hw_bridge",
+    "controller": "hydro_control",
+    "identification_node": "hydro_ident",
+    "visual_joints": "hydro_msgs_docs",
+}
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_a_node_refuses_what_neither_it_nor_ros_takes(node: str) -> None:
+    for arguments in (["--bogus"], ["--bogus", "--ros-args", "-p", "robot:=xs031"]):
+        result = run(NODES[node], node, *arguments)
+        assert result.returncode == 2, result.stderr
+        assert "--bogus" in result.stderr.splitlines()[-1]
+        assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_a_nodes_help_lists_its_parameters_with_their_defaults(node: str) -> None:
+    result = run(NODES[node], node, "--help")
+    assert (result.returncode, result.stderr) == (0, "")
+    given = {
+        "can_bridge": {p.name: p.default for p in bridge_parameters.PARAMETERS},
+        "controller": {p.name: p.default for p in controller_parameters.PARAMETERS},
+        "identification_node": dict.fromkeys(("bags", "robot"), "required"),
+        "visual_joints": {"robot": "required", "rate_hz": 50.0},
+    }[node]
+    told = dict(re.findall(r"^  (\w+)  .*\[(.*)\]$", result.stdout, re.M))
+    assert told == {name: str(default) for name, default in given.items()}
 
 
 @pytest.mark.parametrize(

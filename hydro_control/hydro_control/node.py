@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
 from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
     from hydro_control.controller_node import ControllerNode
@@ -42,8 +42,7 @@ def run(arguments: Sequence[str]) -> int:
     ControlError, RobotError
         A parameter, robot or path file that cannot be used.
     """
-    own = _without_ros_arguments(arguments)
-    _parser().parse_args(own)
+    _check(arguments)
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -63,25 +62,16 @@ def run(arguments: Sequence[str]) -> int:
         rclpy.try_shutdown()
 
 
-def _parser() -> argparse.ArgumentParser:
-    return argparse.ArgumentParser(
-        prog=NAME,
-        description="Model-based 500 Hz controller of a hydraulic manipulator (lifecycle node).",
-        epilog="Parameters: --ros-args -p NAME:=VALUE or --params-file FILE.",
+def _check(arguments: Sequence[str]) -> None:
+    from hydro_control.parameters import PARAMETERS
+
+    check_arguments(
+        NAME,
+        "Model-based 500 Hz controller of a hydraulic manipulator. A lifecycle node: inactive it"
+        " listens, active it answers every sample.",
+        [(p.name, f"{p.text}, {p.unit}" if p.unit else p.text, p.default) for p in PARAMETERS],
+        arguments,
     )
-
-
-def _without_ros_arguments(arguments: Sequence[str]) -> list[str]:
-    """The arguments outside `--ros-args ... --`, found without importing ROS."""
-    own, ros = [], False
-    for argument in arguments:
-        if argument == "--ros-args":
-            ros = True
-        elif ros and argument == "--":
-            ros = False
-        elif not ros:
-            own.append(argument)
-    return own
 
 
 #: A signal is heard between two waits of the executor: no longer than this after it came.

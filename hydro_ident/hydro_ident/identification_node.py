@@ -10,25 +10,30 @@ from typing import TYPE_CHECKING, Any
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_model.command import run_command
 from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
     from hydro_ident.identification import Identification
     from hydro_ident.parameters import Parameter
 
+_TEXT = (
+    "Identifies from bags and publishes /base_parameters, latched: name = parameter, effort ="
+    " value, velocity = standard deviation. Stays up until Ctrl-C."
+)
+#: Its parameters and what they mean; both have to be given.
+_MEANT = {
+    "bags": "bags to identify from, a list of paths",
+    "robot": "robot file or the name of a shipped robot",
+}
+
 
 def run(arguments: Sequence[str]) -> int:
     """Identify, publish once, stay until SIGINT, SIGTERM or SIGHUP; returns the exit code."""
+    check_arguments("identification_node", _TEXT, [(*p, None) for p in _MEANT.items()], arguments)
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
 
-    if any(a in ("-h", "--help") for a in arguments):
-        print(
-            "usage: identification_node --ros-args -p bags:=[BAG,...] -p robot:=ROBOT\n"
-            "Identifies from bags and publishes /base_parameters, latched: name = parameter,"
-            " effort = value, velocity = standard deviation. Stays up until Ctrl-C."
-        )
-        return 0
     stay_local()
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
@@ -114,22 +119,19 @@ def _parameters(node: Any) -> tuple[list[str], str]:
     )
     from rclpy.parameter import Parameter as RosParameter
 
-    texts = {
-        "bags": (RosParameter.Type.STRING_ARRAY, "bags to identify from, a list of paths"),
-        "robot": (RosParameter.Type.STRING, "robot file or the name of a shipped robot"),
-    }
+    kinds = {"bags": RosParameter.Type.STRING_ARRAY, "robot": RosParameter.Type.STRING}
     values = {}
-    for name, (kind, text) in texts.items():
+    for name, text in _MEANT.items():
         descriptor = ParameterDescriptor(name=name, description=text, read_only=True)
         try:
-            node.declare_parameter(name, kind, descriptor)
+            node.declare_parameter(name, kinds[name], descriptor)
             values[name] = node.get_parameter(name).value
         except InvalidParameterTypeException as error:
             raise IdentError(f"parameter '{name}' should be {text}: {error}") from error
         except ParameterUninitializedException as error:
             raise IdentError(f"parameter '{name}' is missing, expected {text}") from error
     if not any(values["bags"]):
-        raise IdentError(f"parameter 'bags' is empty, expected {texts['bags'][1]}")
+        raise IdentError(f"parameter 'bags' is empty, expected {_MEANT['bags']}")
     return list(values["bags"]), str(values["robot"])
 
 

@@ -11,12 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command
 from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
     from hydro_model.robot import FloatArray, Robot
 
 VISUAL_JOINT_STATES = "/visual_joint_states"
 RATE_HZ = 50.0
+_PARAMETERS = (
+    ("robot", "robot file or the name of a shipped robot", None),
+    ("rate_hz", "messages a second at most", RATE_HZ),
+)
 
 
 def positions_of(robot: Robot, given: Mapping[str, float]) -> FloatArray | None:
@@ -55,12 +60,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    if any(a in ("-h", "--help") for a in arguments):
-        print(
-            "usage: visual_joints --ros-args -p robot:=ROBOT [-p rate_hz:=50.0]\n"
-            "Publishes /visual_joint_states: joints, barrels and rods of what visual_urdf writes."
-        )
-        return 0
+    check_arguments(
+        "visual_joints",
+        "Publishes /visual_joint_states: joints, barrels and rods of what visual_urdf writes.",
+        _PARAMETERS,
+        arguments,
+    )
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
