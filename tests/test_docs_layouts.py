@@ -12,9 +12,10 @@ from xml.etree import ElementTree
 
 import pytest
 
+from hydro_ident.report.palette import JOINTS
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots
-from hydro_msgs_docs import topics
+from hydro_msgs_docs import live_layouts, topics
 from hydro_msgs_docs.layouts_command import main
 
 LAYOUTS = Path(__file__).resolve().parents[1] / "hydro_msgs_docs/layouts"
@@ -108,6 +109,46 @@ def test_every_series_of_the_layouts_exists(view: str) -> None:
     drawn = check_plotjuggler(robot, (LAYOUTS / f"plotjuggler/{view}.xml").read_text("utf-8"))
     assert drawn == check_foxglove(robot, (LAYOUTS / f"foxglove/{view}.json").read_text("utf-8"))
     assert topics.JOINT_STATES in drawn
+
+
+def drawn_colours(view: str, folder: Path) -> dict[str, set[str]]:
+    """Label of a signal to the colours that it has in either program's layout of a view."""
+    found: dict[str, set[str]] = {}
+    root = ElementTree.parse(folder / f"plotjuggler/{view}.xml")
+    for curve in root.iter("curve"):
+        name = re.sub(r"^/\w+/|/\w+$", "", curve.attrib["name"])
+        found.setdefault(name, set()).add(curve.attrib["color"])
+    data = json.loads((folder / f"foxglove/{view}.json").read_text("utf-8"))
+    for panel in data["configById"].values():
+        for path in panel.get("paths", []):
+            found.setdefault(path["label"].split(" ")[0], set()).add(path["color"])
+    return found
+
+
+def test_a_joint_has_one_colour_as_in_the_reports(tmp_path: Path) -> None:
+    robot = load_robot("xs031")
+    assert live_layouts.COLOURS == JOINTS
+    assert main(["--robot", "xs031", "--out", str(tmp_path)]) == 0
+    seen = set()
+    for view in VIEWS:
+        for name, colours in drawn_colours(view, tmp_path).items():
+            of = {"lift": {JOINTS[0], "#7FB8D8"}, "tilt": {JOINTS[1], "#EAAE7F"}}
+            joint = next((j for j in robot.joint_names if name.startswith(j)), "")
+            if joint:
+                assert colours <= of[joint], (view, name)
+                seen.add(name)
+            else:
+                assert not colours & (of["lift"] | of["tilt"]), (view, name)
+    chambers = {f"{c.name}/{side}" for c in robot.cylinders for side in "ab"}
+    assert seen >= {*robot.joint_names, *robot.valve_names, *chambers}
+
+
+def test_two_signals_of_a_plot_never_look_alike(tmp_path: Path) -> None:
+    for name in sorted(shipped_robots()):
+        for view in live_layouts.views(load_robot(name)):
+            for plot in (plot for row in view.shown for plot in row):
+                if len(plot.signals) <= len(JOINTS):
+                    assert len({s.colour for s in plot.signals}) == len(plot.signals), plot.title
 
 
 def test_all_topics_of_a_cycle_are_drawn_somewhere() -> None:

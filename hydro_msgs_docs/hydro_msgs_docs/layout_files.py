@@ -10,8 +10,6 @@ from xml.etree import ElementTree
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.live_layouts import Plot, View
 
-#: Palette of Okabe and Ito, without its yellow.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _STREAMER = "ROS2 Topic Subscriber"
 
 
@@ -57,9 +55,8 @@ def _dock(parent: ElementTree.Element, plot: Plot) -> None:
     frame = ElementTree.SubElement(area, "plot", look)
     ElementTree.SubElement(frame, "range", left="0", right="10", bottom="0", top="1")
     ElementTree.SubElement(frame, "limitY")
-    for k, signal in enumerate(plot.signals):
-        colour = COLOURS[k % len(COLOURS)]
-        ElementTree.SubElement(frame, "curve", name=signal.plotjuggler, color=colour)
+    for signal in plot.signals:
+        ElementTree.SubElement(frame, "curve", name=signal.plotjuggler, color=signal.colour)
 
 
 def _streamer(parent: ElementTree.Element, view: View) -> None:
@@ -125,9 +122,9 @@ def _panel(plot: Plot) -> dict[str, Any]:
                 "label": signal.label,
                 "enabled": True,
                 "timestampMethod": "headerStamp",
-                "color": COLOURS[k % len(COLOURS)],
+                "color": signal.colour,
             }
-            for k, signal in enumerate(plot.signals)
+            for signal in plot.signals
         ],
         "showXAxisLabels": True,
         "showYAxisLabels": True,

@@ -14,6 +14,11 @@ from dataclasses import dataclass
 from hydro_model.robot import Robot
 from hydro_msgs_docs import topics
 
+#: One for each joint, as in the reports: palette of Okabe and Ito, without its yellow.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+#: For what is no joint's where joints take all of these.
+GREYS = ("#7F7F7F", "#B0B0B0", "#595959")
+
 
 @dataclass(frozen=True, slots=True)
 class Signal:
@@ -28,6 +33,8 @@ class Signal:
         Entry of a JointState; empty for other messages.
     index : int
         Its place in the robot's order of names.
+    colour : str
+        Its joint's; paler where a plot has two of a joint. That of no joint, where it is of none.
     """
 
     topic: str
@@ -35,6 +42,7 @@ class Signal:
     label: str
     name: str = ""
     index: int = 0
+    colour: str = GREYS[0]
 
     @property
     def plotjuggler(self) -> str:
@@ -103,19 +111,58 @@ def views(robot: Robot) -> tuple[View, ...]:
     return _bringup(robot), _tracking(robot), _diagnosis(robot)
 
 
+def _joint_of(robot: Robot) -> dict[str, int]:
+    """Place of an entry's joint by its name: the joint's, a cylinder's, chamber's or valve's."""
+    found = {name: k for k, name in enumerate(robot.joint_names)}
+    for cylinder in robot.cylinders:
+        k = robot.joint_index(cylinder.joint)
+        found |= {cylinder.name: k, f"{cylinder.name}/a": k, f"{cylinder.name}/b": k}
+    return found | {v.name: found[v.cylinder] for v in robot.valves}
+
+
+def _colour(robot: Robot, name: str, place: int, pale: bool) -> str:
+    """Of a joint's signal; of the others by their place in their plot."""
+    k = _joint_of(robot).get(name)
+    if k is None:
+        free = COLOURS[robot.dof :] or GREYS
+        return free[place % len(free)]
+    colour = COLOURS[k % len(COLOURS)]
+    return _paler(colour) if pale else colour
+
+
+def _paler(colour: str) -> str:
+    """Half way to white."""
+    parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return "#" + "".join(f"{(part + 255) // 2:02X}" for part in parts)
+
+
 def _entries(
-    topic: str, field: str, names: Sequence[str], what: str, wanted: Sequence[str] | None = None
+    robot: Robot,
+    at: tuple[str, str],
+    names: Sequence[str],
+    what: str = "",
+    wanted: Sequence[str] | None = None,
 ) -> tuple[Signal, ...]:
-    kept = names if wanted is None else wanted
+    """Entries of a JointState: `at` is topic and field. What is asked is paler than what is."""
+    asked = what in ("wanted", "asked")
     return tuple(
-        Signal(topic, field, f"{name} {what}".strip(), name, names.index(name)) for name in kept
+        Signal(
+            *at,
+            f"{name} {what}".strip(),
+            name,
+            names.index(name),
+            _colour(robot, name, place, asked or name.endswith("/b")),
+        )
+        for place, name in enumerate(names if wanted is None else wanted)
     )
 
 
 def _pressures(robot: Robot, wanted: Sequence[str]) -> tuple[Signal, ...]:
     if not robot.cylinders:
         return ()
-    return _entries(topics.CHAMBER_PRESSURES, "effort", robot.pressure_names, "", wanted)
+    return _entries(
+        robot, (topics.CHAMBER_PRESSURES, "effort"), robot.pressure_names, wanted=wanted
+    )
 
 
 def _chambers(robot: Robot) -> list[str]:
@@ -125,21 +172,26 @@ def _chambers(robot: Robot) -> list[str]:
 def _bringup(robot: Robot) -> View:
     joints, valves = robot.joint_names, robot.valve_names
     dry = () if robot.cylinders else joints
-    oil = (Signal(topics.OIL_TEMPERATURE, "temperature", "oil"),) if robot.cylinders else ()
+    warm = Signal(
+        topics.OIL_TEMPERATURE, "temperature", "oil", colour=_colour(robot, "", 0, False)
+    )
+    oil = (warm,) if robot.cylinders else ()
     return View(
         "bringup",
         (
             (
-                Plot("joints, rad or m", _entries(topics.JOINT_STATES, "position", joints, "")),
-                Plot("torques, N m or N", _entries(topics.JOINT_STATES, "effort", dry, "")),
+                Plot(
+                    "joints, rad or m", _entries(robot, (topics.JOINT_STATES, "position"), joints)
+                ),
+                Plot("torques, N m or N", _entries(robot, (topics.JOINT_STATES, "effort"), dry)),
             ),
             (
                 Plot("chambers, Pa absolute", _pressures(robot, _chambers(robot))),
                 Plot("rails, Pa absolute", _pressures(robot, ("supply", "tank"))),
             ),
             (
-                Plot("valves applied, V", _entries(topics.VALVE_STATE, "effort", valves, "")),
-                Plot("spools", _entries(topics.VALVE_STATE, "position", valves, "")),
+                Plot("valves applied, V", _entries(robot, (topics.VALVE_STATE, "effort"), valves)),
+                Plot("spools", _entries(robot, (topics.VALVE_STATE, "position"), valves)),
                 Plot("oil, deg C", oil),
             ),
         ),
@@ -149,12 +201,15 @@ def _bringup(robot: Robot) -> View:
 
 def _tracking(robot: Robot) -> View:
     joints, valves = robot.joint_names, robot.valve_names
-    tip = tuple(Signal(topics.TIP_REFERENCE, f"point.{axis}", axis) for axis in "xyz")
+    tip = tuple(
+        Signal(topics.TIP_REFERENCE, f"point.{axis}", axis, colour=_colour(robot, "", k, False))
+        for k, axis in enumerate("xyz")
+    )
 
     def both(joint: str, field: str) -> tuple[Signal, ...]:
         return (
-            *_entries(topics.JOINT_REFERENCE, field, joints, "wanted", (joint,)),
-            *_entries(topics.JOINT_STATES, field, joints, "measured", (joint,)),
+            *_entries(robot, (topics.JOINT_REFERENCE, field), joints, "wanted", (joint,)),
+            *_entries(robot, (topics.JOINT_STATES, field), joints, "measured", (joint,)),
         )
 
     return View(
@@ -164,7 +219,7 @@ def _tracking(robot: Robot) -> View:
             tuple(Plot(f"{j} velocity", both(j, "velocity")) for j in joints),
             (
                 Plot("tip wanted, m", tip),
-                Plot("valves asked, V", _entries(topics.VALVE_COMMAND, "effort", valves, "")),
+                Plot("valves asked, V", _entries(robot, (topics.VALVE_COMMAND, "effort"), valves)),
             ),
         ),
     )
@@ -173,12 +228,12 @@ def _tracking(robot: Robot) -> View:
 def _diagnosis(robot: Robot) -> View:
     joints, valves = robot.joint_names, robot.valve_names
     driven = [c.joint for c in robot.cylinders]
-    forces = _entries(topics.JOINT_REFERENCE, "effort", joints, "required", driven)
+    forces = _entries(robot, (topics.JOINT_REFERENCE, "effort"), joints, "required", driven)
 
     def volts(valve: str) -> tuple[Signal, ...]:
         return (
-            *_entries(topics.VALVE_COMMAND, "effort", valves, "asked", (valve,)),
-            *_entries(topics.VALVE_STATE, "effort", valves, "applied", (valve,)),
+            *_entries(robot, (topics.VALVE_COMMAND, "effort"), valves, "asked", (valve,)),
+            *_entries(robot, (topics.VALVE_STATE, "effort"), valves, "applied", (valve,)),
         )
 
     return View(
@@ -190,8 +245,8 @@ def _diagnosis(robot: Robot) -> View:
             ),
             tuple(Plot(f"{valve}, V", volts(valve)) for valve in valves),
             (
-                Plot("spools", _entries(topics.VALVE_STATE, "position", valves, "")),
-                Plot("velocities", _entries(topics.JOINT_STATES, "velocity", joints, "")),
+                Plot("spools", _entries(robot, (topics.VALVE_STATE, "position"), valves)),
+                Plot("velocities", _entries(robot, (topics.JOINT_STATES, "velocity"), joints)),
             ),
             (
                 Plot("piston forces, N", forces),
