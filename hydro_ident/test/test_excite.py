@@ -185,6 +185,12 @@ def test_start_poses(robot: Robot) -> None:
             ["--start-joints", "1.69", "-1.2"],
             "no motion fits the limits of robot xs031: at",
         ),
+        (
+            ["--start-joints", "9", "9"],
+            "at the start joint 'lift': expected 0 to 1.65 rad (its limits less 0.05), found 9;"
+            " try the middle, --start-joints 0.825 -1.27",
+        ),
+        (["--start-joints", "1.2", "-0.2"], "at the start piston of 'tilt_cylinder': expected 0."),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_writes_nothing(

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.design.limits import Limits, fits, limit_ratios, middle
 from hydro_ident.errors import IdentError
+from hydro_model.cylinder import stroke
 from hydro_model.fields import Fields
 from hydro_model.paths_kinds import read_segments
 from hydro_model.paths_segments import Segment
@@ -59,8 +60,7 @@ class Program:
         if not ratio.max() <= 1.0:
             raise IdentError(
                 f"no motion fits the limits of robot {robot.name}: at the start"
-                f" {limit_names(robot)[int(np.argmax(ratio))]} is at"
-                f" {100.0 * ratio.max():.0f} % of its limit"
+                f" {_beyond(robot, limits, self.at, ratio)}{_way_out(robot, limits)}"
             )
 
     def add(self, *entries: Entry) -> bool:
@@ -167,6 +167,42 @@ def limit_names(robot: Robot) -> list[str]:
             names += [f"the {what} of '{cylinder.name}'" for what in ("swing", "force")]
             names += [f"the flow of '{cylinder.name}'"] * (cylinder.name in fed)
     return names
+
+
+def _beyond(robot: Robot, limits: Limits, at: FloatArray, ratio: FloatArray) -> str:
+    """Which limit a pose is beyond and what it is: a joint's before what follows from it."""
+    for q, joint in zip(at, robot.joints, strict=True):
+        low, high = joint.lower + limits.margin, joint.upper - limits.margin
+        if not low <= q <= high:
+            unit = "m" if joint.prismatic else "rad"
+            return (
+                f"joint '{joint.name}': expected {low:.4g} to {high:.4g} {unit} (its limits"
+                f" less {limits.margin:g}), found {q:.4g}"
+            )
+    for q, cylinder in zip(_driven(robot, at), robot.cylinders, strict=True):
+        x, margin = float(stroke(cylinder, q)), limits.stroke_margin * cylinder.stroke_m
+        if not margin <= x <= cylinder.stroke_m - margin:
+            return (
+                f"piston of '{cylinder.name}': expected {margin:.3g} to"
+                f" {cylinder.stroke_m - margin:.3g} m of its stroke, found {x:.3g}"
+            )
+    worst = int(np.argmax(ratio))
+    return (
+        f"{limit_names(robot)[worst]}: expected at most what a design may use,"
+        f" found {100.0 * ratio[worst]:.0f} % of it"
+    )
+
+
+def _driven(robot: Robot, at: FloatArray) -> FloatArray:
+    return at[[robot.joint_index(cylinder.joint) for cylinder in robot.cylinders]]
+
+
+def _way_out(robot: Robot, limits: Limits) -> str:
+    """A pose to start from, where the middle of the ranges is one."""
+    pose, still = middle(robot)[None], np.zeros((1, robot.dof))
+    if not limit_ratios(robot, limits, pose, still, still).max() <= 1.0:
+        return "; try another pose"
+    return f"; try the middle, --start-joints {' '.join(f'{q:.3g}' for q in pose[0])}"
 
 
 def number(value: float) -> float:
