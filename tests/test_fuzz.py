@@ -11,9 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hydro_ident.study.fuzz.__main__ import _run as fuzz
 from hydro_ident.study.fuzz.campaign import case, prepare, time_limit
 from hydro_ident.study.fuzz.corpus import files, named, seeds
 from hydro_ident.study.fuzz.edits import Edit, edited
+from hydro_ident.study.fuzz.sources import changed, digests
 from hydro_ident.study.fuzz.targets import TARGETS, outcome
 from hydro_ident.study.kills import MOMENTS
 
@@ -81,6 +83,40 @@ def test_the_committed_campaign_found_nothing_and_the_page_says_what_it_tried() 
         f" slowest file {slowest:.2f} s of processor time, {found['peak_mb']} MB at most"
     )
     assert said in page
+
+
+def test_the_committed_campaign_says_which_sources_it_is_of() -> None:
+    """Who changes a loader runs `scripts/fuzz.sh` again, or lets it say what has changed since."""
+    found = json.loads((RESULTS / "fuzz.json").read_text(encoding="utf-8"))
+    then = found["sources"]
+    assert {"hydro_ident/hydro_ident/bag/log_text.py", *map(str, _loaders())} <= set(then)
+    assert found["changed_since"] == changed(then, ROOT), (
+        "run: scripts/fuzz.sh --minutes 0 --json hydro_msgs_docs/results/fuzz.json"
+    )
+    page = " ".join((ROOT / "hydro_msgs_docs/bags.md").read_text(encoding="utf-8").split())
+    names = ", ".join(f"`{Path(path).name}`" for path in found["changed_since"])
+    since = f" Changed since that run: {names}." if names else ""
+    assert f"MB at most.{since} It reads" in page
+
+
+def _loaders() -> set[Path]:
+    """Modules that the campaign's own ones import from, as far as they read files."""
+    text = (ROOT / "hydro_ident/hydro_ident/study/fuzz/targets.py").read_text(encoding="utf-8")
+    tops = {"hydro_model": Path("ros2_ws/src/hydro_model")}
+    names = re.findall(r"from (hydro_\w+)\.([\w.]+) import", text)
+    paths = {tops.get(t, Path(t)) / t / f"{m.replace('.', '/')}.py" for t, m in names}
+    return {path for path in paths if path.stem not in ("errors", "shipped_mapping")}
+
+
+def test_what_has_changed_since_a_run_is_said_anew(tmp_path: Path) -> None:
+    of = digests(ROOT)
+    assert changed(of, ROOT) == []
+    edited_one = {**of, sorted(of)[0]: "0", "gone.py": "1"}
+    assert changed(edited_one, ROOT) == sorted([sorted(of)[0], "gone.py"])
+    file = tmp_path / "fuzz.json"
+    file.write_text(json.dumps({"sources": edited_one, "changed_since": []}), encoding="utf-8")
+    assert fuzz(["--corpus", str(CORPUS), "--minutes", "0", "--json", str(file)]) == 0
+    assert json.loads(file.read_text())["changed_since"] == changed(edited_one, ROOT)
 
 
 def test_the_committed_kills_keep_the_promise() -> None:
