@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
-from hydro_hw_bridge.bridge_core import FOREIGN, BridgeCore
+from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_start import declared, gate_limits, loaded_codec
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
@@ -24,6 +24,7 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP
 from hydro_hw_bridge.publishers import BridgePublishers
+from hydro_hw_bridge.supervision import FOREIGN
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait

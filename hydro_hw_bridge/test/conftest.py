@@ -59,6 +59,12 @@ class Bench:
         self.early = [step for step in steps[:-1] if step is not NOTHING]
         return steps[-1]
 
+    def without(self, counter: int, lost: int, **changes: Any) -> list[Step]:
+        """Steps of a cycle that lacks one of its frames."""
+        messages = self.codec.encode_cycle(self.readings(counter, **changes))
+        frames = [self.codec.receive(m) for k, m in enumerate(messages) if k != lost]
+        return [self.core.receive(frame, NOW) for frame in frames if frame is not None]
+
     def start(self) -> None:
         """An active core whose subscribers are there."""
         self.core.activate()

@@ -1,6 +1,7 @@
 """The bridge's watchdogs at and around their limits: pure, without bus and wall clock.
 
-With `test_bridge_core` the line and branch coverage of bridge_core.py and link.py is complete.
+With `test_bridge_core`, `test_supervision`, `test_command_intake` and `test_valve_frames` the line
+and branch coverage of the modules of these names and of link.py is complete.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bridge_core import IMPOSSIBLE, READ_LATE, BridgeCore
+from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import BUS_OFF, UNSENT, CommandLink
+from hydro_hw_bridge.supervision import IMPOSSIBLE, READ_LATE
 
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)

@@ -12,11 +12,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from hydro_hw_bridge.bridge_core import READ_LATE
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import BAD
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd
 from hydro_ident.study.faults.stage import Stage, executable, until

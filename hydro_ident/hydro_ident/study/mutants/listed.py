@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 _TEST = "hydro_hw_bridge/test"
+_CORE = ("bridge_core", "supervision", "command_intake", "valve_frames")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +75,13 @@ TARGETS: tuple[Target, ...] = (
         "hydro_hw_bridge.plausibility",
         (f"{_TEST}/test_plausibility.py", f"{_TEST}/test_plausibility_limits.py"),
     ),
-    Target(
-        "bridge_core",
-        "hydro_hw_bridge.bridge_core",
-        (f"{_TEST}/test_bridge_core.py", f"{_TEST}/test_watchdogs.py"),
+    *(
+        Target(
+            name,
+            f"hydro_hw_bridge.{name}",
+            tuple(f"{_TEST}/test_{test}.py" for test in (*_CORE, "watchdogs")),
+        )
+        for name in _CORE
     ),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),

@@ -1,0 +1,108 @@
+"""The way out to the valves: the gate's output as frames, and what of it is on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import can
+
+from hydro_hw_bridge.bridge_step import Sample, Step, ValveState
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.gate import Gate
+from hydro_hw_bridge.own_frames import OwnFrames
+
+
+class ValveFrames:
+    """Answers cycles with the gate's output, whatever that is, and keeps what left.
+
+    Parameters
+    ----------
+    codec : Codec
+    gate : Gate
+    send : callable
+        Sends a frame at once; False where the bus did not take it.
+
+    Attributes
+    ----------
+    own : OwnFrames
+    spoke : bool
+        A frame was sent.
+    on_wire_v : tuple of float
+        What the newest frame that left says, V per valve; 0 V before the first.
+    answered : int
+        Sample counter of the cycle that was answered last; -1 where none was.
+    """
+
+    def __init__(self, codec: Codec, gate: Gate, send: Callable[[can.Message], bool]) -> None:
+        self._codec, self._gate, self._send = codec, gate, send
+        self.own = OwnFrames()
+        self.spoke = False
+        self._answer: can.Message | None = None
+        self._answer_v = self.on_wire_v = (0.0,) * len(codec.valve_names)
+        self.answered = -1
+        self._stated = -1
+
+    def forget(self) -> None:
+        """The device counts anew: it was not answered yet, and its valves are at 0 V."""
+        self.answered = self._stated = -1
+        self.on_wire_v = (0.0,) * len(self.on_wire_v)
+
+    def answer(self, counter: int) -> can.Message | None:
+        """Send the gate's output as the answer to a cycle.
+
+        Parameters
+        ----------
+        counter : int
+            Its sample counter.
+
+        Returns
+        -------
+        can.Message or None
+            What was sent; None where the bus did not take it.
+        """
+        output = self._gate.output
+        self._answer = self._codec.encode_command(counter, output.voltages, output.enable)
+        self.own.add(bytes(self._answer.data))
+        self._answer_v = self._codec.quantised(output.voltages)
+        self.answered = counter
+        return self.repeat()
+
+    def repeat(self) -> can.Message | None:
+        """Send the newest answer, again if need be; only what left is on the wire.
+
+        Returns
+        -------
+        can.Message or None
+            As of `answer`.
+        """
+        if self._answer is None or not self._send(self._answer):
+            return None
+        self.spoke = True
+        self.on_wire_v = self._answer_v
+        return self._answer
+
+    def step(self, counter: int, newest: Sample) -> Step:
+        """Answer a cycle, and tell the valve state of the newest one, if this is its answer.
+
+        Parameters
+        ----------
+        counter : int
+            Sample counter of the cycle that is answered.
+        newest : Sample
+        """
+        answer = self.answer(counter)
+        stated = newest.counter == counter and answer is not None
+        return Step(valve_states=self.state_of(newest) if stated else (), answer=answer)
+
+    def state_of(self, sample: Sample | None) -> tuple[ValveState, ...]:
+        """The valve state of the newest cycle, once.
+
+        Parameters
+        ----------
+        sample : Sample or None
+            That cycle; None where there was none.
+        """
+        if sample is None or sample.counter == self._stated:
+            return ()
+        self._stated = sample.counter
+        return (ValveState(sample.stamp_ns, self.on_wire_v, sample.readings.spools),)

@@ -1,0 +1,92 @@
+"""Frames on their way to the valves: what is told as on the wire, and whose they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from hydro_hw_bridge.bridge_step import NOTHING
+from hydro_hw_bridge.own_frames import KEPT, OwnFrames
+
+PERIOD = 2_000_000
+
+
+def test_valve_state_of_a_cycle_is_what_the_wire_carried(real_time: Any) -> None:
+    real_time.start()
+    states = [*real_time.cycle(1).valve_states]
+    states += real_time.command(1, 1.0).valve_states  # cycle 1 was answered with 0 V already
+    states += real_time.cycle(2).valve_states
+    states += real_time.command(2, 2.0).valve_states
+    states += real_time.cycle(3).valve_states  # no command for 3: held
+    states += real_time.cycle(4).valve_states
+    states += real_time.command(3, 2.5).valve_states  # late: in force from cycle 4 on
+    states += real_time.cycle(5).valve_states
+    zero = real_time.core.clock.zero_stamp_ns or 0
+    counters = [(state.stamp_ns - zero) // PERIOD for state in states]
+    assert counters == [1, 2, 3, 4]
+    assert [state.voltages[0] for state in states] == [0.0, 2.0, 2.0, 2.5]
+    assert states[0].spools == pytest.approx((0.1, -0.2))
+
+
+def test_a_new_core_knows_the_frames_of_the_one_before(lockstep: Any, real_time: Any) -> None:
+    real_time.drive()
+    own = [real_time.codec.receive(message) for message in real_time.wire.sent]
+    assert len(own) > 1
+    new = lockstep.core
+    new.carry_over(real_time.core)
+    assert all(new.hear_command(frame) is NOTHING for frame in own)
+    assert new.commands.foreign == 0
+
+
+def test_own_frames_are_known_for_seconds() -> None:
+    own = OwnFrames()
+    frames = [number.to_bytes(8, "little") for number in range(KEPT + 1)]
+    for data in frames:
+        own.add(data)
+    assert frames[0] not in own
+    assert all(data in own for data in frames[1:])
+    assert KEPT * PERIOD >= 8e9
+
+
+def test_valve_state_says_what_left_not_what_was_meant(real_time: Any) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    states = [*real_time.cycle(2).valve_states]
+    states += real_time.command(2, 1.0).valve_states
+    states += real_time.cycle(3).valve_states
+    states += real_time.command(3, 1.5).valve_states
+    real_time.wire.taking = False
+    states += real_time.cycle(4).valve_states
+    step = real_time.command(4, 2.0)
+    assert step.answer is None
+    states += step.valve_states
+    real_time.wire.taking = True
+    states += real_time.cycle(5).valve_states
+    states += real_time.command(5, 2.5).valve_states
+    zero = real_time.core.clock.zero_stamp_ns or 0
+    said = {(s.stamp_ns - zero) // PERIOD: s.voltages[0] for s in states}
+    assert said == {2: 0.0, 3: 1.5, 4: 1.5, 5: 2.5}
+
+
+def test_in_lockstep_an_answer_that_did_not_leave_is_sent_with_the_repeat(lockstep: Any) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.wire.taking = False
+    assert lockstep.command(0, 1.0).valve_states == ()
+    lockstep.wire.taking = True
+    step = lockstep.cycle(0)
+    assert lockstep.sent(step.answer).voltages == (1.0, 0.0)
+    assert [s.voltages for s in step.valve_states] == [(1.0, 0.0)]
+    assert lockstep.cycle(0).valve_states == ()
+
+
+def test_a_repeat_after_a_trip_gets_zero_whatever_was_refused(lockstep: Any) -> None:
+    lockstep.start()
+    lockstep.cycle(0)
+    lockstep.command(0, 1.0)
+    lockstep.wire.taking = False
+    lockstep.core.condition("bus_off", "bus-off")
+    lockstep.wire.taking = True
+    command = lockstep.sent(lockstep.cycle(0).answer)
+    assert (command.voltages, command.enable) == ((0.0, 0.0), False)
