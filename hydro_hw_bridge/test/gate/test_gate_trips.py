@@ -1,6 +1,7 @@
 """The gate's permissives, trips and faults, and how it is cleared.
 
-With `test_gate_commands` the line and branch coverage of gate.py is complete.
+With `test_gate_commands` and `test_output_ramp` the line and branch coverage of gate.py is
+complete.
 """
 
 from __future__ import annotations
