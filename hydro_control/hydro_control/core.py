@@ -14,13 +14,14 @@ from typing import Literal
 import numpy as np
 
 from hydro_control.adaptation_settings import AdaptationSettings
+from hydro_control.answer import Answer, Counts
 from hydro_control.applied import AppliedWatch
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
 from hydro_control.output import Output
-from hydro_control.reference import Plan, ReferencePlayer
+from hydro_control.reference_run import ReferenceRun
 from hydro_control.required_motion import Reference
 from hydro_control.runaway import RunawayLimits, RunawayWatch
 from hydro_control.sample import Sample
@@ -35,60 +36,6 @@ from hydro_model.robot import FloatArray, Robot
 __all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
 
 _SECOND_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What follows from a sample.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    output : Output
-    reference : Reference
-    """
-
-    stamp_ns: int
-    output: Output
-    reference: Reference
-
-
-@dataclass(slots=True)
-class Counts:
-    """What happened so far.
-
-    Attributes
-    ----------
-    answered, repeated, missed, old, faults, refused, withheld : int
-        Stamps answered; repeats of the newest stamp; stamps that never came; stamps older than
-        the newest; samples answered by 0 V because of a value; references refused; stamps at
-        which the valves got 0 V instead of the command.
-    """
-
-    answered: int = 0
-    repeated: int = 0
-    missed: int = 0
-    old: int = 0
-    faults: int = 0
-    refused: int = 0
-    withheld: int = 0
-
-
-@dataclass(slots=True)
-class _Run:
-    """What lives from the first sample after activation on."""
-
-    first_ns: int
-    player: ReferencePlayer
-    now_s: float
-    q: FloatArray
-    pending: Plan | None = None
-    stop: bool = False
-    #: Commands are withheld: the reference stays with the robot. What was played then is
-    #: dropped, or, where nothing of the path was driven yet, started anew.
-    following: bool = False
-    dropped: bool = False
-    anew: bool = False
 
 
 @dataclass
@@ -139,7 +86,7 @@ class ControllerCore:
             tip_speed_m_s=self.tip_speed_m_s,
         )
         self._sensors = SensorCorrection(self.robot, self.law.plan.active)
-        self._run: _Run | None = None
+        self._run: ReferenceRun | None = None
         self._last: Answer | None = None
         self._adaptation_reset = False
         self._watch = AppliedWatch()
@@ -189,7 +136,7 @@ class ControllerCore:
     def moving(self) -> bool:
         """A path or trajectory is being played."""
         run = self._run
-        return run is not None and run.player.moving(run.now_s)
+        return run is not None and run.moving
 
     def answer(self, sample: Sample) -> Answer | None:
         """Answer a sample.
@@ -221,27 +168,27 @@ class ControllerCore:
         if self._runaway.fault:
             output = self.law.stopped(sample.q, reference, self._runaway.fault)
         else:
-            output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead(now_s))
+            output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
         self._count(sample.stamp_ns, output)
         moving = any(reference.velocity.tolist())
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
 
-    def _guard(self, run: _Run) -> None:
+    def _guard(self, run: ReferenceRun) -> None:
         """Judge the measured motion; what runs away is at 0 V until `restart`."""
         watch = self._runaway
         fault = watch.judge(run.now_s, run.q, driven=not self._watch.withheld)
         self.law.let_beyond(watch.lower, watch.upper)
         if fault:
-            run.player.hold(run.q, run.now_s)
-            run.stop, run.pending, run.anew = False, None, False
+            run.hold()
+            run.anew = False
 
-    def _ahead(self, now_s: float) -> Reference | None:
+    def _ahead(self) -> Reference | None:
         """The reference at the instant that the law looks ahead to."""
         if self._run is None or self.law.lead_s == 0.0:
             return None
-        return self._run.player.sample(now_s + self.law.lead_s)
+        return self._run.ahead(self.law.lead_s)
 
     def applied(self, stamp_ns: int, voltage_v: FloatArray) -> None:
         """What the valves got at a stamp; changes nothing as long as that was the command.
@@ -272,54 +219,34 @@ class ControllerCore:
                 still = np.zeros_like(sample.q)
                 return Reference("joint", sample.q, still, still)
             run = self._run = self._first(sample)
-        run.now_s = (sample.stamp_ns - run.first_ns) / _SECOND_NS
+        run.advance(sample.stamp_ns)
         if finite:
             run.q = sample.q
             self._guard(run)
         if self._watch.withheld:
-            self._follow(run)
+            if run.follow(moved=self._watch.moved):
+                self.message = "the valves do not get the commands: staying with the robot's pose"
         elif run.following:
             self._resume(run)
-        if run.stop:
-            run.stop, run.pending = False, None
-            if run.player.moving(run.now_s):
-                run.player.stop(run.now_s)
-        if run.pending is not None:
-            plan, run.pending = run.pending, None
-            if not run.player.moving(run.now_s):
-                run.player.play(plan, run.now_s)
-        return run.player.sample(run.now_s)
+        return run.reference()
 
-    def _first(self, sample: Sample) -> _Run:
+    def _first(self, sample: Sample) -> ReferenceRun:
         """Capture the pose, and start the path from it."""
-        player = ReferencePlayer(self.robot, sample.q, self.tip_speed_m_s)
-        run = _Run(sample.stamp_ns, player, 0.0, sample.q)
+        run = ReferenceRun.begin(self.robot, sample, self.tip_speed_m_s)
         self._play_path(run)
         return run
 
-    def _play_path(self, run: _Run) -> None:
+    def _play_path(self, run: ReferenceRun) -> None:
         if self.path is None:
             return
-        player, now_s = run.player, run.now_s
         try:
-            plan = player.plan_path(self.path, now_s, run.q, self.start_delay_s, path_checked=True)
-            player.play(plan, now_s)
+            run.play_path(self.path, self.start_delay_s)
             self.message = ""
         except ControlError as error:
             self.counts.refused += 1
             self.message = f"path refused, holding: {error}"
 
-    def _follow(self, run: _Run) -> None:
-        """Commands are withheld: stay with the robot, wherever it goes."""
-        if not run.following:
-            run.following = True
-            run.dropped = run.player.moving(run.now_s) or run.pending is not None
-            run.anew = run.player.moving(run.now_s) and not self._watch.moved
-            self.message = "the valves do not get the commands: staying with the robot's pose"
-        run.player.hold(run.q, run.now_s)
-        run.stop, run.pending = False, None
-
-    def _resume(self, run: _Run) -> None:
+    def _resume(self, run: ReferenceRun) -> None:
         """Commands are applied again: hold here; whoever wants a motion asks for it anew."""
         run.following = False
         self.message = ""
@@ -392,15 +319,8 @@ class ControllerCore:
             return
         if self._runaway.fault:
             raise self._refusal(f"the controller stopped: {self._runaway.fault}")
-        if run.following:
-            raise self._refusal("the valves do not get the commands")
-        wait_s = (start_ns - run.first_ns) / _SECOND_NS - run.now_s if start_ns else 0.0
-        if wait_s < 0.0:
-            raise self._refusal(f"it should start now or later, found {-wait_s:.3f} s ago")
         try:
-            run.pending = run.player.plan_trajectory(
-                space, names, waypoints, run.now_s, run.q, wait_s
-            )
+            run.ask(space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:
             raise self._refusal(str(error)) from error
         self.message = ""

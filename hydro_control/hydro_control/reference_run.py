@@ -1,0 +1,179 @@
+"""What lives from the first sample after activation on: the reference, and what is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from hydro_control.errors import ControlError
+from hydro_control.reference import Plan, ReferencePlayer
+from hydro_control.required_motion import Reference
+from hydro_control.sample import Sample
+from hydro_control.trajectory import Waypoint
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.robot import FloatArray, Robot
+
+_SECOND_NS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class ReferenceRun:
+    """The reference sample by sample, its time counted from the first.
+
+    What another thread asks for waits for the next sample.
+
+    Attributes
+    ----------
+    first_ns : int
+        Stamp of the first sample.
+    player : ReferencePlayer
+    now_s : float
+        Of the newest sample, from the first on.
+    q : (n,) array
+        Joint positions of the newest sample in which they were finite.
+    pending : Plan or None
+        To be played from the next sample on.
+    stop : bool
+        To come to rest at the next sample.
+    following : bool
+        Commands are withheld: the reference stays with the robot.
+    dropped : bool
+        Something was played, or was to be, when that began.
+    anew : bool
+        Nothing of what was played had been driven yet: it may start anew.
+    """
+
+    first_ns: int
+    player: ReferencePlayer
+    now_s: float
+    q: FloatArray
+    pending: Plan | None = None
+    stop: bool = False
+    following: bool = False
+    dropped: bool = False
+    anew: bool = False
+
+    @classmethod
+    def begin(cls, robot: Robot, sample: Sample, tip_speed_m_s: float) -> ReferenceRun:
+        """Capture the pose of the first sample.
+
+        Parameters
+        ----------
+        robot : Robot
+        sample : Sample
+        tip_speed_m_s : float
+            Faster tip paths are refused.
+        """
+        player = ReferencePlayer(robot, sample.q, tip_speed_m_s)
+        return cls(sample.stamp_ns, player, 0.0, sample.q)
+
+    @property
+    def moving(self) -> bool:
+        """A path or trajectory is being played."""
+        return self.player.moving(self.now_s)
+
+    def advance(self, stamp_ns: int) -> None:
+        """Time went on.
+
+        Parameters
+        ----------
+        stamp_ns : int
+            Of the newest sample.
+        """
+        self.now_s = (stamp_ns - self.first_ns) / _SECOND_NS
+
+    def play_path(self, path: TipPath | JointPath, delay_s: float) -> None:
+        """Play a path that has been checked, from now on.
+
+        Parameters
+        ----------
+        path : TipPath or JointPath
+        delay_s : float
+            Hold before it.
+
+        Raises
+        ------
+        ControlError
+            It is refused: why.
+        """
+        plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=True)
+        self.player.play(plan, self.now_s)
+
+    def ask(
+        self,
+        space: Literal["tip", "joint"],
+        names: Sequence[str],
+        waypoints: Sequence[Waypoint],
+        start_ns: int,
+    ) -> None:
+        """Have a trajectory played from the next sample on.
+
+        Parameters
+        ----------
+        space : {"tip", "joint"}
+        names : sequence of str
+        waypoints : sequence of Waypoint
+        start_ns : int
+            Stamp to start at; 0 for now.
+
+        Raises
+        ------
+        ControlError, RobotError
+            It is refused: why.
+        """
+        if self.following:
+            raise ControlError("the valves do not get the commands")
+        wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
+        if wait_s < 0.0:
+            raise ControlError(f"it should start now or later, found {-wait_s:.3f} s ago")
+        self.pending = self.player.plan_trajectory(
+            space, names, waypoints, self.now_s, self.q, wait_s
+        )
+
+    def hold(self) -> None:
+        """Stand where the robot is; what was asked for is dropped."""
+        self.player.hold(self.q, self.now_s)
+        self.stop, self.pending = False, None
+
+    def follow(self, *, moved: bool) -> bool:
+        """Commands are withheld: stay with the robot, wherever it goes.
+
+        Parameters
+        ----------
+        moved : bool
+            Something of what is played was driven.
+
+        Returns
+        -------
+        bool
+            They were applied until now.
+        """
+        begins = not self.following
+        if begins:
+            self.following = True
+            self.dropped = self.moving or self.pending is not None
+            self.anew = self.moving and not moved
+        self.hold()
+        return begins
+
+    def reference(self) -> Reference:
+        """The reference at the newest sample, once what was asked for has been taken up."""
+        if self.stop:
+            self.stop, self.pending = False, None
+            if self.moving:
+                self.player.stop(self.now_s)
+        if self.pending is not None:
+            plan, self.pending = self.pending, None
+            if not self.moving:
+                self.player.play(plan, self.now_s)
+        return self.player.sample(self.now_s)
+
+    def ahead(self, lead_s: float) -> Reference:
+        """The reference some time after the newest sample.
+
+        Parameters
+        ----------
+        lead_s : float
+        """
+        return self.player.sample(self.now_s + lead_s)
