@@ -6,10 +6,12 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_core import CLOSING_CYCLES
+from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, BridgeCore
 from hydro_hw_bridge.bridge_report import summary
 from hydro_hw_bridge.bridge_step import NOTHING
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.gate_limits import GateLimits
 
 NOW = 1_700_000_000_500_000_000
 PERIOD = 2_000_000
@@ -189,3 +191,10 @@ def test_a_restart_while_waiting_needs_no_clearing(lockstep: Any) -> None:
     assert not step.sample.repeated
     assert lockstep.core.gate.state is GateState.WAITING
     assert lockstep.sent(lockstep.command(0, 1.0).answer).enable
+
+
+@pytest.mark.parametrize("period_s", [0.001, 0.002, 1.0])
+def test_stamps_are_a_period_of_the_device_apart(codec: Codec, period_s: float) -> None:
+    limits = GateLimits(codec.valve_names, (10.0, 10.0), period_s, 1000.0, 5, 2.0e6)
+    core = BridgeCore(codec, limits, lockstep=False)
+    assert core.clock.period_ns == period_s * 1e9

@@ -7,8 +7,13 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.command_intake import CommandIntake
+from hydro_hw_bridge.gate import Gate, GateState
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.sample_clock import SampleClock
 
+LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
+NOW = 1_700_000_000_500_000_000
 PERIOD = 2_000_000
 
 
@@ -107,3 +112,17 @@ def test_a_bad_command_stops_at_once(name: str, request: pytest.FixtureRequest) 
     assert command.voltages == (0.0, 0.0)
     assert command.answers(2)
     assert [s.voltages for s in step.valve_states] == [(0.0, 0.0)]
+
+
+def test_a_lost_cycle_is_outdated_once_64_samples_came_after_it() -> None:
+    """Until then its stamp is of no sample, and whoever made it up is no controller."""
+    clock = SampleClock(PERIOD)
+    clock.start(0, NOW)
+    intake = CommandIntake(Gate(LIMITS), clock)
+    for counter in (0, *range(2, 65)):
+        intake.sampled(counter)
+    names = LIMITS.valve_names
+    assert intake.judge(NOW + PERIOD, names, (0.0, 0.0), None)[1] is None
+    intake.sampled(65)
+    assert intake.judge(NOW + PERIOD, names, (0.0, 0.0), None)[1] == 1
+    assert intake.judge(NOW + 2 * PERIOD, names, (0.0, 0.0), None)[1] == 2

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from hydro_hw_bridge.bridge_step import NOTHING
-from hydro_hw_bridge.gate import GateState
-from hydro_hw_bridge.supervision import FOREIGN
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.gate import Gate, GateState
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.permissives import Inputs
+from hydro_hw_bridge.supervision import FOREIGN, Supervision
 
+LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000
 
 
@@ -181,3 +186,64 @@ def test_conditions_trip_once_and_hold_until_they_end(real_time: Any) -> None:
     assert real_time.core.gate.clear() == (False, "still there: bus-off")
     real_time.core.condition("bus_off", "")
     assert real_time.core.gate.clear()[0]
+
+
+def test_what_a_word_means_is_always_said_to_supervision(codec: Codec, readings: Any) -> None:
+    gate, usual = Gate(LIMITS), readings(1)
+    with pytest.raises(TypeError):
+        Supervision(codec, gate, False)  # type: ignore[call-arg, misc]
+    supervision = Supervision(codec, gate, lockstep=False)
+    for call, arguments in (
+        (supervision.cycle, (usual, 1, (0.0, 0.0))),
+        (supervision.compare_clocks, (usual.status,)),
+        (supervision.fault, ("x", "why")),
+        (supervision.condition, ("x", "why")),
+    ):
+        call(*arguments, active=False)
+        with pytest.raises(TypeError):
+            call(*arguments, True)
+    assert gate.trips == 0
+
+
+def test_after_a_restart_no_trip_is_cleared_before_a_whole_cycle(real_time: Any) -> None:
+    """Not with the permissives of a new sync frame and the supply of before."""
+    real_time.cycle(5000)
+    real_time.core.activate(ready=True)
+    real_time.command(5000, 1.0)
+    for counter in (0, 1):
+        real_time.without(counter, 3)
+    assert "restarted" in real_time.core.gate.reason
+    assert real_time.core.gate.clear() == (
+        False,
+        "still there: no complete cycle from the device yet",
+    )
+    real_time.cycle(2)
+    assert real_time.core.gate.clear()[0]
+
+
+def _driving(limits: GateLimits) -> Gate:
+    gate = Gate(limits)
+    gate.advance(1)
+    gate.check(Inputs(True, True, True, False, 19.0e6))
+    gate.command(1, limits.valve_names, (0.0, 0.0))
+    assert gate.state is GateState.DRIVING
+    return gate
+
+
+def test_reasons_give_the_limit(codec: Codec) -> None:
+    limits = replace(LIMITS, max_age_cycles=1000)
+    silent, late = _driving(limits), _driving(limits)
+    Supervision(codec, silent, lockstep=False).silence(3.0)
+    Supervision(codec, late, lockstep=False).waited(3.0)
+    assert silent.reason == "nothing from the device for 2000 ms"
+    assert late.reason == "the device's frames waited for 3000 ms to be read (limit 2000 ms)"
+
+
+def test_a_counter_may_stand_from_the_first_cycle_on_for_as_long_as_later(codec: Codec) -> None:
+    gate = _driving(LIMITS)
+    supervision = Supervision(codec, gate, lockstep=False)
+    for _ in range(LIMITS.max_age_cycles):
+        supervision.repeated()
+        assert gate.state is GateState.DRIVING
+    supervision.repeated()
+    assert gate.reason == "the device's sample counter stood still for 6 cycles"

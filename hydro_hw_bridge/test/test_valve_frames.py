@@ -6,9 +6,15 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_step import NOTHING
+from hydro_hw_bridge.bridge_step import NOTHING, Sample
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.gate import Gate
+from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.own_frames import KEPT, OwnFrames
+from hydro_hw_bridge.valve_frames import ValveFrames
 
+LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
+NOW = 1_700_000_000_500_000_000
 PERIOD = 2_000_000
 
 
@@ -90,3 +96,22 @@ def test_a_repeat_after_a_trip_gets_zero_whatever_was_refused(lockstep: Any) -> 
     lockstep.wire.taking = True
     command = lockstep.sent(lockstep.cycle(0).answer)
     assert (command.voltages, command.enable) == ((0.0, 0.0), False)
+
+
+def test_before_the_first_answer_there_is_none_to_repeat(
+    codec: Codec, readings: Any, wire: Any
+) -> None:
+    frames = ValveFrames(codec, Gate(LIMITS), wire.send)
+    sample = Sample(NOW, 0, readings(0), False)
+    for _ in range(2):
+        assert (frames.answered, frames.on_wire_v) == (-1, (0.0, 0.0))
+        assert [state.voltages for state in frames.state_of(sample)] == [(0.0, 0.0)]
+        frames.forget()
+    assert frames.repeat() is None
+    assert wire.sent == []
+    answer = frames.answer(0)
+    assert answer is not None
+    assert frames.repeat() is answer
+    assert frames.answered == 0
+    frames.forget()
+    assert frames.answered == -1

@@ -91,51 +91,27 @@ def _plausibility() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
-def _bridge_core() -> Iterator[Harmless]:
-    init = "BridgeCore.__init__"
-    yield from _begins(
-        "bridge_core", init, "_answer: can.Message | None", ("pass",),
-        _UNREAD.format("a frame is encoded before one is sent again"), "None",
-    )  # fmt: skip
-    for name in ("_answered", "_stated"):
-        yield from _begins("bridge_core", init, name, ("- 2", "~1"), _NO_NEGATIVE, "-1")
-    both = "self._answered = self._stated"
-    yield from _each(
-        "bridge_core", "BridgeCore._restart", f"{both} = -1", (f"{both} = - 2", f"{both} = ~1"),
-        _NO_NEGATIVE,
-    )  # fmt: skip
-    why = _UNREAD.format("the first cycle sets it, and only a repeat of one counts")
-    yield from _begins("bridge_core", init, "_standing_still", ("pass", "-1", "1"), why)
-    clock = "self.clock = SampleClock(round(limits.period_s * {}), whole_seconds=lockstep)"
-    yield from _each(
-        "bridge_core", init, clock.format("1e9"),
-        (clock.format("1000000001.0"), clock.format("999999999.0")),
-        "periods below 0.5 s round to the same nanoseconds",
-    )  # fmt: skip
-    said = 'self.gate.trip(f"nothing from the device for {{{} * most_s:.0f}} ms")'
-    yield from _each(
-        "bridge_core", "BridgeCore.silence", said.format("1e3"),
-        (said.format(" 1001.0"), said.format(" 999.0")),
-        "10 ms in the message either way: the limit itself is compared in seconds",
+def _supervision() -> Iterator[Harmless]:
+    stands = "def _stands(self, name: str, reason: str, *, active: bool) -> None:"
+    yield Harmless(
+        "supervision", "Supervision._stands", stands, stands.replace("*", "/"),
+        "a private function, whose callers say what the word means",
     )  # fmt: skip
 
-    late = 'f"{{READ_LATE}} for {{1e3 * waited_s:.0f}} ms to be read'
-    late += ' (limit {{{} * most_s:.0f}} ms)"'
-    yield from _each(
-        "bridge_core", "BridgeCore.waited", late.format("1e3"),
-        (late.format(" 1001.0"), late.format(" 999.0")),
-        "10 ms in the message either way: the limit itself is compared in seconds",
-    )  # fmt: skip
-    kept = "_ANSWERABLE = 64"
-    yield from _each(
-        "bridge_core", "", kept, (kept.replace("64", "63"), kept.replace("64", "65")),
-        "a command for a sample that old is outdated whether it is known or not",
-    )  # fmt: skip
+
+def _command_intake() -> Iterator[Harmless]:
     old = "outdated = counter is not None and counter < self._whole[0]"
     yield Harmless(
-        "bridge_core", "BridgeCore._answerable", old, old.replace("<", "<="),
+        "command_intake", "CommandIntake._answerable", old, old.replace("<", "<="),
         "the oldest sample that is known is among those that are known",
     )  # fmt: skip
+
+
+def _valve_frames() -> Iterator[Harmless]:
+    values = ("- 2", "~1")
+    yield from _begins(
+        "valve_frames", "ValveFrames.__init__", "_stated", values, _NO_NEGATIVE, "-1"
+    )
 
 
 def _amplifier() -> Iterator[Harmless]:
@@ -170,7 +146,9 @@ HARMLESS: tuple[Harmless, ...] = (
     *_permissives(),
     *_output_ramp(),
     *_plausibility(),
-    *_bridge_core(),
+    *_supervision(),
+    *_command_intake(),
+    *_valve_frames(),
     *_amplifier(),
     *_claims(),
 )
