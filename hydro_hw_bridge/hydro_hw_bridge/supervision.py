@@ -116,6 +116,7 @@ class Supervision:
             Sample counter without wrap.
         on_wire_v : tuple of float
             V per valve.
+        active : bool
         """
         self._standing_still = 0
         self._supply_pa = self._supply(readings)
@@ -132,6 +133,7 @@ class Supervision:
         ----------
         status : Status
             Of the newest cycle, of a device that tells its clock.
+        active : bool
         """
         found, told = CLOCK_WORDS[status.lockstep], CLOCK_WORDS[self._lockstep]
         reason = f"the device's clock is {found}, the bridge's parameter 'clock' says {told}"
@@ -191,6 +193,7 @@ class Supervision:
         Parameters
         ----------
         name, reason : str
+        active : bool
         """
         if active:
             self._gate.set_fault(name, reason)
@@ -205,6 +208,7 @@ class Supervision:
         name : str
         reason : str
             Empty: it does not hold.
+        active : bool
         """
         if not reason:
             self._gate.end_fault(name)
