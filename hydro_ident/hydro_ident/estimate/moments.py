@@ -1,10 +1,10 @@
 """Everything a regression needs of a recording, gathered row by row in flat memory.
 
-Rows ``v_t = (z_t, x_t, y_t)`` are gathered together with those `lags` rows before them, as the
-triangular factor R of ``[v_t, v_(t-1) ..., v_(t-lags)]``: R'R are the sums of all their products,
-and R keeps the digits that the products would lose. Any parameters, any weights and any filter of
-up to `lags` coefficients can be applied to R as to the rows, so that one pass over a recording of
-any length serves every estimate that follows.
+Rows ``v_t = (z_t, x_t, y_t)`` are gathered together with those `lags` rows before them, as a
+factor R of ``[v_t, v_(t-1) ..., v_(t-lags)]`` (`hydro_ident.estimate.lagged_rows`): R'R are the
+sums of all their products, and R keeps the digits that the products would lose. Any parameters,
+any weights and any filter of up to `lags` coefficients can be applied to R as to the rows, so that
+one pass over a recording of any length serves every estimate that follows.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.lag_sums import LagSums
+from hydro_ident.estimate.lagged_rows import LaggedRows
 from hydro_ident.estimate.robust import Weights
-from hydro_ident.estimate.rows import BoolArray, Rows
+from hydro_ident.estimate.rows import BoolArray, Rows, nonzero_columns
 from hydro_model.robot import FloatArray
 
 #: Order of the noise model: rows before a row that predict its noise.
 LAGS = 3
-#: Rows factorised at once.
-_BATCH = 4096
+#: Rows worked on at once: they fit a processor's cache.
+_BATCH = 2048
 
 
 @dataclass(slots=True)
@@ -41,8 +42,6 @@ class Moments:
     lags : int
     stride : int
         Rows from one lag to the next (`Rows.stride`).
-    factor : (k, m, m) array
-        Triangular, m = (lags + 1) width; blocks of columns by lag.
     rows : (k,) int array
         Measured rows.
     lagged : (k,) array
@@ -64,20 +63,21 @@ class Moments:
     instruments: bool = False
     lags: int = LAGS
     stride: int = 1
-    factor: FloatArray = field(init=False)
     rows: NDArray[np.intp] = field(init=False)
     lagged: FloatArray = field(init=False)
     own: FloatArray | None = field(init=False, default=None)
     effective: FloatArray = field(init=False)
     far: LagSums = field(init=False)
     far_z: LagSums | None = field(init=False, default=None)
+    _lagged: tuple[LaggedRows, ...] = field(init=False)
     _tail: FloatArray = field(init=False)
     _tail_run: NDArray[np.intp] = field(init=False)
     _tail_s: float = field(init=False, default=-np.inf)
 
     def __post_init__(self) -> None:
-        size = (self.lags + 1) * self.width
-        self.factor = np.zeros((self.channels, size, size))
+        self._lagged = tuple(
+            LaggedRows(self.width, self.lags, self.stride) for _ in range(self.channels)
+        )
         self.rows = np.zeros(self.channels, dtype=np.intp)
         self.lagged, self.effective = np.zeros(self.channels), np.zeros(self.channels)
         size = (self.width - 1) // (2 if self.instruments else 1)
@@ -94,6 +94,11 @@ class Moments:
         width = size * (1 if rows.z is None else 2) + 1
         return Moments(label, channels, width, rows.z is not None, lags, rows.stride)
 
+    @property
+    def factor(self) -> FloatArray:
+        """Of every channel: (k, m, m), m = (lags + 1) width; blocks of columns by lag."""
+        return np.array([one.factor for one in self._lagged])
+
     def add(self, rows: Rows, weights: Weights | None = None) -> None:
         """Take in the next rows, in order of time.
 
@@ -105,42 +110,53 @@ class Moments:
         """
         if not rows.time_s.size:
             return
-        instruments = [] if rows.z is None else [rows.z]
-        values = np.concatenate([*instruments, rows.x, rows.y[..., None]], axis=2)
-        known = np.isfinite(values).all(axis=2)
-        values = np.where(known[..., None], values, 0.0)
+        joined, before = self._joined(rows), self.lags * self.stride
+        values = joined[before:]
+        known = _known(values)
+        nonzero = nonzero_columns(values)
         run = _run_lengths(known, rows.follows(self._tail_s), self._tail_run)
         self.rows += known.sum(axis=0)
-        joined = np.concatenate([self._tail, values])
-        weight = np.zeros(run.shape)
+        weight = (run > before).astype(float)
         for k in range(self.channels):
-            chosen = np.flatnonzero(run[:, k] > self.lags * self.stride)
-            for begin in range(0, chosen.size, _BATCH):
-                batch = chosen[begin : begin + _BATCH]
-                weight[batch, k] = self._take(joined[:, k], batch, k, weights)
-        self._take_far(values, weight, rows)
-        self._tail = joined[joined.shape[0] - self.lags * self.stride :]
+            self._lagged[k].widen(nonzero[k])
+            for begin in range(0, len(values), _BATCH):
+                batch = slice(begin, begin + _BATCH)
+                self._take(
+                    joined[begin : begin + before + _BATCH, k], weight[batch, k], k, weights
+                )
+        self._take_far(values if weights is None else values * weight[..., None], weight, rows)
+        self._tail = joined[len(values) :].copy()
         self._tail_run = run[-1].copy()
         self._tail_s = float(rows.time_s[-1]) if rows.step_s else -np.inf
 
+    def _joined(self, rows: Rows) -> FloatArray:
+        """Instruments, regressors and y of new rows behind the last ones: (T', k, width)."""
+        before = len(self._tail)
+        joined = np.empty((before + rows.time_s.size, self.channels, self.width))
+        joined[:before], joined[before:, :, -1] = self._tail, rows.y
+        size = rows.x.shape[2]
+        joined[before:, :, -1 - size : -1] = rows.x
+        if rows.z is not None:
+            joined[before:, :, :size] = rows.z
+        return joined
+
     def _take(
-        self, joined: FloatArray, chosen: NDArray[np.intp], channel: int, weights: Weights | None
-    ) -> FloatArray:
-        """Factorise the chosen rows; their weights."""
-        at = chosen + self.lags * self.stride  # `joined` begins with the tail
-        lagged = [joined[at - lag * self.stride] for lag in range(self.lags + 1)]
-        block = np.stack(lagged, axis=1)
-        own = np.ones(chosen.size)
+        self, joined: FloatArray, weight: FloatArray, channel: int, weights: Weights | None
+    ) -> None:
+        """Take in rows of a channel where `weight` is 1; it becomes their robust weight."""
+        chosen = weight > 0.0
         if weights is not None:
-            own, kept = weights.of(channel, self.label, block)
+            at = np.flatnonzero(chosen) + self.lags * self.stride  # `joined` begins with the tail
+            block = np.stack([joined[at - n * self.stride] for n in range(self.lags + 1)], axis=1)
+            weight[chosen], kept = weights.of(channel, self.label, block)
             if self.own is None:
                 self.own = np.zeros((self.channels, self.width, self.width))
-            self.own[channel] = _stacked(self.own[channel], block[:, 0] * np.sqrt(own)[:, None])
-            block = block[kept]
-        self.factor[channel] = _stacked(self.factor[channel], block.reshape(len(block), -1))
-        self.lagged[channel] += float(len(block))
-        self.effective[channel] += float(own.sum())
-        return own
+            weighted = block[:, 0] * np.sqrt(weight[chosen])[:, None]
+            self.own[channel] = _stacked(self.own[channel], weighted)
+            chosen[chosen] = kept
+        self._lagged[channel].add(joined[self.lags * self.stride :], chosen)
+        self.lagged[channel] += float(chosen.sum())
+        self.effective[channel] += float(weight.sum())
 
     def _take_far(self, values: FloatArray, weight: FloatArray, rows: Rows) -> None:
         """The same rows, weighted alike, for the sums by lag; gaps keep their length."""
@@ -151,13 +167,22 @@ class Moments:
             missing = np.round((rows.time_s - before) / rows.step_s) - 1.0
             missing = np.where(np.isfinite(missing), np.maximum(missing, 0.0), 0.0)
         starts = [0, *(np.flatnonzero(missing[1:] > 0.0) + 1).tolist()]
-        weighted = values * weight[..., None]
         for begin, end in zip(starts, [*starts[1:], rows.time_s.size], strict=True):
-            part, skipped = weighted[begin:end], int(min(missing[begin], 1e9))
+            part, skipped = values[begin:end], int(min(missing[begin], 1e9))
             known = weight[begin:end] > 0.0
             self.far.add(part[..., -1 - size : -1], skipped, known)
             if self.far_z is not None:
                 self.far_z.add(part[..., :size], skipped, known)
+
+
+def _known(values: FloatArray) -> BoolArray:
+    """Which rows (T, k) of (T, k, width) are measured; the others are set to zero."""
+    # Sums are quicker had than a look at every entry, and not finite where any entry is not.
+    if np.isfinite(values.sum(axis=0)).all():
+        return np.ones(values.shape[:2], dtype=np.bool_)
+    known = np.asarray(np.isfinite(values).all(axis=2))
+    values[~known] = 0.0
+    return known
 
 
 def _stacked(factor: FloatArray, rows: FloatArray) -> FloatArray:

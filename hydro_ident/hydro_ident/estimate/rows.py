@@ -57,3 +57,11 @@ class Rows:
             return linked
         gap = np.diff(self.time_s, prepend=last_s)
         return np.asarray(np.abs(gap - self.step_s) < 0.5 * self.step_s)
+
+
+def nonzero_columns(values: FloatArray) -> BoolArray:
+    """Columns that are not zero in every row, (k, p) of (T, k, p).
+
+    By the columns' extremes, which are quicker had than a look at every entry.
+    """
+    return np.asarray((values.min(axis=0) != 0.0) | (values.max(axis=0) != 0.0))
