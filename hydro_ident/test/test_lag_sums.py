@@ -122,6 +122,16 @@ def test_a_gap_keeps_its_length(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(holed.total, whole.total)
 
 
+def test_a_column_that_is_zero_for_long_changes_nothing(rng: np.random.Generator) -> None:
+    """Columns are taken in when they begin: as if they had been there from the start."""
+    x = rng.normal(size=(5000, 3))
+    x[:3100, 1] = 0.0
+    whole, cut = _sums(x), _sums(x, pieces=8)
+    np.testing.assert_allclose(cut, whole, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(whole[:, ::2, ::2], _sums(x[:, ::2]), rtol=0.0, atol=1e-10)
+    assert not _sums(np.zeros((3000, 2))).any()
+
+
 def test_asking_in_between_changes_nothing(rng: np.random.Generator) -> None:
     x = rng.normal(size=(2500, 1, 2))
     known = np.ones((2500, 1), dtype=np.bool_)

@@ -20,8 +20,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.rows import BoolArray, nonzero_columns
 from hydro_model.robot import FloatArray
 
 #: Lags kept one by one, in strides (`Rows.stride`); an octave of blocks has half as many.
@@ -119,17 +120,10 @@ class LagSums:
     channels: int
     width: int
     stride: int = 1
-    _sums: FloatArray = field(init=False)
-    _before: list[FloatArray] = field(init=False)
-    _used: BoolArray = field(init=False)
-    _waiting: list[FloatArray] = field(init=False, default_factory=list)
-    _held: int = field(init=False, default=0)
+    _by_channel: tuple[_ChannelSums, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._sums = np.zeros((self.channels, NODES.size, self.width, self.width))
-        none = np.zeros((_SINGLE, self.channels, self.width))
-        self._before = [none] * (_OCTAVES + 1)
-        self._used = np.zeros((self.channels, self.width), dtype=np.bool_)
+        self._by_channel = tuple(_ChannelSums(self.stride) for _ in range(self.channels))
 
     def add(self, x: FloatArray, skipped: int, known: BoolArray) -> None:
         """Take in rows that follow each other.
@@ -142,48 +136,99 @@ class LagSums:
         known : (T, k) bool array
             Which rows take part.
         """
-        values = np.where(known[..., None], x, 0.0)
+        values = x if known.all() else np.where(known[..., None], x, 0.0)
+        nonzero = nonzero_columns(values)
         gap = min(skipped, LONGEST * self.stride)
-        if gap and (self._held or self._used.any()):
-            self._waiting.append(np.zeros((gap, self.channels, self.width)))
+        for k, one in enumerate(self._by_channel):
+            one.widen(nonzero[k])
+            one.add(values[:, k, one.used], gap)
+
+    @property
+    def total(self) -> FloatArray:
+        """Symmetric sums by channel and node, (k, nodes, p, p)."""
+        sums = np.zeros((self.channels, NODES.size, self.width, self.width))
+        for own, one in zip(sums, self._by_channel, strict=True):
+            own[:, one.used[:, None], one.used] = one.total
+        return sums + sums.swapaxes(2, 3)
+
+
+@dataclass(slots=True)
+class _ChannelSums:
+    """Sums by lag of a channel, of the columns that are not zero all along.
+
+    A joint's row is zero for what lies nearer to the base, and for others' friction.
+    """
+
+    stride: int
+    used: NDArray[np.intp] = field(init=False)
+    _sums: FloatArray = field(init=False)
+    _before: list[FloatArray] = field(init=False)
+    _waiting: list[FloatArray] = field(init=False, default_factory=list)
+    _held: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self.used = np.zeros(0, dtype=np.intp)
+        self._sums = np.zeros((NODES.size, 0, 0))
+        self._before = [np.zeros((_SINGLE, 0))] * (_OCTAVES + 1)
+
+    def widen(self, nonzero: BoolArray) -> None:
+        """Make room for columns (p,) that were zero so far."""
+        wider = nonzero.copy()
+        wider[self.used] = True
+        used = np.flatnonzero(wider)
+        if used.size == self.used.size:
+            return
+        at = np.searchsorted(used, self.used)
+        sums = np.zeros((NODES.size, used.size, used.size))
+        sums[:, at[:, None], at] = self._sums
+        self.used, self._sums = used, sums
+        self._before, self._waiting = (
+            [_spread(part, at, used.size) for part in parts]
+            for parts in (self._before, self._waiting)
+        )
+
+    def add(self, rows: FloatArray, gap: int) -> None:
+        """Take in rows (T, p) of the used columns, so many behind those before."""
+        if gap and (self._held or self.used.size):
+            self._waiting.append(np.zeros((gap, self.used.size)))
             self._held += gap
-        self._waiting.append(values)
-        self._held += values.shape[0]
+        self._waiting.append(rows)
+        self._held += len(rows)
         batch = _BATCH * self.stride
         if self._held < batch:
             return
         # Whole batches, whatever the calls were: blocks and the sums' rounding are the same, too.
         waiting = np.concatenate(self._waiting)
-        while waiting.shape[0] >= batch:
-            self._before = self._take(self._sums, waiting[:batch])
+        while len(waiting) >= batch:
+            if self.used.size:
+                self._sums += _node_products(waiting[:batch], self._before, self.stride)
             waiting = waiting[batch:]
-        self._waiting, self._held = [waiting.copy()], waiting.shape[0]
+        self._waiting, self._held = [waiting.copy()], len(waiting)
 
     @property
     def total(self) -> FloatArray:
-        """Symmetric sums by channel and node, (k, nodes, p, p)."""
-        sums = self._sums.copy()
-        if self._held:
-            rest = np.concatenate(self._waiting)
-            missing = -rest.shape[0] % (self.stride << _OCTAVES)
-            self._take(sums, np.concatenate([rest, np.zeros((missing, *rest.shape[1:]))]))
-        return sums + sums.swapaxes(2, 3)
+        """Sums by node, (nodes, p, p); their halves where symmetric."""
+        if not self._held or not self.used.size:
+            return self._sums
+        rest = np.concatenate(self._waiting)
+        missing = -len(rest) % (self.stride << _OCTAVES)
+        rest = np.concatenate([rest, np.zeros((missing, rest.shape[1]))])
+        return self._sums + _node_products(rest, list(self._before), self.stride)
 
-    def _take(self, sums: FloatArray, rows: FloatArray) -> list[FloatArray]:
-        """Add the products of new rows to some sums; the last blocks of every octave."""
-        last = [np.zeros_like(before) for before in self._before]
-        self._used |= rows.any(axis=0)
-        for k in range(self.channels):
-            # A joint's row is zero for what lies nearer to the base, and for others' friction.
-            used = np.flatnonzero(self._used[k])
-            if not used.size:
-                continue
-            before = [blocks[:, k][:, used] for blocks in self._before]
-            products = _node_products(rows[:, k][:, used], before, self.stride)
-            sums[k][:, used[:, None], used] += products
-            for blocks, own in zip(last, before, strict=True):
-                blocks[:, k, used] = own
-        return last
+
+def _spread(rows: FloatArray, at: NDArray[np.intp], width: int) -> FloatArray:
+    """Rows with their columns put at these places of more."""
+    result = np.zeros((len(rows), width))
+    result[:, at] = rows
+    return result
+
+
+def _added_up(rows: FloatArray, count: int) -> FloatArray:
+    """Sums of so many rows at a time; added by slices, numpy's sum over few rows is slow."""
+    result = rows[::count]
+    for at in range(1, count):
+        result = result + rows[at::count]
+    return result
 
 
 def _node_products(rows: FloatArray, before: list[FloatArray], stride: int) -> FloatArray:
@@ -199,16 +244,15 @@ def _node_products(rows: FloatArray, before: list[FloatArray], stride: int) -> F
     width = rows.shape[1]
     result, node = np.zeros((NODES.size, width, width)), 0
     for octave, old in enumerate(before):
-        count = 2 if octave else stride
-        rows = rows.reshape(-1, count, width).sum(axis=1)
+        rows = _added_up(rows, 2 if octave else stride)
         blocks = np.concatenate([old, rows])
         for lag in _lags(octave):
-            result[node] += rows.T @ blocks[_SINGLE - lag : len(blocks) - lag]
+            result[node] = rows.T @ blocks[_SINGLE - lag : len(blocks) - lag]
             node += 1
         if octave < _OCTAVES:
             # Of the last lag every other pair is eight blocks of the next octave apart: these
             # are the others, shared out to the node before.
             result[node - 1] += rows[1::2].T @ blocks[1 : len(blocks) - _SINGLE + 1][1::2]
-        before[octave] = blocks[-_SINGLE:]
+        before[octave] = blocks[-_SINGLE:].copy()
     result[0] *= 0.5
     return result
