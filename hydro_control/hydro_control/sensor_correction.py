@@ -88,9 +88,9 @@ def _read(robot: Robot, effects: Sequence[ActiveEffect], value: float) -> Readin
     n, m = robot.dof, len(robot.cylinders)
     step_s = 1.0 / robot.sensors.rate_hz
     chambers = np.full((1, m), value)
-    line = np.full(1, value)
+    line, q = np.full(1, value), np.full((1, n), value)
     shown = Readings(
-        step_s, np.full((1, n), value), chambers, chambers.copy(), line, line, chambers
+        step_s, q, chambers, chambers.copy(), line, line, chambers, np.full_like(q, np.nan)
     )
     for one in effects:
         if one.effect.reading is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.parameters import Parameter, parameter_list
-from hydro_model.closed_chain import with_parameters
+from hydro_model.base_parameters import with_base
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import (
     BaseParameter,
@@ -83,11 +83,9 @@ def _with_base_parameters(robot: Robot, inertial: InertialFit) -> Robot:
     known = np.array(inertial.identifiable[:count])
     given = base.combination @ robot.parameter_vector
     values = np.where(known, inertial.fit.theta[:count], given)
-    theta = np.zeros(len(robot.parameter_names))
-    theta[base.leading] = values
     covariance = inertial.fit.covariance[:count, :count]
     return replace(
-        with_parameters(robot, theta),
+        with_base(robot, base, values),
         base_parameters=tuple(
             BaseParameter(name, base.coefficients(i), float(values[i]))
             for i, name in enumerate(base.names)

@@ -239,7 +239,8 @@ def effect_unit(name: str) -> str:
     from hydro_model.effects.catalogue import CATALOGUE
 
     effect, parameter = name.removesuffix(OVER_BULK).split(".")[-2:]
-    return next(p.unit for p in CATALOGUE[effect].parameters if p.name == parameter)
+    specs = [p for form in CATALOGUE[effect].forms for p in form.parameters]
+    return next(p.unit for p in specs if p.name == parameter)
 
 
 def listed_value(robot: Robot, name: str) -> float:

@@ -16,7 +16,7 @@ pin = pytest.importorskip("pinocchio")
 
 JOINTS = ("shoulder", "elbow")
 STEP_S, TORQUE_NOISE, COUNT_RAD = 0.002, (0.2, 0.1), 2.0 * np.pi / 2**19
-ROTOR, COULOMB, SHARE = 0.4, 6.0, 0.12
+ROTOR, COULOMB, SHARE, GAP, FLANK = 0.4, 6.0, 0.12, 0.008, 2.0
 VISCOUS = (4.0, 2.5)
 
 _LINK = """
@@ -92,6 +92,15 @@ def _torque(
     return torque
 
 
+def _seen(q: np.ndarray, torque: np.ndarray, effects: tuple[str, ...]) -> np.ndarray:
+    """What encoders on the motors show: across a play they lead the link, (N, 2)."""
+    seen = q.copy()
+    if "play" in effects:
+        # Flanks give evenly until they bear.
+        seen[:, 1] += 0.5 * GAP * np.clip(torque[:, 1] / FLANK, -1.0, 1.0)
+    return COUNT_RAD * np.round(seen / COUNT_RAD)
+
+
 @pytest.fixture
 def diagnosed(
     robot_file: Path, write_bag: Callable[..., Path], tmp_path: Path
@@ -104,8 +113,8 @@ def diagnosed(
             q, qd, qdd = _motion(seconds, seed)
             rng = np.random.default_rng(10 + seed)
             torque = _torque(q, qd, qdd, effects)
+            seen = _seen(q, torque, effects)
             torque += rng.normal(size=q.shape) * TORQUE_NOISE
-            seen = COUNT_RAD * np.round(q / COUNT_RAD)
             columns = {"/joint_states": (JOINTS, {"position": seen, "effort": torque})}
             bags.append(str(write_bag(columns, name=name)))
         out = tmp_path / "out"
@@ -148,3 +157,9 @@ def test_a_gear_that_rubs_under_load_is_found(diagnosed: Callable[..., dict[str,
     assert _named(found) == {
         ("shoulder/torque", "load_dependent_friction"): pytest.approx(SHARE, rel=0.05)
     }
+
+
+def test_a_gear_with_play_is_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
+    found = diagnosed("play")
+    assert _named(found) == {("elbow/torque", "backlash"): pytest.approx(GAP, rel=0.15)}
+    assert found["verdict"] == "explained"

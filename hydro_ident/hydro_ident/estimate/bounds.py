@@ -76,7 +76,8 @@ def effect_bounds(name: str) -> Bounds:
     from hydro_model.effects.catalogue import CATALOGUE
 
     _, effect, parameter = name.split(".")
-    spec = next(p for p in CATALOGUE[effect].parameters if p.name == parameter)
+    specs = [p for form in CATALOGUE[effect].forms for p in form.parameters]
+    spec = next(p for p in specs if p.name == parameter)
     return Bounds(spec.lower, spec.upper, abs(spec.typical), spec.unit)
 
 

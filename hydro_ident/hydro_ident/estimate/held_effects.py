@@ -70,7 +70,7 @@ def corrected(robot: Robot, errors: Sequence[ActiveEffect], trace: Trace) -> Tra
     if not errors:
         return trace
     rails, signal = (trace.supply, trace.tank), trace.valve_signal
-    r = Readings(trace.step_s, trace.q, trace.p_a, trace.p_b, *rails, signal)
+    r = Readings(trace.step_s, trace.q, trace.p_a, trace.p_b, *rails, signal, trace.joint_torque)
     for one in errors:
         if one.effect.reading is not None:
             r = one.effect.reading(r, one.index, -one.parameters)

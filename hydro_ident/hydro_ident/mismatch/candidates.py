@@ -34,8 +34,9 @@ from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
+from hydro_model.effects.valve_effects import TRAVEL
 from hydro_model.robot import FloatArray
-from hydro_model.signals import PISTON_POSITION, TIP_HEIGHT
+from hydro_model.signals import PISTON_FORCE, PISTON_POSITION, TIP_HEIGHT, VALVE_RATE
 
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
@@ -50,6 +51,10 @@ _SCANNED_WHOLE = ("temperature_drift", "backlash")
 START_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0, 8.0)
 #: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
 _WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
+#: Slew limits tried, of the rate that the command exceeds for a tenth of the time, either way.
+_OF_COMMAND = tuple(0.5 * 1.35**k for k in range(8))
+#: Torques over which a gear's flanks come to bear, of the largest that the drive had.
+_CONTACT_SHARES = (0.02, 0.05, 0.1, 0.25)
 #: A mode that is hardly damped answers to a few percent around its own frequency alone.
 _FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7))}
 #: Most shapes of one effect at one target.
@@ -134,12 +139,12 @@ def trials(
         Of the catalogue.
     """
     material = predictor.material
-    for name in names or CATALOGUE:
-        effect = CATALOGUE[name]
+    forms = [form for name in names or CATALOGUE for form in CATALOGUE[name].forms]
+    for effect in forms:
         if untestable(material, effect):
             continue
         for one in _at_targets(material, effect):
-            if any(t.effect.name == name and t.target == one.target for t in model.terms):
+            if any(t.effect.name == effect.name and t.target == one.target for t in model.terms):
                 continue
             yield from _shaped(predictor, model, one)
 
@@ -237,8 +242,17 @@ def _grid(
         lengths = [f * spec.typical for f in FIRST_FACTORS]
         lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]
         return [x for x in lengths if spec.lower <= x <= 0.5 * stroke_m]
-    if spec is BEND:
-        return [0.0, BEND.typical]
+    if effect.name == "valve_rate_limit" and spec.name == "rate":
+        # A slow spool saturates at what the command's own rate is, whatever is usual.
+        asked = max(abs(rate) for rate in quantiles(predictor, model, one, (VALVE_RATE,)))
+        rates = [f * spec.typical for f in SIZE_FACTORS] + [f * asked for f in _OF_COMMAND]
+        return list(dict.fromkeys(min(max(r, spec.lower), spec.upper) for r in rates))
+    if spec is BEND or spec is TRAVEL:
+        return [0.0, spec.typical]
+    if effect.name == "backlash" and spec.name == "contact_torque":
+        loads = quantiles(predictor, model, one, (PISTON_FORCE,))
+        largest = max(abs(load) for load in loads)
+        return [max(share * largest, spec.lower) for share in _CONTACT_SHARES]
     if effect.name == "backlash" and spec.name == "drag":
         return [rubbing(predictor, model, one)]
     if spec.typical == 0.0:

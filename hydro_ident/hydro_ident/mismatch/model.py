@@ -14,7 +14,7 @@ from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY, Predictor
 from hydro_ident.mismatch.stepping import with_edges
-from hydro_model.closed_chain import with_parameters
+from hydro_model.base_parameters import with_base
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
 
@@ -149,10 +149,8 @@ def _with_base(
     std = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
     known = std < parameter_scales(forces)[:count]
     values = np.where(known, fitted.model.theta[:count], base.combination @ given.parameter_vector)
-    theta = np.zeros(len(given.parameter_names))
-    theta[base.leading] = values
     robot = replace(
-        with_parameters(given, theta),
+        with_base(given, base, values),
         base_parameters=tuple(
             BaseParameter(name, base.coefficients(i), float(values[i]))
             for i, name in enumerate(base.names)

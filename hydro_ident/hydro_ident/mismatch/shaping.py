@@ -115,7 +115,7 @@ class Signals:
         trace = stretch.trace
         seen = Readings(
             trace.step_s, trace.q, trace.p_a, trace.p_b, trace.supply, trace.tank,
-            trace.valve_signal,
+            trace.valve_signal, trace.joint_torque,
         )  # fmt: skip
         for term in terms:
             if term.effect.reading is not None:

@@ -13,9 +13,10 @@ from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.settings import LEAST_EXCESS
 from hydro_ident.mismatch.training import Training
-from hydro_model.closed_chain import with_parameters
+from hydro_model.base_parameters import with_base
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.valve_effects import TRAVEL
 from hydro_model.robot import FloatArray, Robot, Valve
 
 #: A shape parameter moves by no more than this factor per pass.
@@ -103,9 +104,7 @@ def stepped(term: ActiveEffect, step: FloatArray) -> ActiveEffect:
 def _with_inertia(predictor: Predictor, robot: Robot, theta: FloatArray) -> Robot:
     """A robot whose links carry the base parameters: changes of it start from there."""
     base = predictor.material.forces.base
-    vector = np.zeros(len(robot.parameter_names))
-    vector[base.leading] = theta[: len(base.names)]
-    return with_parameters(robot, vector)
+    return with_base(robot, base, theta[: len(base.names)])
 
 
 def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -180,4 +179,7 @@ def is_free(term: ActiveEffect, index: int) -> bool:
     if name in WAYS and BEND in term.effect.parameters:
         bends = bool(term.parameters[term.effect.parameters.index(BEND)] > 0.0)
         return bends == (name == BEND.name)
+    if spec is TRAVEL:
+        # A play stays one: other branches start from theirs.
+        return bool(term.parameters[index] > 0.0)
     return name != term.effect.start and (term.effect.name, name) not in HELD

@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_model.closed_chain import with_parameters
 from hydro_model.part_regrouping import with_parts
 from hydro_model.payload_parameters import PAYLOAD_NAMES, inertia_map, payload_effect
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint, Robot
@@ -98,6 +99,27 @@ class BaseMap:
             factor = "" if size == "1" else f"{size} "
             text += f" {sign} {factor}{name}" if text else f"{factor}{name}"
         return text
+
+
+def with_base(robot: Robot, base: BaseMap, values: FloatArray) -> Robot:
+    """The robot whose links have these base parameters, all else about them as it was.
+
+    The leading ones take up the difference; what no torque shows stays what was given, such as
+    the datasheet's: once an effect turns gravity it shows.
+
+    Parameters
+    ----------
+    robot : Robot
+    base : BaseMap
+        Of it.
+    values : (p,) array
+        In SI units.
+    """
+    vector = np.array(robot.parameter_vector, dtype=np.float64)
+    # Barrels and rods are in the base parameters where these have them.
+    vector[robot.link_inertia.size :] = 0.0
+    vector[base.leading] += values - base.combination @ vector
+    return with_parameters(robot, vector)
 
 
 def base_map(robot: Robot, tolerance: float = 1.0e-12, *, payload: bool = False) -> BaseMap:

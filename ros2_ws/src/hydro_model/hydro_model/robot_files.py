@@ -201,7 +201,10 @@ def _with_base(robot: Robot, path: Path) -> Robot:
     from hydro_model.closed_chain import with_parameters
 
     names = robot.parameter_names
-    values = np.zeros(len(names))
+    values = np.array(robot.parameter_vector, dtype=float)
+    # What they hold of barrels and rods is in the base parameters.
+    values[robot.link_inertia.size :] = 0.0
+    given = dict(zip(names, values.tolist(), strict=True))
     check_once("base parameter", [parameter.name for parameter in robot.base_parameters], path)
     for parameter in robot.base_parameters:
         unknown = [n for n in (parameter.name, *parameter.combination) if n not in names]
@@ -212,8 +215,9 @@ def _with_base(robot: Robot, path: Path) -> Robot:
                 f" {', '.join(STANDARD_PARAMETERS)}, or <cylinder>_<barrel or rod>.<parameter>"
                 f" with one of {', '.join(PART_PARAMETERS)}"
             )
-        # The leading parameter alone reproduces the dynamics: the rest lies in the nullspace.
-        values[names.index(parameter.name)] = parameter.value
+        # The leading one takes up the difference: the rest, which no torque shows, is the URDF's.
+        own = sum(given[n] * c for n, c in parameter.combination.items())
+        values[names.index(parameter.name)] += parameter.value - own
     return with_parameters(robot, values)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hydro_model.base_parameters import BaseMap, base_map, payload_map
+from hydro_model.base_parameters import BaseMap, base_map, payload_map, with_base
 from hydro_model.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Joint, Robot
 from hydro_model.robot_files import load_robot
@@ -172,6 +172,32 @@ def test_changes_in_the_nullspace_show_on_no_joint(
     assert np.allclose(
         inverse_dynamics(other, *motion), torque, rtol=0, atol=1e-11 * np.abs(torque).max()
     )
+
+
+def test_what_no_torque_shows_stays_as_it_was(make_chain: MakeChain) -> None:
+    """Other base parameters are taken up by the leading ones; a turn of gravity shows the rest."""
+    robot = make_chain(1, 2)
+    rng = np.random.default_rng(3)
+    base = base_map(robot)
+    values = base.combination @ robot.parameter_vector + rng.normal(size=len(base.names))
+    other = with_base(robot, base, values)
+    np.testing.assert_allclose(base.combination @ other.parameter_vector, values, atol=1e-9)
+    kept = np.setdiff1d(np.arange(10 * robot.dof), base.leading)
+    np.testing.assert_array_equal(other.parameter_vector[kept], robot.parameter_vector[kept])
+    # An axis along gravity hides first moments, until the base is tilted.
+    upright = replace(
+        robot,
+        joints=(replace(robot.joints[0], rotation=np.eye(3), axis=np.array([0.0, 0.0, 1.0])),),
+        link_inertia=robot.link_inertia[:1],
+        gravity_m_s2=np.array([0.0, 0.0, -9.81]),
+    )
+    shown = base_map(upright)
+    again = with_base(upright, shown, 2.0 * (shown.combination @ upright.parameter_vector))
+    tilted = replace(again, gravity_m_s2=9.81 * np.array([0.0, np.sin(0.1), -np.cos(0.1)]))
+    still = np.zeros((1, 1))
+    torque = inverse_dynamics(tilted, still, still, still)[0, 0]
+    # About z gravity turns the link by m_x g_y - m_y g_x, held by the opposite torque.
+    assert torque == pytest.approx(-robot.link_inertia[0, 1] * 9.81 * np.sin(0.1))
 
 
 def test_table_one_of_the_paper() -> None:

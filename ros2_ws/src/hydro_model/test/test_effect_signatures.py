@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -193,11 +194,26 @@ def test_hysteresis_is_a_play() -> None:
     t = np.arange(2000) * STEP
     u = 0.1 * np.abs((t / 2.0 + 0.5) % 1.0 - 0.5) * 4.0 - 0.1  # a triangle between -0.1 and 0.1
     s = rows(2000, valve_signal=u)
-    out = CATALOGUE["valve_hysteresis"].evaluate(s, [0.01, 5e-4], sample_time_s=STEP)
+    out = CATALOGUE["valve_hysteresis"].evaluate(s, [0.01, 5e-4, 0.0], sample_time_s=STEP)
     rising = np.gradient(u) > 0.0
     settled = (np.abs(u) < 0.075) & (t > 1.2)
     np.testing.assert_allclose((out - u)[settled & rising], -0.01, atol=5e-4)
     np.testing.assert_allclose((out - u)[settled & ~rising], 0.01, atol=5e-4)
+
+
+def test_hysteresis_with_travel_follows_dahls_branches() -> None:
+    """After a reversal the distance to the other branch falls by e per 2 h + l of the command."""
+    half, travel = 0.004, 0.03
+    u = np.concatenate([np.linspace(0.0, 0.3, 3001), np.linspace(0.3, 0.0, 3001)[1:]])
+    s = rows(len(u), valve_signal=u)
+    out = CATALOGUE["valve_hysteresis"].evaluate(s, [half, 1e-4, travel], sample_time_s=STEP)
+    way, scale = np.abs(u - 0.3)[3000:], 2.0 * half + travel
+    up = half * (1.0 - math.exp(-0.3 / scale))
+    behind = -half + (up + half) * np.exp(-way / scale)
+    # It answers a command when that is held for a cycle, twenty time constants.
+    np.testing.assert_allclose(u[3000:-1] - out[3001:], behind[:-1], atol=1e-9)
+    # The spool stands where the command turns: no branch runs against it.
+    assert (np.diff(out[3001:]) <= 1e-9).all()
 
 
 def test_underlap_at_null_divides_the_supply_by_the_edges(make_slider) -> None:

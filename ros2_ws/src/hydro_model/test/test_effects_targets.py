@@ -123,6 +123,7 @@ def readings(count: int = 50) -> Readings:
         supply=np.full(count, 19e6),
         tank=np.full(count, 1e6),
         valve_signal=rng.uniform(-1.0, 1.0, (count, 2)),
+        torque=np.full((count, 2), np.nan),
     )
 
 

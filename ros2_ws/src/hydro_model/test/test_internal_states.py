@@ -13,6 +13,7 @@ from hydro_model import signals as sig
 from hydro_model.effects import CATALOGUE, Effect
 from hydro_model.effects.compiled import evaluate_law, signals_read
 from hydro_model.effects.internal_states import HELD_SIGNALS
+from hydro_model.effects.valve_effects import TRAVEL
 from hydro_model.robot import FloatArray
 
 STEP_S = 0.002
@@ -150,6 +151,9 @@ def test_what_is_followed_exactly_is_what_steps_come_to(effect) -> None:
     stepped, rows = replace(effect, states=states), recording(400)
     rows[150:160, HELD_SIGNALS] = np.nan
     for parameters in corners(effect):
+        if TRAVEL in effect.parameters:
+            # A branch remembers the errors of steps, which add up: scipy and Dahl's curve test it.
+            parameters[effect.parameters.index(TRAVEL)] = 0.0
         ours = effect.evaluate(rows, parameters, sample_time_s=STEP_S)
         theirs = stepped.evaluate(rows, parameters, sample_time_s=STEP_S)
         size = np.nanmax(np.abs(theirs))

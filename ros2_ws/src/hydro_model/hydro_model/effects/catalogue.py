@@ -92,7 +92,7 @@ def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
         raise RobotError(
             f"{where}: no effect '{spec.name}' in the catalogue (known: {', '.join(CATALOGUE)})"
         )
-    effect = CATALOGUE[spec.name]
+    effect = _form_at(robot, CATALOGUE[spec.name], spec.target)
     values = effect.values(spec.parameters, where)
     return [
         ActiveEffect(
@@ -100,6 +100,15 @@ def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
         )
         for place in places(robot, effect, spec.target, where)
     ]
+
+
+def _form_at(robot: Robot, effect: Effect, target: str) -> Effect:
+    """An effect as it is at a target; the whole robot means its cylinders, if it has any."""
+    for form in effect.forms:
+        known = targets(robot, form)
+        if target in known or (known and target == robot.name):
+            return form
+    return effect
 
 
 def _where(robot: Robot) -> str:

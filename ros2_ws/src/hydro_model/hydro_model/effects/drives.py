@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+import numpy as np
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term
+from hydro_model.effects.readings import Readings
+from hydro_model.robot import FloatArray
 from hydro_model.signals import (
     JOINT_VELOCITY,
     PISTON_ACCELERATION,
@@ -17,6 +22,8 @@ from hydro_model.signals import (
 #: Time constant of the differentiator that stands for the acceleration in a roll-out, s: the
 #: rotor then hangs on its joint by a viscous clutch, which takes up energy and gives none.
 ROTOR_LAG_S = 0.005
+#: Time over which a measured torque is averaged, twice, before a play is asked where it lies, s.
+_LOAD_S = 0.03
 
 
 def _rotor_rate(s: Row, p: Row) -> float:
@@ -37,6 +44,19 @@ def _rotor(s: Row, p: Row) -> float:
 
 def _loaded_gear(s: Row, p: Row) -> float:
     return p[0] * abs(s[PISTON_FORCE]) * math.tanh(s[JOINT_VELOCITY] / p[1])
+
+
+def _motor_ahead(r: Readings, joint: int, p: FloatArray) -> Readings:
+    # Undone by a reading of the opposite sign: then the torque's scale is negative as well.
+    from scipy.ndimage import uniform_filter1d
+
+    load = np.where(np.isfinite(r.torque[:, joint]), r.torque[:, joint], 0.0)
+    # A torque sensor's noise moves no flank: near zero its sign would be the noise's own.
+    width = 2 * round(0.5 * _LOAD_S / r.step_s) + 1
+    load = uniform_filter1d(uniform_filter1d(load, width), width)
+    q = r.q.copy()
+    q[:, joint] += 0.5 * p[0] * np.tanh(load / abs(p[1]))
+    return replace(r, q=q)
 
 
 ROTOR_INERTIA = Effect(
@@ -88,5 +108,26 @@ LOAD_DEPENDENT_FRICTION = Effect(
     limits="lifting and lowering alike; the torque that is measured stands for what the gear"
     " transmits",
 )  # fmt: skip
+
+GEAR_BACKLASH = Effect(
+    name="backlash",
+    channel="force",
+    equation="q_read = q + (b / 2) tanh(T / T0),  T: the drive's torque",
+    source="play between motor and link, the encoder on the motor's side: the motor leads by half"
+    " the play on the side to which it pulls; Nordin and Gutman, Automatica 38 (2002)",
+    parameters=(
+        ParameterSpec("gap", "rad", "b, whole play; m on a prismatic joint", 0.0, 0.1, 1e-3),
+        ParameterSpec(
+            "contact_torque", "N m", "T0, over which the flanks come to bear", 1e-3, 1e5, 5.0
+        ),
+    ),
+    terms=(),
+    reading=_motor_ahead,
+    needs_cylinder=False,
+    drive_only=True,
+    looks_like=("presliding_friction", "structural_flexibility", "rotor_inertia"),
+    separating_experiment="reverse the load without reversing the motion, and the reverse",
+    limits="nothing of a play behind the encoder, which shows in the rotor's inertia alone",
+)
 
 DRIVE_EFFECTS = (ROTOR_INERTIA, LOAD_DEPENDENT_FRICTION)

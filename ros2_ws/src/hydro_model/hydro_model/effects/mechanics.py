@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
 from hydro_model.robot import FloatArray, Robot
@@ -206,6 +207,7 @@ BACKLASH = Effect(
     separating_experiment="reverse the load without reversing the motion, and the reverse",
     limits="how long the crossing takes, T, is read off a recording; in a roll-out the load stays"
     " on the piston, and the pin crosses once it is pushed the other way, without an impact",
+    at_drives=GEAR_BACKLASH,
 )  # fmt: skip
 
 COUNTERBALANCE_SPRING = Effect(

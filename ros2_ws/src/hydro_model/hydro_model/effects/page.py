@@ -114,12 +114,16 @@ def _section(effect: Effect) -> str:
     ]
     if effect.limits:
         lines.append(f"- limits: {effect.limits}")
+    other = effect.at_drives
+    if other is not None:
+        lines.append(f"- at joints without cylinder: `{other.equation}` ({form(other)});")
+        lines.append(f"  {other.source}; {other.limits}")
     lines += [
         "",
         "| parameter | unit | meaning | bounds | typical | |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_parameter(spec) for spec in effect.parameters]
+    lines += [_parameter(spec) for one in effect.forms for spec in one.parameters]
     return "\n".join(lines) + "\n\n"
 
 

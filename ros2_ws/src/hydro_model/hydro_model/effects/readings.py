@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class Readings:
         Gauge, Pa.
     valve_signal : (N, m) array
         Normalised, as recorded with each sample.
+    torque : (N, n) array
+        Measured joint torque, N m (N on a prismatic joint); NaN where there is none.
     """
 
     step_s: float
@@ -37,6 +39,7 @@ class Readings:
     supply: FloatArray
     tank: FloatArray
     valve_signal: FloatArray
+    torque: FloatArray
 
     def pressure(self, index: int) -> FloatArray:
         """Pressure by its index in `Robot.pressure_names`, (N,)."""
@@ -48,15 +51,13 @@ class Readings:
     def with_pressure(self, index: int, values: FloatArray) -> Readings:
         """The readings with one pressure replaced."""
         m = self.p_a.shape[1]
-        p_a, p_b = self.p_a.copy(), self.p_b.copy()
-        supply, tank = self.supply, self.tank
         if index == 2 * m:
-            supply = values
-        elif index > 2 * m:
-            tank = values
-        else:
-            (p_b if index % 2 else p_a)[:, index // 2] = values
-        return Readings(self.step_s, self.q, p_a, p_b, supply, tank, self.valve_signal)
+            return replace(self, supply=values)
+        if index > 2 * m:
+            return replace(self, tank=values)
+        chambers = (self.p_b if index % 2 else self.p_a).copy()
+        chambers[:, index // 2] = values
+        return replace(self, p_b=chambers) if index % 2 else replace(self, p_a=chambers)
 
 
 def delayed(values: FloatArray, lag_s: float, step_s: float) -> FloatArray:

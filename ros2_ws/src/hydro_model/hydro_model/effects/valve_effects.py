@@ -59,15 +59,42 @@ def _bent(s: Row, p: Row) -> float:
     return u * (1.0 + p[0] * (abs(u) - 1.0))
 
 
-def _play(s: Row, p: Row) -> float:
-    gap = s[VALVE_SIGNAL] - s[STATE_0]
-    return (gap - min(max(gap, -p[0]), p[0])) / p[1]
+# A spool with hysteresis. Of a play STATE_0 is where it stands; with a travel it is how far it
+# stands behind the command as it came, STATE_1.
 
 
-def _play_after(s: Row, p: Row) -> float:
-    gap = s[VALVE_SIGNAL] - s[STATE_0]
-    beyond = gap - min(max(gap, -p[0]), p[0])
-    return s[STATE_0] - beyond * math.expm1(-p[2] / p[1])
+def _spool_moves(s: Row, p: Row) -> float:
+    if p[2] <= 0.0:
+        gap = s[VALVE_SIGNAL] - s[STATE_0]
+        return (gap - min(max(gap, -p[0]), p[0])) / p[1]
+    coming = (s[VALVE_SIGNAL] - s[STATE_1]) / p[1]
+    return (p[0] * coming - s[STATE_0] * abs(coming)) / (2.0 * p[0] + p[2])
+
+
+def _spool_after(s: Row, p: Row) -> float:
+    if p[2] <= 0.0:
+        gap = s[VALVE_SIGNAL] - s[STATE_0]
+        beyond = gap - min(max(gap, -p[0]), p[0])
+        return s[STATE_0] - beyond * math.expm1(-p[3] / p[1])
+    came = (s[STATE_1] - s[VALVE_SIGNAL]) * math.expm1(-p[3] / p[1])
+    end = math.copysign(p[0], came)
+    return end + (s[STATE_0] - end) * math.exp(-abs(came) / (2.0 * p[0] + p[2]))
+
+
+def _spool_at_rest(s: Row, p: Row) -> float:
+    return 0.0 if p[2] > 0.0 else s[VALVE_SIGNAL]
+
+
+def _command_comes(s: Row, p: Row) -> float:
+    return (s[VALVE_SIGNAL] - s[STATE_1]) / p[1]
+
+
+def _command_after(s: Row, p: Row) -> float:
+    return s[STATE_1] + (s[STATE_1] - s[VALVE_SIGNAL]) * math.expm1(-p[3] / p[1])
+
+
+def _spool_behind(s: Row, p: Row) -> float:
+    return s[STATE_1] - s[STATE_0] if p[2] > 0.0 else s[STATE_0]
 
 
 RATE_LIMIT = Effect(
@@ -107,24 +134,42 @@ SPOOL_LAG = Effect(
     separating_experiment="chirp of the command to twice the lag's frequency",
 )
 
+#: Over what travel of the command a spool takes up its hysteresis, beyond that of a play.
+TRAVEL = ParameterSpec(
+    "travel",
+    "1",
+    "l, of the command, over which the spool comes to follow it, beyond 2 h; 0: a play",
+    0.0,
+    0.5,
+    0.05,
+    optional=True,
+    default=0.0,
+)
+
 HYSTERESIS = Effect(
     name="valve_hysteresis",
     channel="flow",
-    equation="tau u' = (u_in - u) - clip(u_in - u, -h, h): play of half width h",
-    source="play operator; Visintin, Differential Models of Hysteresis (1994)",
+    equation="tau u' = (u_in - u) - clip(u_in - u, -h, h): play of half width h;  l > 0:"
+    " z' = (h v - z |v|) / (2 h + l),  u = w - z,  v = w' = (u_in - w) / tau",
+    source="play operator; Visintin, Differential Models of Hysteresis (1994); l > 0: Dahl,"
+    " AIAA Journal 14 (1976), with the command's way in place of a distance",
     parameters=(
         ParameterSpec("half_width", "1", "h", 0.0, 0.2, 0.002),
         ParameterSpec(
             "time_constant", "s", "tau, in which the play is taken up", 1e-4, 0.02, 5e-4,
             optional=True,
         ),
+        TRAVEL,
     ),
-    terms=(Term(Stage.SIGNAL, _spool),),
-    states=(InternalState(_play, _signal, 1.0, after=_play_after),),
+    terms=(Term(Stage.SIGNAL, _spool_behind),),
+    states=(
+        InternalState(_spool_moves, _spool_at_rest, 1.0, after=_spool_after),
+        InternalState(_command_comes, _signal, 1.0, after=_command_after),
+    ),
     channels=("flow_a", "flow_b"),
     looks_like=("valve_spool_lag", "command_delay", "valve_deadband"),
     separating_experiment="slow triangles of the command at two amplitudes",
-    limits="one play, where a real spool's branches are many",
+    limits="one play, or one branch that the travel rounds, where a real spool's are many",
 )  # fmt: skip
 
 NULL_BIAS = Effect(
