@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.named import Contender, named_of
-from hydro_ident.mismatch.scoring import Entry, chance_of, p_value, score, signs
+from hydro_ident.mismatch.scoring import Entry, chances, score, signs
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
@@ -51,8 +51,7 @@ def _p_value(residual: np.ndarray, candidates: np.ndarray, one: ActiveEffect) ->
     entries = [Entry(trial, rows, column[:, None]) for column in candidates.T]
     scores = [found for e in entries if (found := score(bench, e, mask)) is not None]
     flips = signs(bench.blocks)[:399]
-    best = max(found.value for found in scores)
-    return p_value(best, chance_of(scores, flips))
+    return min(chances(scores, scores, flips))
 
 
 def _most(draws: int) -> float:
@@ -80,6 +79,22 @@ def test_rows_that_hang_together_are_not_taken_for_independent(
         _p_value(_slow(rng, 1)[:, 0], _slow(rng, 1), laws[0]) <= LEVEL for _ in range(draws)
     )
     assert found <= _most(draws)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.4])
+def test_what_one_channel_still_holds_hides_nothing_in_another(
+    laws: list[ActiveEffect], size: float
+) -> None:
+    """Half of the rows hold thirty times their noise; an effect in the others stands, or none."""
+    rng, draws = np.random.default_rng(13), 100
+    loud = np.arange(ROWS) < ROWS // 2
+    found = 0
+    for _ in range(draws):
+        columns = rng.normal(size=(ROWS, 8)) * np.where(np.arange(8) < 4, loud[:, None], True)
+        columns[:, 4:] *= ~loud[:, None]
+        noise = rng.normal(size=ROWS) * np.where(loud, 30.0, 1.0)
+        found += _p_value(noise + size * columns[:, -1], columns, laws[0]) <= LEVEL
+    assert found <= _most(draws) if size == 0.0 else found >= 0.95 * draws
 
 
 def _contender(term: ActiveEffect, held_out: float) -> Contender:

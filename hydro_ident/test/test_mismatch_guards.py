@@ -226,6 +226,18 @@ def test_what_no_law_explains_is_reported(plain: Any, lay_out: Callable[..., Res
     assert not unexplained(work.training, work.base, [], holds)
 
 
+def test_what_is_left_far_beyond_the_sensors_is_told_whatever_it_follows(
+    clean: Residuals,
+) -> None:
+    left = dependences(clean.training, clean.base)
+    holds = Confirmer(clean.training, clean.check, clean.base).holds
+    assert not unexplained(clean.training, clean.base, left, holds)
+    far = {"lift/force": 37.0}
+    (one,) = unexplained(clean.training, clean.base, left, holds, far)
+    assert (one.channel, one.depends_on) == ("lift/force", ("everywhere",))
+    assert "37 times" in one.text
+
+
 def test_what_has_no_name_is_told_as_a_form(
     plain: Any, seen_again: Any, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +17,8 @@ from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.settings import NAMED_SHARE
-from hydro_ident.mismatch.unknown import unexplained
+from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
+from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.mismatch.where import VARIABLES
 from hydro_model.effects.targets import ActiveEffect
@@ -28,10 +28,10 @@ from hydro_model.robot import FloatArray
 _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: The same for a name that held-out rows do not exercise: less than this is its law's own form.
 _BESIDE_SILENT = 0.1
-#: Rmse of a channel over its noise floor from which such a name stands for none of what is left.
-FAR = 10.0
 #: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
 _CLEARLY_WORSE = 1.2
+#: The same from which a name that nothing replaces stays.
+_HALVED = 0.5
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
 
@@ -122,14 +122,36 @@ def withdrawn(
         Of the residual then.
     """
     taken: list[Finding] = []
+    given = whole, list(findings), list[Finding](), dependences(work.training, whole)
+    left = given[-1]
     while True:
-        left = dependences(work.training, whole)
         weak = _explain_less(work, whole, findings, left)
         if not weak:
-            return whole, findings, taken, left
+            # Where nothing is told in its place, a name that helps so much is the better answer.
+            told = _significant(work, whole, left) if taken else {}
+            missed = [f for f in taken if not any(n in told for n in f.channels)]
+            sides = _sides(work, given[0]) if missed else {}
+            halved = any(after < _HALVED * before for before, after in _of(missed, sides))
+            return given if halved else (whole, findings, taken, left)
         whole = _without(work, whole, [f.named for f in weak])
         findings = [f for f in findings if f not in weak]
         taken += weak
+        left = dependences(work.training, whole)
+
+
+def _of(
+    findings: Sequence[Finding], sides: Mapping[str, tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Rmse without and with all findings where each of some is strongest."""
+    return [sides[f.channels[0]] for f in findings if f.channels[0] in sides]
+
+
+def _significant(
+    work: Residuals, whole: Fitted, left: Sequence[Dependence]
+) -> dict[str, Unexplained]:
+    """What has no name, by channel."""
+    holds = Confirmer(work.training, work.check, whole).holds
+    return {one.channel: one for one in unexplained(work.training, whole, left, holds)}
 
 
 def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> list[Finding]:
@@ -174,8 +196,7 @@ def _explain_less(
 ) -> list[Finding]:
     """Findings that explain less than what is left in their own channel."""
     material, taken = work.training.predictor.material, list[Finding]()
-    holds = Confirmer(work.training, work.check, whole).holds
-    significant = unexplained(work.training, whole, left, holds)
+    significant = _significant(work, whole, left).values()
     # What other rows confirm takes a name away sooner than what they could not.
     for finding in findings:
         channel = finding.channels[0]

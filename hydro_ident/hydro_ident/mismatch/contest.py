@@ -11,7 +11,7 @@ from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY
-from hydro_ident.mismatch.scoring import Score
+from hydro_ident.mismatch.scoring import Score, overdispersion, told_best
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
@@ -79,7 +79,7 @@ class Contest:
     def _spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
         """As `overdispersion`, of the residual that a fit leaves."""
         bench, mask = without.bench, self.training.mask
-        left = bench.beyond(best.entry.columns(mask.size)[mask][:, [_told_best(best)]])
+        left = bench.beyond(best.entry.columns(mask.size)[mask][:, [told_best(best)]])
         sums = bench.by_block(left * whole.bench.residual[:, None])
         return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
 
@@ -251,15 +251,3 @@ def firsts(scores: Sequence[Score]) -> list[Score]:
         trial = one.entry.trial
         seen.setdefault((trial.name, trial.target), one)
     return list(seen.values())
-
-
-def overdispersion(best: Score) -> float:
-    """How much more sums over blocks vary than independent rows' would; at least 1."""
-    used = _told_best(best)
-    variance = float(np.sum(best.partial.chance[:, used] ** 2))
-    return max(1.0, variance / float(best.partial.gram[used, used]))
-
-
-def _told_best(one: Score) -> int:
-    """A trial's column whose coefficient is told best."""
-    return int(np.argmax(np.abs(one.coefficients) / one.std))

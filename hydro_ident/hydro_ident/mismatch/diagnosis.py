@@ -11,7 +11,7 @@ from hydro_ident.free_run import free_run
 from hydro_ident.mismatch.causes import one_per_cause
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.confirmation import FAR, searched, withdrawn
+from hydro_ident.mismatch.confirmation import searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -32,7 +32,7 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import FEW_MOTIONS, DiagnosisSettings
+from hydro_ident.mismatch.settings import FAR, FAR_SHARE, FEW_MOTIONS, DiagnosisSettings
 from hydro_ident.mismatch.unknown import Unexplained, not_testable, unexplained
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, sources_of
@@ -226,11 +226,26 @@ def _described(
 ) -> tuple[Unexplained, ...]:
     """Dependence without a name, with its short form where the data allow one."""
     confirmer = Confirmer(work.training, work.check, whole)
-    found = unexplained(work.training, whole, left, confirmer.holds)
+    far = _far(_channels(work, whole, _of_training(work)), _channels(work, whole, work.check))
+    found = unexplained(work.training, whole, left, confirmer.holds, far)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
     )
+
+
+def _far(here: Sequence[ChannelResult], there: Sequence[ChannelResult]) -> dict[str, float]:
+    """Channels that lack something here and there, and over what their noise leaves."""
+    found = [{c.name: _distance(c) for c in channels} for channels in (here, there)]
+    return {n: d for n, d in found[1].items() if d > FAR and found[0].get(n, 0.0) > FAR}
+
+
+def _distance(one: ChannelResult) -> float:
+    """What is left of a channel in units of its noise; 0 of what is little beside its signal."""
+    left = rms(one.measured - one.after)
+    if left < FAR_SHARE * rms(one.measured) or one.noise_floor <= 0.0:
+        return 0.0
+    return left / one.noise_floor
 
 
 def _of_training(work: Residuals) -> Check:

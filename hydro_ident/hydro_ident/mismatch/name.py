@@ -17,12 +17,13 @@ from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import (
     Bank,
     Score,
-    chance_of,
+    chances,
     effective_blocks,
+    foremost,
     lost_by_fits,
-    p_value,
     score,
     signs,
+    used_columns,
 )
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
@@ -33,7 +34,7 @@ from hydro_ident.mismatch.settings import (
 )
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import worth
+from hydro_ident.mismatch.worth import worth, worthy
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -161,9 +162,9 @@ class Searcher:
         quiet = tuple(s for s, p in leading if p > FAMILY_ERROR)
         weighed, contests, small = list[ActiveEffect](), 0, None
         for candidate, p in leading:
-            if p > FAMILY_ERROR or contests == _CONTESTS:
+            if contests == _CONTESTS:
                 break
-            if any(_is(candidate.entry.trial.active, one) for one in weighed):
+            if p > FAMILY_ERROR or any(_is(candidate.entry.trial.active, one) for one in weighed):
                 continue
             if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
                 continue
@@ -188,19 +189,18 @@ class Searcher:
         scores = [s for e in entries if (s := score(current.bench, e, mask)) is not None]
         if not scores:
             return None
-        best = max(scores, key=lambda s: s.value)
-        noise = self._noise_without(current, best)
+        taken = foremost(scores)
+        noise = self._noise_without(current, taken)
         bench = self.training.bench(noise, current.residual, current.columns, current.offset)
-        left = self._left_over(current, noise, best)
+        left = self._left_over(current, noise, taken)
         scores = [s for e in entries if (s := score(bench, e, mask, left)) is not None]
-        flips = signs(bench.blocks)
-        chance = chance_of(scores, flips)
         scores.sort(key=lambda s: -s.value)
-        if p_value(scores[0].value, chance) <= FAMILY_ERROR:
-            chance = chance_of(scores, flips, lost_by_fits(bench, scores, scores[0], mask))
         leading = firsts(scores)
-        chances = tuple(p_value(one.value, chance) for one in leading)
-        return _Scan(bench, tuple(scores), tuple(leading), chances)
+        found = chances(scores, leading, signs(bench.blocks))
+        if min(found) <= FAMILY_ERROR:
+            raised = lost_by_fits(bench, scores, foremost(scores), mask)
+            found = chances(scores, leading, signs(bench.blocks), raised)
+        return _Scan(bench, tuple(scores), tuple(leading), found)
 
     def _pair(self, current: Fitted, quiet: Sequence[Score]) -> tuple[list[Named], Fitted]:
         """Two effects of which neither stands out alone, and the model with them; or none."""
@@ -211,15 +211,30 @@ class Searcher:
         for term in pair.effects:
             model = model.with_term(term)
         both = fit(self.training, model, current.bench.noise, PASSES)
+        if not all(self._worthy(current, both, one, pair.gain) for one in pair.effects):
+            return [], current
         named: list[Named] = []
         for one in pair.effects:
             others = tuple(t for t in both.model.terms if not _is(t, one))
             found, told = self._beside(replace(both.model, terms=others), both, pair.p_value)
             if found is None or not (found.pays and told):
                 return [], current
+            beside = found.modelled.fitted
+            # Another may have come in its place.
+            if not self._worthy(current, beside, found.term, pair.gain):
+                return [], current
             named.append(found)
-            both = fit(self.training, found.modelled.fitted.model, current.bench.noise, 1)
+            both = fit(self.training, beside.model, current.bench.noise, 1)
         return named, fit(self.training, both.model, passes=2)
+
+    def _worthy(self, current: Fitted, both: Fitted, one: ActiveEffect, gain: float) -> bool:
+        """Whether one of a pair that was fitted together is more than a flaw of the form."""
+        term = next(t for t in both.model.terms if _is(t, one))
+        whole = self.training.predictor.contribution(both.model, term)
+        bench = self.training.bench(
+            both.bench.noise, current.residual, current.columns, current.offset
+        )
+        return worthy(self.training, self.base, current, bench, term, whole, gain)
 
     def _beside(self, model: Model, both: Fitted, p: float) -> tuple[Named | None, bool]:
         """What belongs to a model, with its effects held at their sizes, that lacks one."""
@@ -232,20 +247,19 @@ class Searcher:
         best = max(scores, key=lambda s: s.value)
         return self.contest.between(without, noise, scores, best, p)
 
-    def _joined(self, current: Fitted, best: Score) -> FloatArray:
-        used = best.coefficients != 0.0
-        columns = best.entry.columns(current.residual.size)[:, used]
+    def _joined(self, current: Fitted, taken: Sequence[Score]) -> FloatArray:
+        columns = used_columns(taken, current.residual.size)
         return np.concatenate([current.columns, columns], axis=1)
 
-    def _noise_without(self, current: Fitted, best: Score) -> Noise:
-        """Noise of what is left once the best trial is taken out: what the truth would leave."""
-        joined = self._joined(current, best)
+    def _noise_without(self, current: Fitted, taken: Sequence[Score]) -> Noise:
+        """Noise of what is left once the best trials are taken out: what the truth would leave."""
+        joined = self._joined(current, taken)
         noise = current.bench.noise
         bench = self.training.bench(noise, current.residual, joined, current.offset)
         return self.training.noise(current.residual - joined @ bench.solve())
 
-    def _left_over(self, current: Fitted, noise: Noise, best: Score) -> FloatArray:
-        joined = self._joined(current, best)
+    def _left_over(self, current: Fitted, noise: Noise, taken: Sequence[Score]) -> FloatArray:
+        joined = self._joined(current, taken)
         return self.training.bench(noise, current.residual, joined, current.offset).residual
 
     # Back again ----------------------------------------------------------------------------

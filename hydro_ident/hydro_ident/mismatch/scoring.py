@@ -24,6 +24,8 @@ _COLLINEAR = 1.0e-6
 _TOLD_BY_FORCES = ("pressure_delay",)
 #: Trials whose columns are taken at a time, and the least share of noise that fits leave.
 _TOGETHER, _LEAST_LEFT = 40, 0.05
+#: Value that no chance reaches in a channel by itself, over all trials.
+_STANDS_OUT = 40.0
 #: Gain of a block that tells an effect by itself: three deviations and a bit.
 _TELLING = 10.0
 #: What a further coefficient gains by chance, in a maximum over many.
@@ -236,16 +238,41 @@ def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:
     return max(bench.spread(left[:, 0]), float(telling - 1))
 
 
+def foremost(scores: Sequence[Score]) -> list[Score]:
+    """The best trial, and of those that share no rows with better ones what stands out as far.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+        At least one.
+    """
+    order = sorted(scores, key=lambda one: -one.value)
+    taken, result = order[0].entry.rows.copy(), [order[0]]
+    for one in order[1:]:
+        if one.value < _STANDS_OUT:
+            break
+        if not (one.entry.rows & taken).any():
+            taken |= one.entry.rows
+            result.append(one)
+    return result
+
+
+def used_columns(chosen: Sequence[Score], size: int) -> FloatArray:
+    """Columns that some trials used, side by side, (N, k)."""
+    used = [one.entry.columns(size)[:, one.coefficients != 0.0] for one in chosen]
+    return np.concatenate(used, axis=1)
+
+
 def lost_by_fits(
-    bench: Bench, scores: Sequence[Score], best: Score, mask: BoolArray
+    bench: Bench, scores: Sequence[Score], taken: Sequence[Score], mask: BoolArray
 ) -> list[FloatArray]:
     """What every column's products with the residual are to be raised by, (k,) of each trial.
 
-    A refit of the base, and taking the best trial out, make the residual of every block smaller
+    A refit of the base, and taking some trials out, make the residual of every block smaller
     than the noise: its products with a column c have the variance ``sum_b c_b' (I - Q Q')_bb c_b``
     with the fit's directions Q, where noise itself would give ``c' c``.
     """
-    fresh = bench.beyond(best.entry.columns(mask.size)[mask][:, best.coefficients != 0.0])
+    fresh = bench.beyond(used_columns(taken, mask.size)[mask])
     directions = np.concatenate([bench.basis, np.linalg.qr(fresh)[0]], axis=1)
     order = np.argsort(bench.block, kind="stable")
     edges = np.searchsorted(bench.block[order], np.arange(bench.blocks + 1))
@@ -264,29 +291,80 @@ def lost_by_fits(
     return result
 
 
+def told_best(one: Score) -> int:
+    """A trial's column whose coefficient is told best."""
+    return int(np.argmax(np.abs(one.coefficients) / one.std))
+
+
+def overdispersion(one: Score, raised: FloatArray | None = None) -> float:
+    """How much more a trial's sums over blocks vary than independent rows' would; at least 1.
+
+    Where a channel holds more than its noise, whatever is put to it gains by chance: that is no
+    measure of what trials of other channels gain.
+
+    Parameters
+    ----------
+    one : Score
+    raised : (k,) array, optional
+        As `lost_by_fits`.
+    """
+    told = told_best(one)
+    own = float(one.partial.gram[told, told])
+    if own <= SWALLOWED * one.partial.plain[told]:
+        return 1.0
+    factor = 1.0 if raised is None else float(raised[told])
+    return max(1.0, factor**2 * float(np.sum(one.partial.chance[:, told] ** 2)) / own)
+
+
 def chance_of(
     scores: Sequence[Score], flips: FloatArray, raised: Sequence[FloatArray] | None = None
 ) -> FloatArray:
-    """The largest value of any trial under every sign flip, (F,).
+    """The largest value of any trial under every sign flip, over its `overdispersion`.
+
+    Westfall and Young, Resampling-Based Multiple Testing (1993): statistics are brought to one
+    scale before their maximum is taken, lest the widest decide for all.
 
     Parameters
     ----------
     scores : sequence of Score
-        Of a residual without the best trial in it: what is left is what chance has to work with.
+        Of a residual without the best trials in it: what is left is what chance has to work with.
     flips : (F, B) array
     raised : sequence of (k,) array, optional
         As `lost_by_fits`.
     """
     largest = np.zeros(flips.shape[0])
     for k, one in enumerate(scores):
-        drawn = flips @ one.partial.chance
-        if raised is not None:
-            drawn *= raised[k]
+        own = None if raised is None else raised[k]
+        drawn = flips @ one.partial.chance / np.sqrt(overdispersion(one, own))
+        if own is not None:
+            drawn *= own
         kept = np.diag(one.partial.gram) > SWALLOWED * one.partial.plain
         gains, coefficients = best_subset(one.partial.gram, drawn, one.entry.trial.signed, kept)
         extra = np.maximum(np.count_nonzero(coefficients, axis=1) - 1, 0)
         largest = np.maximum(largest, gains - _PER_COEFFICIENT * extra)
     return largest
+
+
+def chances(
+    scores: Sequence[Score],
+    chosen: Sequence[Score],
+    flips: FloatArray,
+    raised: Sequence[FloatArray] | None = None,
+) -> tuple[float, ...]:
+    """Chance that any trial reaches what a trial does, each by its own scale.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+        All that share the family's error.
+    chosen : sequence of Score
+        Of these, whose chances are wanted.
+    flips, raised
+        As `chance_of`.
+    """
+    chance = chance_of(scores, flips, raised)
+    own = {id(s): None if raised is None else raised[k] for k, s in enumerate(scores)}
+    return tuple(p_value(one.value / overdispersion(one, own[id(one)]), chance) for one in chosen)
 
 
 def p_value(value: float, chance: FloatArray) -> float:

@@ -34,10 +34,12 @@ ADDED_SHARE = 0.05
 #: What a description of a machine is good for: in none of its channels does a model claim to be
 #: better than this share (rms) of what is measured.
 PRECISION = 5.0e-5
+#: The same of a chamber's mass balance: edges' root law and oil of one stiffness hold no better.
+PRECISION_FLOW = 2.5e-4
 #: The same for a dependence without a name: no law says that it is more than the form's flaw. And
 #: for what wanders with time, or begins at an instant, which no other rows can confirm: sensors
 #: drift by as much.
-PRECISION_UNNAMED, PRECISION_UNCONFIRMED = 2.5e-4, 1.0e-3
+PRECISION_UNNAMED, PRECISION_UNCONFIRMED = 1.0e-3, 1.0e-3
 #: A shift in time below this many sampling intervals is no finding: when a sensor is read within
 #: its interval is known no better, and noise that a controller feeds back shifts fits by as much.
 LEAST_CYCLES = 0.5
@@ -47,6 +49,9 @@ LEAST_EXCESS = 0.25
 LEAST_SHARE = 0.005
 #: The same for what no other recording can confirm.
 LEAST_SHARE_UNCONFIRMED = 0.05
+#: A channel whose residual is so many times what its sensors' noise leaves, and this share (rms)
+#: of what it measures, lacks something, whether or not it follows anything that was recorded.
+FAR, FAR_SHARE = 10.0, 0.03
 #: A name is kept only where it explains at least this share of what any smooth function of the
 #: variable it acts through explains.
 NAMED_SHARE = 0.7

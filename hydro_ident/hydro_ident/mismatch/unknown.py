@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.precision import least_unconfirmed, measured_size
+from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
@@ -41,6 +42,8 @@ _WORDS = {
 }
 #: Periods of time from which a mere offset repeats: fewer are a drift that came and went.
 _REPEATS = 5.0
+#: Share of a drift that may seem to repeat over a place.
+_DRIFT_REPEATS = 0.5
 _HINT = "; a position sensor off its centre, whose error repeats, acts so"
 #: Variables that a factor is of, where it is one.
 _OF_VELOCITY = ("direction", "velocity", "velocity_squared")
@@ -108,8 +111,9 @@ def unexplained(
     fitted: Fitted,
     found: Sequence[Dependence],
     holds: Callable[[Dependence], bool | None],
+    far: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Unexplained, ...]:
-    """Significant dependence, one entry per channel.
+    """Significant dependence, and what is left far beyond the sensors: one entry per channel.
 
     Parameters
     ----------
@@ -120,6 +124,9 @@ def unexplained(
         Of its residual, strongest first.
     holds : callable
         Whether a dependence is there on rows that took no part.
+    far : mapping of str to float
+        Channels that lack something whatever it follows: what is left on held-out rows over what
+        the sensors' noise leaves.
     """
     material = training.predictor.material
     longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
@@ -134,7 +141,8 @@ def unexplained(
             continue
         slow = wanders(one, longest_s)
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
-        if one.share < least_share or one.size < least[slow][one.channel]:
+        drift = _drift_share(one) * drift_of(material, one.channel)
+        if one.share < least_share or one.size < max(least[slow][one.channel], drift):
             continue
         if _mere_delay(training, fitted, one):
             continue
@@ -153,7 +161,32 @@ def unexplained(
             name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one,
             confirmed=bool(there),
         )  # fmt: skip
+    for one in found:
+        name = material.channels[one.channel]
+        if name in far and one.channel not in result:
+            result[one.channel] = _at_large(name, one, far[name])
     return tuple(result[k] for k in sorted(result))
+
+
+def _at_large(channel: str, best: Dependence, times: float) -> Unexplained:
+    """What is left far beyond the sensors and follows no variable, or comes and goes."""
+    text = (
+        f"what is left in {channel} is {times:.2g} times what the sensors' noise leaves and"
+        f" follows nothing that was recorded; {best.variable}{_WORDS[best.times]} comes nearest,"
+        f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
+    )
+    return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
+
+
+def _drift_share(one: Dependence) -> float:
+    """How much of what drifting transducers make of a force a dependence has to exceed.
+
+    They drift over tens of seconds, in which a machine comes back to few places: whatever varies
+    with the motion follows a part of it, what repeats over a place less, what swings in time none.
+    """
+    if not one.period:
+        return 1.0
+    return 0.0 if one.variable == "time" else _DRIFT_REPEATS
 
 
 def _mere_delay(training: Training, fitted: Fitted, one: Dependence) -> bool:
@@ -217,7 +250,9 @@ def not_testable(
     for name, effect in CATALOGUE.items():
         if name in found:
             continue
-        why = untestable(material, effect)
+        # Whatever goes by the name: it could show if one form of it could.
+        reasons = [untestable(material, form) for form in effect.forms]
+        why = "" if "" in reasons else reasons[0]
         if not why:
             why = _too_small(name, [s for s in scanned if s.entry.trial.name == name])
         if why:

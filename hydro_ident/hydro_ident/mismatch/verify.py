@@ -126,6 +126,10 @@ def verify(
     if silent and not against:
         size = untold(whole, terms)
         against = size and f"held-out rows hardly exercise it, and its size is not told: {size}"
+    before, after = best.sides
+    if not against and not any(after[n] < before[n] for n in acting if n in after):
+        size = untold(whole, terms)
+        against = size and f"held-out rows gain nothing by it, and its size is not told: {size}"
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
     if not silent and there is not None:

@@ -10,7 +10,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.named import Contender
-from hydro_ident.mismatch.precision import least_unconfirmed, measured_size
+from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import (
@@ -19,12 +19,23 @@ from hydro_ident.mismatch.settings import (
     LEAST_EXCESS,
     LEAST_SHARE_UNCONFIRMED,
     PRECISION,
+    PRECISION_FLOW,
 )
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
 
 #: Effects that, where small, are a delay of a valve's signal or of its flow.
 LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
+#: Effects of where a machine is, not of how it moves: what a drifting transducer does, too, and
+#: the share of a usual drift from which they count.
+_STATIC = frozenset(
+    {
+        "base_tilt", "constant_force_offset", "counterbalance_spring", "encoder_offset",
+        "joint_coupling", "payload_change", "pressure_sensor_bias", "pressure_sensor_gain",
+    }
+)  # fmt: skip
+_STATIC_SHARE = 0.25
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -46,21 +57,38 @@ def worth(
     candidate : Score
         Of the effect.
     """
-    material = training.predictor.material
-    mask = training.mask
-    whole = candidate.entry.columns(material.size) @ candidate.coefficients
+    whole = candidate.entry.columns(training.mask.size) @ candidate.coefficients
+    active = candidate.entry.trial.active
+    return worthy(training, start, current, bench, active, whole, candidate.value)
+
+
+def worthy(
+    training: Training,
+    start: Fitted,
+    current: Fitted,
+    bench: Bench,
+    active: ActiveEffect,
+    whole: FloatArray,
+    gain: float,
+) -> bool:
+    """As `worth`, of an effect that adds `whole` (N,) to the prediction and gains so much."""
+    material, mask = training.predictor.material, training.mask
     # What a refit of everything else leaves of it, in the channel's own unit.
     own = training.bench(current.bench.noise, whole, current.columns)
     fresh = (whole - current.columns @ own.solve())[mask]
     channel = material.channel[mask]
     acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
-    share = max(
-        float(np.sqrt(np.mean(fresh[channel == k] ** 2))) / measured_size(training, start.model, k)
-        for k in acting
-    )
-    if share < PRECISION:
+    sizes = {k: measured_size(training, start.model, k) for k in acting}
+    shares = {k: rms(fresh[channel == k]) / sizes[k] for k in acting}
+    if all(s < (PRECISION_FLOW if material.is_flow(k) else PRECISION) for k, s in shares.items()):
         return False
-    if _begins(candidate.entry.trial.active):
+    drifts = {k: drift_of(material, k) for k in acting}
+    if active.effect.name in _STATIC and all(
+        not material.is_flow(k) and rms(fresh[channel == k]) < _STATIC_SHARE * drifts[k]
+        for k in acting
+    ):
+        return False
+    if _begins(active):
         # No other recording has the same instant, and sensors that drift step a little, too.
         left = current.residual[mask]
         if not any(
@@ -70,7 +98,7 @@ def worth(
             for k in acting
         ):
             return False
-    return candidate.value >= ADDED_SHARE**2 * _explained(training, current, bench, acting)
+    return gain >= ADDED_SHARE**2 * _explained(training, current, bench, acting)
 
 
 def _begins(one: ActiveEffect) -> bool:
