@@ -76,7 +76,8 @@ install_python_packages() {
   local pip=(.venv/bin/python -m pip install --quiet --disable-pip-version-check)
   if [[ $ros == wheels ]]; then
     make_venv "$python"
-    "${pip[@]}" --no-deps -r requirements.lock
+    # What is used is compiled when it is first imported.
+    "${pip[@]}" --no-compile --no-deps -r requirements.lock
     return
   fi
   make_venv "$python" --system-site-packages
