@@ -10,8 +10,9 @@ from scipy.signal import lfilter
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
+from hydro_ident.mismatch.chance import chances, signs
 from hydro_ident.mismatch.named import Contender, named_of
-from hydro_ident.mismatch.scoring import Entry, chances, score, signs
+from hydro_ident.mismatch.scoring import Entry, score
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect

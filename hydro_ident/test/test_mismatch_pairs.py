@@ -7,8 +7,9 @@ import pytest
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
+from hydro_ident.mismatch.chance import chance_of, p_value, signs
 from hydro_ident.mismatch.pairs import best_pair
-from hydro_ident.mismatch.scoring import Entry, Score, chance_of, p_value, score, signs
+from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect

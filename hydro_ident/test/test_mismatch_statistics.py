@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.scoring import best_subset, p_value, signs
+from hydro_ident.mismatch.chance import p_value, signs
+from hydro_ident.mismatch.scoring import best_subset
 from hydro_ident.mismatch.whitening import Layout, Noise, noise_of
 
 ROWS, STEP_S = 3000, 0.05

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, fitted
 from hydro_ident.mismatch.held_out import VERIFIED
 from hydro_ident.mismatch.lines import waves
-from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.state_space import factors_of, hats
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
+from hydro_ident.mismatch.chance import overdispersion, told_best
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY
-from hydro_ident.mismatch.scoring import Score, overdispersion, told_best
+from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training

@@ -8,10 +8,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.forms import PERIOD, PLACE, Kind, shape_values
 from hydro_ident.mismatch.lines import waves
-from hydro_ident.mismatch.scoring import SWALLOWED, signs
+from hydro_ident.mismatch.scoring import SWALLOWED
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.state_space import hats
 from hydro_ident.mismatch.whitening import IndexArray

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.dependence import (
     Dependence,
     Function,
@@ -25,7 +26,6 @@ from hydro_ident.mismatch.dependence import (
 from hydro_ident.mismatch.few_periods import POSITIONS, Pair, Tried, repeating
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import Repeatable, lines_of
-from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
 from hydro_ident.mismatch.state_space import OF_READINGS, factors_of, hats, knots_of
 from hydro_ident.mismatch.training import Training

@@ -9,22 +9,20 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import Trial
+from hydro_ident.mismatch.chance import (
+    chances,
+    effective_blocks,
+    foremost,
+    lost_by_fits,
+    signs,
+    used_columns,
+)
 from hydro_ident.mismatch.contest import CLOSE_SHARE, PASSES, Contest, firsts
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.named import EXCLUSIVE, Named, at_a_bound, named_of
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.prediction import Model
-from hydro_ident.mismatch.scoring import (
-    Bank,
-    Score,
-    chances,
-    effective_blocks,
-    foremost,
-    lost_by_fits,
-    score,
-    signs,
-    used_columns,
-)
+from hydro_ident.mismatch.scoring import Bank, Score, score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
     FAMILY_ERROR_UNNAMED,

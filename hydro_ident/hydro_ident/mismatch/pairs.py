@@ -16,7 +16,8 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.scoring import SWALLOWED, Score, signs
+from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.fit_form import (
     FittedForm,
@@ -23,7 +24,6 @@ from hydro_ident.mismatch.fit_form import (
     theta_of,
 )
 from hydro_ident.mismatch.forms import CONSTANT, COSINE, Kind, kinds_for
-from hydro_ident.mismatch.scoring import signs
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_model.robot import FloatArray
 

@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.mismatch.candidates import Trial, trials
+from hydro_ident.mismatch.chance import overdispersion
 from hydro_ident.mismatch.contest import CONTENDER_SHARE, CONTENDERS
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.scoring import Score, bank_of, overdispersion, score
+from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise

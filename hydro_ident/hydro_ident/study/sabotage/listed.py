@@ -201,9 +201,9 @@ SABOTAGES = (
     Sabotage(
         "one_candidate_for_all",
         "the best of many candidates is held against what one of them gains by chance",
-        "mismatch/scoring.py",
-        "largest = np.maximum(largest, gains - _PER_COEFFICIENT * extra)",
-        "largest = gains - _PER_COEFFICIENT * extra",
+        "mismatch/chance.py",
+        "largest = np.maximum(largest, gains - PER_COEFFICIENT * extra)",
+        "largest = gains - PER_COEFFICIENT * extra",
         f"{_CHANCE}::test_the_best_of_many_candidates_is_found_by_chance_as_seldom_as_said",
     ),
     Sabotage(
