@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from hydro_hw_bridge.supervision import READ_LATE
+
 pytestmark = pytest.mark.ros
 
 PERIOD_NS = 2_000_000
