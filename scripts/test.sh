@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs every test: linters, types, then pytest over all packages (arguments go to pytest).
-#   scripts/test.sh                 everything, in a process more than there are cores (at most 4)
+#   scripts/test.sh                 everything, in as many processes as there are cores (at most 4)
 #   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
 #   scripts/test.sh -n 0 FILE       in one process, whose output is seen (-s) and debugged (--pdb)
 set -euo pipefail
@@ -24,10 +24,8 @@ nice mypy "${packages[@]}" >"$types" 2>&1 &
 checking=$!
 failed=0
 # Tests with processes on buses share one worker and come first (conftest.py).
-# They wait for clocks most of the time: one worker more than cores keeps these busy.
-cores=$(env -u OMP_NUM_THREADS nproc)
-workers=$((cores < 4 ? cores + 1 : 4))
-python -m pytest -n "$workers" --dist loadfile --no-loadscope-reorder "$@" || failed=$?
+python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" ||
+  failed=$?
 wait "$checking" || failed=1
 cat "$types"
 exit "$failed"
