@@ -265,7 +265,7 @@ def test_sensors_are_read_back() -> None:
     )
     p_a, p_b = pressures(ROBOT, POSE)
     rows = [np.array([part] * 3) for part in (POSE, p_a, p_b, P_S, P_T, np.zeros(2))]
-    shown = read_with(robot, Readings(DT, *rows))
+    shown = read_with(robot, Readings(DT, *rows, np.full_like(rows[0], np.nan)))
     air = robot.atmospheric_pressure_pa
     sample = Sample(
         *(0, shown.q[0], shown.p_a[0] + air, shown.p_b[0] + air),

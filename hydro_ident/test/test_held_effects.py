@@ -42,7 +42,11 @@ def recorded(robot: Robot) -> Trace:
     volts = ramp * np.sin(np.outer(time, [2.6, 3.4])) * [0.7, 0.9]
     run = simulate(robot, time, volts, [0.4, -1.1])
     shown = read_with(
-        robot, Readings(H, run.q, run.p_a, run.p_b, run.supply, run.tank, volts / 10.0)
+        robot,
+        Readings(
+            *(H, run.q, run.p_a, run.p_b, run.supply, run.tank, volts / 10.0),
+            np.full_like(run.q, np.nan),
+        ),
     )
     columns = [stroke(c, shown.q[:, i]) for i, c in enumerate(robot.cylinders)]
     return Trace(

@@ -16,8 +16,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.identified_robot import with_edge_coefficient, with_viscous_friction
 from hydro_ident.model_file import write_model
 from hydro_ident.model_statistics import Statistics, read_statistics
-from hydro_model.base_parameters import base_map
-from hydro_model.closed_chain import with_parameters
+from hydro_model.base_parameters import base_map, with_base
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import BaseParameter, EffectSpec, Robot
@@ -43,10 +42,8 @@ def _plain(robot: Robot) -> dict[str, object]:
 def _identified(robot: Robot) -> Robot:
     base = base_map(robot)
     values = base.combination @ robot.parameter_vector * 1.0123456789
-    theta = np.zeros(len(robot.parameter_names))
-    theta[base.leading] = values
     return replace(
-        with_parameters(robot, theta),
+        with_base(robot, base, values),
         base_parameters=tuple(
             BaseParameter(name, base.coefficients(i), float(values[i]))
             for i, name in enumerate(base.names)

@@ -21,8 +21,7 @@ from hydro_ident.estimate.pseudo_inertia import bodies_of
 from hydro_ident.model_file import write_model
 from hydro_ident.study.consistency import random_robot, table
 from hydro_ident.urdf_file import write_urdf
-from hydro_model.base_parameters import base_map
-from hydro_model.closed_chain import with_parameters
+from hydro_model.base_parameters import base_map, with_base
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Robot
 from hydro_model.robot_files import datasheet_inertia, load_robot
@@ -286,9 +285,9 @@ def test_model_file_and_urdf_carry_them_and_dynamics_do_not_change(
     heavier = robot.link_inertia * np.array([[0.9], [1.1]])
     model = identified(robot, heavier, 0.01)
     base = base_map(robot)
-    theta = np.zeros(len(robot.parameter_names))
-    theta[list(base.leading)] = [p.value for p in model.base_parameters]
-    model = with_parameters(model, theta)
+    values = np.array([p.value for p in model.base_parameters])
+    # Like what is identified: what no torque shows is the description's.
+    model = replace(with_base(robot, base, values), base_parameters=model.base_parameters)
     result = physical_result(model, robot)
     assert result.parameters is not None
     model = with_standard_parameters(model, result.parameters)

@@ -20,6 +20,8 @@ coefficient grows large however nearly the axes align.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,6 +103,26 @@ class BaseMap:
         return text
 
 
+def leading_value(
+    name: str, value: float, combination: Mapping[str, float], given: Mapping[str, float]
+) -> float:
+    """The leading standard parameter with which a base parameter has a value.
+
+    Parameters
+    ----------
+    name : str
+        Of the leading parameter.
+    value : float
+        Of the base parameter.
+    combination : mapping of str to float
+        Coefficients of standard parameters, the leading one's 1.
+    given : mapping of str to float
+        Standard parameters; the leading one is not used.
+    """
+    rest = math.fsum(c * given[other] for other, c in combination.items() if other != name)
+    return value - rest
+
+
 def with_base(robot: Robot, base: BaseMap, values: FloatArray) -> Robot:
     """The robot whose links have these base parameters, all else about them as it was.
 
@@ -118,7 +140,10 @@ def with_base(robot: Robot, base: BaseMap, values: FloatArray) -> Robot:
     vector = np.array(robot.parameter_vector, dtype=np.float64)
     # Barrels and rods are in the base parameters where these have them.
     vector[robot.link_inertia.size :] = 0.0
-    vector[base.leading] += values - base.combination @ vector
+    given = dict(zip(base.standard_names, vector.tolist(), strict=True))
+    for i, name in enumerate(base.names):
+        at = base.leading[i]
+        vector[at] = leading_value(name, float(values[i]), base.coefficients(i), given)
     return with_parameters(robot, vector)
 
 

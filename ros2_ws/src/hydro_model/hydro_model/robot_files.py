@@ -198,6 +198,7 @@ def _covariance(top: Fields, size: int) -> FloatArray | None:
 
 def _with_base(robot: Robot, path: Path) -> Robot:
     """The robot whose inertia is that of its base parameters."""
+    from hydro_model.base_parameters import leading_value
     from hydro_model.closed_chain import with_parameters
 
     names = robot.parameter_names
@@ -215,9 +216,10 @@ def _with_base(robot: Robot, path: Path) -> Robot:
                 f" {', '.join(STANDARD_PARAMETERS)}, or <cylinder>_<barrel or rod>.<parameter>"
                 f" with one of {', '.join(PART_PARAMETERS)}"
             )
-        # The leading one takes up the difference: the rest, which no torque shows, is the URDF's.
-        own = sum(given[n] * c for n, c in parameter.combination.items())
-        values[names.index(parameter.name)] += parameter.value - own
+        # The rest, which no torque shows, is the URDF's.
+        values[names.index(parameter.name)] = leading_value(
+            parameter.name, parameter.value, parameter.combination, given
+        )
     return with_parameters(robot, values)
 
 
