@@ -197,6 +197,8 @@ def test_an_effect_of_the_machine_stands_and_its_placebo_does_not(rubbing: Resid
     assert found.stands
     assert found.p_value < 0.05
     assert found.placebo < 0.5
+    # Exactly none: no shift was another one than the finding, so nothing was tried.
+    assert found.placebo != 0.0
     assert found.after["lift/force"] < 0.5 * found.before["lift/force"]
 
 
