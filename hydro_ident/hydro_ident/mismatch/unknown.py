@@ -172,7 +172,7 @@ def _at_large(channel: str, best: Dependence, times: float) -> Unexplained:
     """What is left far beyond the sensors and follows no variable, or comes and goes."""
     text = (
         f"what is left in {channel} is {times:.2g} times what the sensors' noise leaves and"
-        f" follows nothing that was recorded; {best.variable}{_WORDS[best.times]} comes nearest,"
+        f" nothing that was recorded tells why; {best.variable}{_WORDS[best.times]} comes nearest,"
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
     return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)

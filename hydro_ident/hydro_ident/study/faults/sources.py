@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hydro_ident.study.mutants.page import digest
+from hydro_ident.study.sources import differing, digests_of
 
 #: Of the repository: the bridge with rig and faults, and the campaign itself.
 FOLDERS = ("hydro_hw_bridge/hydro_hw_bridge", "hydro_ident/hydro_ident/study/faults")
@@ -28,8 +28,7 @@ def digests(root: Path) -> dict[str, str]:
         That top.
     """
     paths = (path for folder in FOLDERS for path in (root / folder).rglob("*.py"))
-    kept = sorted(path for path in paths if path.name not in LEFT_OUT)
-    return {path.relative_to(root).as_posix(): digest(path) for path in kept}
+    return digests_of(root, paths, LEFT_OUT)
 
 
 def changed(then: Mapping[str, str], root: Path) -> list[str]:
@@ -41,5 +40,4 @@ def changed(then: Mapping[str, str], root: Path) -> list[str]:
         `digests` as a run wrote them down.
     root : Path
     """
-    now = digests(root)
-    return sorted(path for path in {*then, *now} if then.get(path) != now.get(path))
+    return differing(then, digests(root))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from hydro_ident.study.mutants.page import digest
+from hydro_ident.study.sources import differing, digests_of
 
 #: Of the repository: folders with all their modules, and single modules of the others.
 FOLDERS = ("hydro_ident/hydro_ident/bag", "hydro_ident/hydro_ident/study/fuzz")
@@ -30,8 +30,7 @@ def digests(root: Path) -> dict[str, str]:
     """
     paths = [path for folder in FOLDERS for path in (root / folder).rglob("*.py")]
     paths += [root / top / f"{name}.py" for top, names in MODULES.items() for name in names]
-    kept = sorted(path for path in paths if path.name not in LEFT_OUT)
-    return {path.relative_to(root).as_posix(): digest(path) for path in kept}
+    return digests_of(root, paths, LEFT_OUT)
 
 
 def changed(then: Mapping[str, str], root: Path) -> list[str]:
@@ -43,5 +42,4 @@ def changed(then: Mapping[str, str], root: Path) -> list[str]:
         `digests` as a run wrote them down.
     root : Path
     """
-    now = digests(root)
-    return sorted(path for path in {*then, *now} if then.get(path) != now.get(path))
+    return differing(then, digests(root))
