@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.chance import chances, signs
+from hydro_ident.mismatch.chance import chances, foremost, signs
 from hydro_ident.mismatch.named import Contender, named_of
-from hydro_ident.mismatch.scoring import Entry, score
+from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
@@ -96,6 +96,27 @@ def test_what_one_channel_still_holds_hides_nothing_in_another(
         noise = rng.normal(size=ROWS) * np.where(loud, 30.0, 1.0)
         found += _p_value(noise + size * columns[:, -1], columns, laws[0]) <= LEVEL
     assert found <= _most(draws) if size == 0.0 else found >= 0.95 * draws
+
+
+def test_what_stands_out_on_other_rows_is_taken_out_with_the_best(
+    laws: list[ActiveEffect],
+) -> None:
+    """Of each set of rows the best, where no chance makes it so; never two on the same rows."""
+    trial = Trial(laws[0], (laws[0].parameters,), (-1,), (True,))
+    here = np.arange(ROWS) < ROWS // 3
+    there = np.arange(ROWS) >= 2 * ROWS // 3
+    between = ~(here | there)
+    nothing = Partial(np.eye(1), np.zeros((1, 1)), np.ones(1), np.zeros((1, 1)))
+
+    def scored(rows: np.ndarray, gain: float) -> Score:
+        entry = Entry(trial, rows, np.ones((int(rows.sum()), 1)))
+        return Score(entry, gain, np.ones(1), np.ones(1), nothing)
+
+    best, rival, other, chance = (
+        scored(*one) for one in ((here, 900.0), (here, 800.0), (there, 300.0), (between, 20.0))
+    )
+    assert foremost([chance, other, rival, best]) == [best, other]
+    assert foremost([chance]) == [chance]
 
 
 def _contender(term: ActiveEffect, held_out: float) -> Contender:
