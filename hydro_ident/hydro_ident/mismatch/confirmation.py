@@ -30,8 +30,8 @@ _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 _BESIDE_SILENT = 0.1
 #: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
 _CLEARLY_WORSE = 1.2
-#: The same from which a name that nothing replaces stays.
-_HALVED = 0.5
+#: The same from which a name that nothing replaces stays, or share of its rows' variance.
+_HALVED, _MOSTLY = 0.5, 0.5
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
 
@@ -122,28 +122,62 @@ def withdrawn(
         Of the residual then.
     """
     taken: list[Finding] = []
-    given = whole, list(findings), list[Finding](), dependences(work.training, whole)
-    left = given[-1]
-    while True:
-        weak = _explain_less(work, whole, findings, left)
-        if not weak:
-            # Where nothing is told in its place, a name that helps so much is the better answer.
-            told = _significant(work, whole, left) if taken else {}
-            missed = [f for f in taken if not any(n in told for n in f.channels)]
-            sides = _sides(work, given[0]) if missed else {}
-            halved = any(after < _HALVED * before for before, after in _of(missed, sides))
-            return given if halved else (whole, findings, taken, left)
+    given, everything = whole, list(findings)
+    left = first = dependences(work.training, whole)
+    while weak := _explain_less(work, whole, findings, left):
         whole = _without(work, whole, [f.named for f in weak])
         findings = [f for f in findings if f not in weak]
         taken += weak
         left = dependences(work.training, whole)
+    back = _better_answers(work, given, first, taken, _significant(work, whole, left))
+    if back:
+        taken = [f for f in taken if f not in back]
+        findings = [f for f in everything if f not in taken]
+        whole = _without(work, given, [f.named for f in taken]) if taken else given
+        left = dependences(work.training, whole)
+    return whole, findings, taken, left
 
 
-def _of(
-    findings: Sequence[Finding], sides: Mapping[str, tuple[float, float]]
-) -> list[tuple[float, float]]:
-    """Rmse without and with all findings where each of some is strongest."""
-    return [sides[f.channels[0]] for f in findings if f.channels[0] in sides]
+def _better_answers(
+    work: Residuals,
+    given: Fitted,
+    first: Sequence[Dependence],
+    taken: Sequence[Finding],
+    told: Mapping[str, Unexplained],
+) -> list[Finding]:
+    """Of names that were taken back, those that say more than what is told without them.
+
+    Where nothing is, a name that explains much is the better answer; where a dependence on its
+    own variable is, and with it none was, it is that dependence's name.
+    """
+    if not taken:
+        return []
+    before, sides = _significant(work, given, first), _sides(work, given)
+    result = []
+    for finding in taken:
+        channel = finding.channels[0]
+        instead = told.get(channel)
+        if instead is None:
+            without, with_it = sides.get(channel, (0.0, 0.0))
+            if with_it < _HALVED * without or _share(work, given, finding) > _MOSTLY:
+                result.append(finding)
+        elif channel not in before and _alike(instead.dependence.variable, _variable(finding)):
+            result.append(finding)
+    return result
+
+
+def _alike(one: str, other: str) -> bool:
+    """Whether two variables are the same, whichever chamber's pressure they are."""
+    return one == other or {one, other} == {"pressure_a", "pressure_b"}
+
+
+def _share(work: Residuals, whole: Fitted, finding: Finding) -> float:
+    """How much of what is left without a finding it explains on the training rows (variance)."""
+    channel = finding.channels[0]
+    material, mask = work.training.predictor.material, work.training.mask
+    own = mask & (material.channel == material.channels.index(channel))
+    without = _without(work, whole, [finding.named])
+    return 1.0 - (rms(whole.residual[own]) / max(rms(without.residual[own]), 1e-300)) ** 2
 
 
 def _significant(

@@ -129,7 +129,7 @@ def _diagnosed(
     advance("verifying on what was held out", 4, _STAGES)
     whole, findings, taken, left = withdrawn(work, whole, findings)
     advance("describing what has no name", 5, _STAGES)
-    unknown = _described(work, whole, left)
+    unknown = _described(work, whole, left, findings, rejected)
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken, or taken back, was testable.
     names += [f.named.term.effect.name for f in (*rejected, *taken)]
@@ -222,12 +222,22 @@ def _silent_notes(findings: Sequence[Finding]) -> list[str]:
 
 
 def _described(
-    work: Residuals, whole: Fitted, left: Sequence[Dependence]
+    work: Residuals,
+    whole: Fitted,
+    left: Sequence[Dependence],
+    findings: Sequence[Finding],
+    rejected: Sequence[Finding],
 ) -> tuple[Unexplained, ...]:
     """Dependence without a name, with its short form where the data allow one."""
     confirmer = Confirmer(work.training, work.check, whole)
     far = _far(_channels(work, whole, _of_training(work)), _channels(work, whole, work.check))
-    found = unexplained(work.training, whole, left, confirmer.holds, far)
+    named = {name for f in findings for name in f.channels}
+    going = {
+        f.channels[0]: f.named.term.effect.name
+        for f in rejected
+        if f.verification.comes_and_goes and f.channels[0] not in named
+    }
+    found = unexplained(work.training, whole, left, confirmer.holds, far, going)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found

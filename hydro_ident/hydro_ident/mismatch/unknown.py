@@ -12,15 +12,14 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
+from hydro_ident.mismatch.flaws import flaw_of_form
+from hydro_ident.mismatch.precision import drift_of, least_unconfirmed
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
-    FORM_TOLERANCE,
     LEAST_EXCESS,
     LEAST_SHARE,
     LEAST_SHARE_UNCONFIRMED,
-    PRECISION_UNNAMED,
 )
 from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
 from hydro_ident.mismatch.testable import untestable
@@ -112,6 +111,7 @@ def unexplained(
     found: Sequence[Dependence],
     holds: Callable[[Dependence], bool | None],
     far: Mapping[str, float] = MappingProxyType({}),
+    going: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, and what is left far beyond the sensors: one entry per channel.
 
@@ -127,22 +127,18 @@ def unexplained(
     far : mapping of str to float
         Channels that lack something whatever it follows: what is left on held-out rows over what
         the sensors' noise leaves.
+    going : mapping of str to str
+        Channels in which something comes and goes, and the effect that it resembles.
     """
     material = training.predictor.material
     longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
     result: dict[int, Unexplained] = {}
-    channels = range(len(material.channels))
-    least = {
-        wandering: [least_size(training, fitted, k, wandering=wandering) for k in channels]
-        for wandering in (True, False)
-    }
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
             continue
         slow = wanders(one, longest_s)
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
-        drift = _drift_share(one) * drift_of(material, one.channel)
-        if one.share < least_share or one.size < max(least[slow][one.channel], drift):
+        if one.share < least_share or one.size < _least_size(training, fitted, one, slow):
             continue
         if _mere_delay(training, fitted, one):
             continue
@@ -165,6 +161,8 @@ def unexplained(
         name = material.channels[one.channel]
         if name in far and one.channel not in result:
             result[one.channel] = _at_large(name, one, far[name])
+        elif name in going and one.channel not in result:
+            result[one.channel] = _going(name, one, going[name])
     return tuple(result[k] for k in sorted(result))
 
 
@@ -176,6 +174,15 @@ def _at_large(channel: str, best: Dependence, times: float) -> Unexplained:
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
     return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
+
+
+def _going(channel: str, best: Dependence, name: str) -> Unexplained:
+    """What resembles an effect in some stretches of a recording and is not there in others."""
+    text = (
+        f"something in {channel} comes and goes: {name} resembles it on the average, but its size"
+        " is not the same all along"
+    )
+    return Unexplained(channel, ("time",), best.share, best.p_value, text, best)
 
 
 def _drift_share(one: Dependence) -> float:
@@ -217,19 +224,12 @@ def _shape(one: Dependence) -> str:
     return f"{one.variable} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
-def least_size(training: Training, fitted: Fitted, channel: int, *, wandering: bool) -> float:
-    """Rms below which a function is a flaw of the model's form and precision.
-
-    `wandering` is one of time that does not repeat.
-    """
-    predictor, model = training.predictor, fitted.model
-    own = (predictor.material.channel == channel) & training.mask
-    size = PRECISION_UNNAMED * measured_size(training, model, channel)
+def _least_size(training: Training, fitted: Fitted, one: Dependence, wandering: bool) -> float:
+    """Rms below which a function is no more than sensors and the model's form may make of it."""
+    drift = _drift_share(one) * drift_of(training.predictor.material, one.channel)
     if wandering:
-        size = least_unconfirmed(training, model, channel)
-    parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
-    squares = sum(float(np.var(part)) for part in parts)
-    return max(size, FORM_TOLERANCE * float(np.sqrt(squares)))
+        drift = max(drift, least_unconfirmed(training, fitted.model, one.channel))
+    return max(drift, flaw_of_form(training, fitted, one, wandering=wandering))
 
 
 def not_testable(

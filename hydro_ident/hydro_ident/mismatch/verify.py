@@ -18,6 +18,7 @@ import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
+from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.modelled import same
@@ -56,6 +57,8 @@ class Verification:
         Its sizes here and there.
     silent : bool
         These rows do not exercise the finding: they speak neither for nor against it.
+    comes_and_goes : bool
+        Its size is not the same all along: something else resembles it on the average.
     """
 
     p_value: float
@@ -66,6 +69,7 @@ class Verification:
     reason: str
     agreement: tuple[Agreement, ...] = ()
     silent: bool = False
+    comes_and_goes: bool = False
 
 
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
@@ -135,8 +139,24 @@ def verify(
     if not silent and there is not None:
         alien = not all(alike(check, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
+    going = _comes_and_goes(training, without, whole, terms)
+    reason = going or reason
     sides = best.p_value, *best.sides, best.placebo
-    return Verification(*sides, not reason, reason, agreement, silent)
+    return Verification(*sides, not reason, reason, agreement, silent, bool(going))
+
+
+def _comes_and_goes(
+    training: Training, without: Fitted, whole: Fitted, terms: Sequence[ActiveEffect]
+) -> str:
+    """What speaks against a finding whose size is not the same all along; empty for nothing."""
+    column = np.sum([training.predictor.contribution(whole.model, term) for term in terms], axis=0)
+    changes = inconstancy(without.bench, column[training.mask])
+    if changes < COMES_AND_GOES:
+        return ""
+    return (
+        f"it comes and goes: from one stretch of the recordings to another its size changes by"
+        f" {changes:.2g} times itself (standard deviation)"
+    )
 
 
 def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool, str]:

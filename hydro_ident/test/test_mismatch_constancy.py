@@ -1,0 +1,158 @@
+"""One size all along, and what the form of a model may leave: of numbers, and of machines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
+from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.flaws import swinging
+from hydro_ident.mismatch.locate import dependences
+from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.precision import measured_size
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.settings import PRECISION_UNNAMED
+from hydro_ident.mismatch.unknown import Unexplained, unexplained
+from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+ROWS, STEP_S, BLOCK_S = 3000, 0.02, 1.0
+COULOMB = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1500.0})
+
+
+def _changes(share: float, low: float, seed: int = 5, size: float = 1.0) -> float:
+    """What is said of a column that has `low` of its size for a share of the time."""
+    rng = np.random.default_rng(seed)
+    zeros, time = np.zeros(ROWS, dtype=np.intp), np.arange(ROWS) * STEP_S
+    column = np.sin(2.0 * np.pi * 0.9 * time)
+    there = np.where(np.floor(time / 6.0) % 10 < 10 * share, low, 1.0)
+    residual = size * there * column + rng.normal(size=ROWS)
+    layout = Layout(zeros, zeros, time, np.arange(ROWS) > 0)
+    white = Noise((np.zeros(0),), np.ones(1))
+    return inconstancy(Bench(layout, white, residual, np.ones((ROWS, 1)), BLOCK_S), column)
+
+
+def test_an_effect_of_the_machine_has_one_size() -> None:
+    assert [_changes(0.5, 1.0, seed) for seed in range(40)].count(0.0) >= 39
+
+
+def test_what_is_there_half_the_time_changes_by_its_own_size() -> None:
+    """Mean c / 2 and deviation c / 2."""
+    assert _changes(0.5, 0.0) == pytest.approx(1.0, rel=0.15)
+
+
+def test_what_is_there_for_a_fifth_changes_by_twice_its_size() -> None:
+    """Mean c / 5, deviation c sqrt(0.2 0.8)."""
+    assert _changes(0.8, 0.0) == pytest.approx(2.0, rel=0.15)
+
+
+def test_a_size_that_varies_a_little_is_one_size() -> None:
+    """Mean 0.85 c and deviation 0.15 c: told, and far from coming and going."""
+    assert _changes(0.5, 0.7, size=4.0) == pytest.approx(0.15 / 0.85, rel=0.2)
+    assert 0.5 * COMES_AND_GOES > 0.15 / 0.85
+
+
+def test_what_noise_hides_is_not_said_to_change() -> None:
+    assert _changes(0.5, 0.0, size=0.1) == 0.0
+
+
+# Machines -------------------------------------------------------------------------------------
+
+
+def _pushed(run: Any, force: np.ndarray) -> Any:
+    """The same motion against another force (N,) on the lift cylinder's piston."""
+    p_a = run.p_a.copy()
+    p_a[:, 0] += force / run.robot.cylinders[0].area_a_m2
+    return replace(run, p_a=p_a)
+
+
+def _verified(work: Residuals) -> Verification:
+    """Dry friction put to a check, as a search would hand it on."""
+    one = resolve(replace(load_robot("xs031"), effects=(COULOMB,)))[0]
+    whole = fit(work.training, work.base.model.with_term(one))
+    gain = work.base.squares - whole.squares
+    named = named_of([Contender(whole.model.terms[-1], whole, gain, gain, 4.0)], 0.001, 1.0)
+    return verify(work.training, whole, named, work.check)
+
+
+def _told(work: Residuals, going: dict[str, str] | None = None) -> dict[str, Unexplained]:
+    left = dependences(work.training, work.base)
+    holds = Confirmer(work.training, work.check, work.base).holds
+    found = unexplained(work.training, work.base, left, holds, going=going or {})
+    return {one.channel: one for one in found}
+
+
+def _dragged(run: Any, there: np.ndarray) -> Any:
+    """The same motion against dry friction where it is there."""
+    speed = np.gradient(np.convolve(run.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
+    return _pushed(run, 2500.0 * there * np.tanh(speed / 0.01))
+
+
+def test_a_drag_that_comes_and_goes_is_no_friction(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    time = np.arange(len(crane_run.q)) * 0.002
+    found = _verified(lay_out(_dragged(crane_run, np.floor(time / 1.7) % 2.0)))
+    assert not found.stands
+    assert found.comes_and_goes
+    assert found.reason.startswith("it comes and goes")
+
+
+def test_friction_all_along_does_not_come_and_go(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    found = _verified(lay_out(_dragged(crane_run, np.ones(len(crane_run.q)))))
+    assert found.stands, found.reason
+    assert not found.comes_and_goes
+
+
+def test_what_comes_and_goes_is_told(crane_run: Any, lay_out: Callable[..., Residuals]) -> None:
+    work = lay_out(crane_run)
+    assert not _told(work)
+    one = _told(work, {"lift/force": "coulomb_friction"})["lift/force"]
+    assert one.depends_on == ("time",)
+    assert "comes and goes" in one.text
+    assert "coulomb_friction" in one.text
+
+
+# The form's own flaws -------------------------------------------------------------------------
+
+
+def test_how_much_of_a_signal_swings_at_a_frequency() -> None:
+    time = np.arange(0.0, 20.0, 0.002)
+    signal = 3.0 + 4.0 * np.sin(2.0 * np.pi * 0.25 * time) + 0.3 * np.cos(2.0 * np.pi * 7.0 * time)
+    size = np.sqrt(8.0 + 0.045)
+    assert swinging(time, signal, 7.0) == pytest.approx(np.sqrt(0.045) / size, rel=1e-3)
+    assert swinging(time, signal, 0.25) == pytest.approx(np.sqrt(8.0) / size, rel=1e-3)
+    assert swinging(time, signal, 3.0) < 1e-3
+    assert swinging(time, np.ones(time.size), 7.0) == 0.0
+
+
+def test_a_hum_is_told_at_a_size_at_which_a_flaw_of_the_form_is_not(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """A law that is off by a thousandth leaves what moves; at 4 Hz hardly anything does."""
+    time = np.arange(len(crane_run.q)) * 0.002
+    piston = crane_run.robot.cylinders[0]
+    measured = piston.area_a_m2 * crane_run.p_a[:, 0] - piston.area_b_m2 * crane_run.p_b[:, 0]
+    size = 0.5e-3 * float(np.sqrt(np.mean(measured**2)))
+    hum = lay_out(_pushed(crane_run, size * np.sqrt(2.0) * np.sin(2.0 * np.pi * 4.0 * time)))
+    told = _told(hum)["lift/flow_a"]
+    assert told.depends_on == ("time",)
+    assert told.dependence.period == pytest.approx(0.25, rel=0.01)
+    flow = measured_size(hum.training, hum.base.model, told.dependence.channel)
+    assert told.dependence.size < PRECISION_UNNAMED * flow
+    swing = crane_run.q[:, 0] - crane_run.q[:, 0].mean()
+    flaw = swing**2 - np.mean(swing**2)
+    flawed = lay_out(_pushed(crane_run, size * flaw / np.std(flaw)))
+    assert "lift/force" not in _told(flawed)
