@@ -1,0 +1,74 @@
+"""Names that were taken back: which of them say more than what is told without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.confirmation import _better_answers, withdrawn
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.outcome import Finding
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.verify import Verification
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+FRICTION_N = 2500.0
+EMPTY = np.zeros(0)
+
+
+@pytest.fixture(scope="module")
+def rubbing(crane_run: Any, lay_out: Callable[..., Residuals]) -> Residuals:
+    """The motion of a machine against dry friction in its lift cylinder."""
+    speed = np.gradient(np.convolve(crane_run.q[:, 0], np.ones(25) / 25.0, "same"), 0.002)
+    p_a = crane_run.p_a.copy()
+    p_a[:, 0] += FRICTION_N * np.tanh(speed / 0.01) / crane_run.robot.cylinders[0].area_a_m2
+    return lay_out(replace(crane_run, p_a=p_a))
+
+
+def _found(work: Residuals, name: str, parameters: dict[str, float]) -> tuple[Fitted, Finding]:
+    """A model with an effect of the lift cylinder, as a search hands it on; nothing checked it."""
+    spec = EffectSpec(name, "lift_cylinder", parameters)
+    one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+    whole = fit(work.training, work.base.model.with_term(one))
+    gain = work.base.squares - whole.squares
+    named = named_of([Contender(whole.model.terms[-1], whole, gain, gain, 4.0)], 0.001, 1.0)
+    silent = Verification(1.0, {}, {}, 0.0, True, "", silent=True)
+    return whole, Finding(named, silent, ("lift/force",))
+
+
+def _told(variable: str) -> dict[str, Unexplained]:
+    """Something in the lift's force that follows a variable."""
+    one = Dependence(0, variable, "", 50.0, 8, 10.0, 0.0005, 0.5, 800.0, EMPTY, EMPTY, EMPTY)
+    return {"lift/force": Unexplained("lift/force", (variable,), 0.5, 0.0005, "", one)}
+
+
+def test_a_name_that_explains_most_stays_where_nothing_is_told(rubbing: Residuals) -> None:
+    whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
+    assert _better_answers(rubbing, whole, [], [finding], {}) == [finding]
+
+
+def test_a_name_that_explains_little_does_not(rubbing: Residuals) -> None:
+    whole, finding = _found(rubbing, "joint_coupling", {"viscous": 500.0})
+    assert _better_answers(rubbing, whole, [], [finding], {}) == []
+
+
+def test_a_name_of_the_variable_that_would_be_told_stays(rubbing: Residuals) -> None:
+    whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
+    told = _told("piston_velocity")
+    assert _better_answers(rubbing, whole, [], [finding], told) == [finding]
+    assert _better_answers(rubbing, whole, [], [finding], _told("piston_position")) == []
+
+
+def test_a_silent_name_is_not_taken_from_a_channel_that_it_describes(rubbing: Residuals) -> None:
+    whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
+    _, findings, taken, _ = withdrawn(rubbing, whole, [finding])
+    assert (findings, taken) == ([finding], [])
