@@ -23,6 +23,8 @@ trap 'rm -f "$types"' EXIT
 nice mypy "${packages[@]}" >"$types" 2>&1 &
 checking=$!
 failed=0
+# Once, where every worker would do it at the same time.
+python tests/compile_kernels.py
 # Tests with processes on buses share one worker and come first (conftest.py).
 python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" ||
   failed=$?

@@ -1,0 +1,28 @@
+"""Compiles what most tests need: once, where each worker would do it for itself, all at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.random_truth import plain_truth
+from hydro_model.rigid_body import inverse_dynamics, mass_matrix, regressor
+from hydro_model.robot_files import load_robot
+from hydro_model.simulate import simulate
+
+
+def main() -> None:
+    """Roll a model and the rig's plant out for a few cycles, and ask for the dynamics."""
+    robot = load_robot("xs031")
+    q = np.array([0.5, -1.5])
+    time_s, voltages = 0.002 * np.arange(3), np.zeros((3, 2))
+    simulate(robot, time_s, voltages, q)
+    RigCore(robot, plain_truth(robot, 1), q=[0.5, -1.5]).actuate([0.0, 0.0])
+    motion = np.tile(q, (2, 1))
+    inverse_dynamics(robot, motion, motion, motion)
+    regressor(robot, motion, motion, motion)
+    mass_matrix(robot, motion)
+
+
+if __name__ == "__main__":
+    main()
