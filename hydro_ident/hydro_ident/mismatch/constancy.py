@@ -22,9 +22,10 @@ from hydro_model.robot import FloatArray
 _TOGETHER, _TELLS = 2, 0.002
 #: Fewest stretches that can say.
 _LEAST_STRETCHES = 8
-#: Standard deviation of the size over the size itself from which it comes and goes: laws of
-#: another form than the machine's change by up to a quarter, what is there half the time by one.
-COMES_AND_GOES = 0.6
+#: Standard deviation of the size over the size itself from which it comes and goes: what is there
+#: half the time changes by one. Laws of forces that are of another form than the machine's change
+#: by up to a quarter, those of flows, which act through what an opening happens to be, by more.
+COMES_AND_GOES, COMES_AND_GOES_FLOW = 0.6, 1.0
 #: Shifts, as shares of the rows, after which an effect is no longer in the residual.
 _SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
 

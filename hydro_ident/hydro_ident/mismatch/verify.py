@@ -18,7 +18,7 @@ import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
-from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
+from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.modelled import same
@@ -139,8 +139,8 @@ def verify(
     if not silent and there is not None:
         alien = not all(alike(check, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
-    going = _comes_and_goes(training, without, whole, terms)
-    reason = going or reason
+    going = "" if reason else _comes_and_goes(training, without, whole, terms)
+    reason = reason or going
     sides = best.p_value, *best.sides, best.placebo
     return Verification(*sides, not reason, reason, agreement, silent, bool(going))
 
@@ -151,7 +151,9 @@ def _comes_and_goes(
     """What speaks against a finding whose size is not the same all along; empty for nothing."""
     column = np.sum([training.predictor.contribution(whole.model, term) for term in terms], axis=0)
     changes = inconstancy(without.bench, column[training.mask])
-    if changes < COMES_AND_GOES:
+    material = training.predictor.material
+    flow = all(material.is_flow(int(k)) for k in np.unique(material.channel[column != 0.0]))
+    if changes < (COMES_AND_GOES_FLOW if flow else COMES_AND_GOES):
         return ""
     return (
         f"it comes and goes: from one stretch of the recordings to another its size changes by"
