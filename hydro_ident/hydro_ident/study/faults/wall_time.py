@@ -15,6 +15,7 @@ from typing import Any
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import BAD
+from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.errors import IdentError
@@ -177,6 +178,15 @@ class WallRun:
         """Wait until the bridge has tripped, for whatever reason."""
         until(self._reason, 5.0, "the bridge to trip")
 
+    def diagnosed(self) -> Diagnosis:
+        """What the bridge says of itself from now on: its next diagnostics."""
+        seen = self.ros.diagnosis.get("can_bridge")
+        until(lambda: self.ros.diagnosis.get("can_bridge") is not seen, 5.0, "diagnostics")
+        values = self.ros.diagnosis["can_bridge"]
+        counters = {key: int(v) for key, v in values.items() if v.isdecimal()}
+        texts = (values["message"], values["trip_reason"], values["readings_last_fault"])
+        return Diagnosis(counters, texts)
+
     def tripped_otherwise(self) -> str:
         """What the bridge tripped for, in words, unless a computer that stalls makes that."""
         reason = self._reason()
@@ -193,11 +203,18 @@ class WallRun:
         fault: dict[str, Any] = {"kind": kind, "cycles": 100, "direction": direction}
         fault |= {"seed": source.randrange(1 << 30), "amount": source.randint(8, 12)}
         self.drive()
+        since = self.put_on_the_bus(fault)
+        return self.measured(f"bus: {kind} ({direction})", since, WATCHDOG_MS)
+
+    def put_on_the_bus(self, fault: dict[str, Any]) -> int:
+        """Let the proxy begin a fault; the monotonic time, ns, at which it did.
+
+        `fault` holds the fields of a `BusFault` without its first cycle.
+        """
         said = len(self.stage.said("proxy"))
         self.stage.tell("proxy", json.dumps(fault))
-        until(lambda: "at " in self.stage.said("proxy")[said:], 5.0, "the proxy's fault")
-        since = int(self.stage.said("proxy")[said:].split()[1])
-        return self.measured(f"bus: {kind} ({direction})", since, WATCHDOG_MS)
+        until(lambda: "\n" in self.stage.said("proxy")[said:], 5.0, "the proxy's fault")
+        return int(self.stage.said("proxy")[said:].split()[1])
 
     def parameters(self, source: random.Random) -> WallOutcome:
         """A parameter that `source` draws is set while driving: refused, and driven on."""

@@ -1,0 +1,70 @@
+"""What real processes have to show of a fault on the bus, and what excuses them."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.faults import bus_injections
+from hydro_hw_bridge.faults.bus_faults import CONTENT, TRANSPORT, BusFault
+from hydro_hw_bridge.faults.naming import Diagnosis
+from hydro_ident.study.faults.wall_bus import DRAWN, _judged
+from hydro_model.robot import Robot
+
+BEFORE = Diagnosis({"cycles_incomplete": 3, "trips": 1, "cycles_complete": 90}, ("", "", ""))
+
+
+@pytest.fixture(scope="module")
+def codec(robot: Robot) -> Codec:
+    return Codec.load(None, None, robot)
+
+
+def _after(reason: str = "", **grown: int) -> Diagnosis:
+    return replace(BEFORE, counters={**BEFORE.counters, **grown}, texts=("", reason, ""))
+
+
+def test_every_kind_that_a_proxy_can_make_is_drawn(codec: Codec) -> None:
+    """All but a sensor that is stuck, which needs a machine that moves."""
+    seen = set()
+    for number in range(60):
+        source = random.Random(number)
+        for draw in DRAWN.values():
+            fault = draw(source, codec, 0).fault
+            assert isinstance(fault, BusFault)
+            seen.add(fault.kind)
+    assert seen == {*CONTENT, *TRANSPORT} - {"stuck"}
+
+
+def test_a_fault_has_to_be_counted(codec: Codec) -> None:
+    injection = bus_injections.split(random.Random(1), codec, 0)
+    assert "cycles_incomplete" in _judged(injection, BEFORE, _after(cycles_complete=190))
+    assert _judged(injection, BEFORE, _after(cycles_incomplete=5)) == ""
+
+
+def test_driving_on_where_that_is_right(codec: Codec) -> None:
+    injection = bus_injections.split(random.Random(1), codec, 0)
+    assert injection.limit_cycles is None
+    tripped = _after("lift: position jumped", cycles_incomplete=5, trips=2)
+    assert "tripped: lift: position jumped" in _judged(injection, BEFORE, tripped)
+
+
+def test_a_busy_computer_is_no_fault_of_the_bridge(codec: Codec) -> None:
+    injection = bus_injections.split(random.Random(1), codec, 0)
+    late = _after("no command for 14 ms", cycles_incomplete=5, trips=2)
+    assert _judged(injection, BEFORE, late) == ""
+
+
+def test_a_trip_has_to_name_its_fault(codec: Codec) -> None:
+    injection = next(
+        one
+        for n in range(50)
+        if (one := bus_injections.intruder(random.Random(n), codec, 0)).named.says
+        == "second bridge"
+    )
+    named = _after("a second bridge drives the valves", trips=2)
+    assert _judged(injection, BEFORE, named) == ""
+    other = _after("emergency stop", trips=2)
+    assert "said nowhere: 'second bridge'" in _judged(injection, BEFORE, other)
