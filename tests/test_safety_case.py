@@ -28,6 +28,7 @@ FOLDERS = (
     "hydro_hw_bridge/test",
     "hydro_control/test",
     "hydro_ident/test",
+    "hydro_msgs_docs/test",
     "ros2_ws/src/hydro_model/test",
     "tests",
 )
