@@ -79,8 +79,8 @@ def test_the_base_takes_a_ripple_up(
     ripple = coefficient * ripple_force(true_crane(), 0, plain)
     p_a = run.p_a.copy()
     p_a[:, 0] += ripple / true_crane().cylinders[0].area_a_m2
-    works = {name: lay_out(one) for name, one in (("as it is", run),
-                                                ("swinging", replace(run, p_a=p_a)))}  # fmt: skip
+    runs = {"as it is": run, "swinging": replace(run, p_a=p_a)}
+    works = {name: lay_out(one) for name, one in runs.items()}
     found, left = {}, {}
     for name, work in works.items():
         predictor, base = work.training.predictor, work.base
