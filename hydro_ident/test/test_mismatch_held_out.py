@@ -11,11 +11,12 @@ import pytest
 from scipy.stats import norm
 
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.diagnosis import _silent_notes, _verdict
+from hydro_ident.mismatch.diagnosis import _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.notes import silent_notes
 from hydro_ident.mismatch.outcome import PARTLY, Diagnosis, Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
@@ -204,7 +205,7 @@ def test_silent_findings_are_said_to_be(work: Residuals) -> None:
         finding = Finding(named[1], _verified(work, named, check), ("lift/force",))
         verdict = _verdict([finding], [], [], False)
         assert (verdict == PARTLY) is not exercised
-        notes = _silent_notes([finding])
+        notes = silent_notes([finding])
         assert bool(notes) is not exercised
         said = Diagnosis(verdict, work.robot, work.robot, (finding,), notes=tuple(notes))
         entry = result_dict(said, origin)["findings"][0]

@@ -11,6 +11,7 @@ import numpy as np
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.settings import BLOCK_S, FORM_TOLERANCE
@@ -59,7 +60,7 @@ def fitted_there(training: Training, check: Check, whole: Fitted) -> Fitted | No
     if np.count_nonzero(rows) < 10 * whole.columns.shape[1]:
         return None
     there = check.training(training)
-    return fit(there, whole.model, passes=_PASSES)
+    return fit(there, at_own_instants(training, check, whole.model)[0], passes=_PASSES)
 
 
 def agreements(

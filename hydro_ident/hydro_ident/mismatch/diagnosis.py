@@ -16,9 +16,16 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.model import robot_of, summary_of
-from hydro_ident.mismatch.name import Search
+from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.notes import (
+    data_notes,
+    instant_notes,
+    left_notes,
+    search_notes,
+    silent_notes,
+)
 from hydro_ident.mismatch.outcome import (
     EXPLAINED,
     MATCHES,
@@ -41,14 +48,6 @@ from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
 
-_FEW = (
-    "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
-    " confirmed within them alone, and position, pressures and time are hard to tell apart"
-)
-
-
-#: What is left in a channel over its sensors' noise from which a note says so.
-_MUCH = 3.0
 #: Share of the error (rms) left by findings that explain less than is left.
 _HARDLY = 0.7
 #: Of a diagnosis, as `advance` counts them.
@@ -143,12 +142,14 @@ def _diagnosed(
         whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
     advance("rolling the models out", 6, _STAGES)
     filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
-    run = free_run(before.robot, modelled.robot, work.check_traces, work.split, filters)
-    notes = [*_data_notes(work), *modelled.notes, *run.rejected]
+    there, _ = at_own_instants(work.training, work.check, whole.model)
+    seen = begun(modelled.robot, there.terms)
+    run = free_run(before.robot, seen, work.check_traces, work.split, filters)
+    notes = [*data_notes(work), *modelled.notes, *run.rejected]
     notes += [refined.note] if refined is not None else []
     channels = _channels(work, whole, work.check)
-    notes += _search_notes(search, whole, rejected, taken) + _silent_notes(findings)
-    notes += _left_notes(channels)
+    notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
+    notes += left_notes(channels) + instant_notes(work, whole)
     doubtful = few or _hardly_better(findings, channels)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
@@ -168,57 +169,6 @@ def _diagnosed(
         fitted=_channels(work, whole, _of_training(work)),
         refinement=refined,
     )
-
-
-def _data_notes(work: Residuals) -> list[str]:
-    motions = work.training.predictor.material.motions
-    return [*([_FEW.format(motions)] if motions < FEW_MOTIONS else []), *work.notes]
-
-
-def _search_notes(
-    search: Search, whole: Fitted, rejected: Sequence[Finding], taken: Sequence[Finding]
-) -> list[str]:
-    """What became of names that are no findings, and the model in a line."""
-    notes = [
-        f"{f.named.term.effect.name} of {f.named.term.target} was named on the training rows and"
-        f" not confirmed: {f.verification.reason}"
-        for f in rejected
-    ]
-    notes += [
-        f"{f.named.term.effect.name} of {f.named.term.target} explains too little of what depends"
-        " on the same channel to be its name: withdrawn"
-        for f in taken
-    ]
-    notes += [f"not taken: {name} of {at}: {why}" for name, at, why in search.impossible]
-    if search.small is not None:
-        trial = search.small.entry.trial
-        notes.append(
-            f"{trial.name} of {trial.target} would explain something still, but too little beside"
-            " what is in its channel to be told from what the laws there may be off by"
-        )
-    return [*notes, f"model: {summary_of(whole.model.terms)}"]
-
-
-def _left_notes(channels: Sequence[ChannelResult]) -> list[str]:
-    """Channels in which much more is left than sensors make, whatever the verdict."""
-    left = [(c.name, rms(c.measured - c.after) / c.noise_floor) for c in channels]
-    much = [f"{name} {ratio:.3g}" for name, ratio in left if ratio > _MUCH]
-    if not much:
-        return []
-    return [
-        "left on held-out rows, rest included, in units of what the sensors' noise alone leaves:"
-        f" {', '.join(much)}"
-    ]
-
-
-def _silent_notes(findings: Sequence[Finding]) -> list[str]:
-    """Findings that no held-out row could speak for or against."""
-    return [
-        f"{f.named.term.effect.name} of {f.named.term.target}: the rows to verify on do not"
-        " exercise it; only cross-validation within the training rows speaks for it"
-        for f in findings
-        if f.verification.silent
-    ]
 
 
 def _described(
@@ -266,7 +216,8 @@ def _of_training(work: Residuals) -> Check:
 
 def _channels(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelResult, ...]:
     floors = work.noise_floors()
-    before, after = check.residual(work.base.model), check.residual(whole.model)
+    there, _ = at_own_instants(work.training, check, whole.model)
+    before, after = check.residual(work.base.model), check.residual(there)
     material = check.predictor.material
     measured = check.predictor.base(work.base.model)[0]
     result = []

@@ -21,9 +21,9 @@ from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
+from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound
-from hydro_ident.mismatch.places import instants_of
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training
@@ -114,13 +114,15 @@ def verify(
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
     material = training.predictor.material
     noise = noise_there(whole.bench.noise, material.channels, check.predictor.material.channels)
-    model, instants = _at_own_instant(training, check, whole.model, mine)
-    plain, with_it = check.residual(without.model), check.residual(model)
+    model, tried_instants = at_own_instants(training, check, whole.model)
+    lacking = replace(without, model=at_own_instants(training, check, without.model)[0])
+    plain, with_it = check.residual(lacking.model), check.residual(model)
     placebos = _placebos(training, without, check, plain, whole.model, terms)
     acting = shown or _acting(check.predictor, model, terms)
     prior = check.known(training)
-    behind = HeldOut.refitted(check, without.model, noise, prior)
-    ahead = HeldOut.predicted(check, without, noise).doubted(behind, with_it)
+    behind = HeldOut.refitted(check, lacking.model, noise, prior)
+    ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
+    instants = tried_instants if mine.effect.start else 1
     looks = [looked(one, plain, with_it, placebos, acting) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
@@ -218,35 +220,6 @@ def _unexercised(look: Look, named: Named) -> str:
     if named.p_value > FAMILY_ERROR_UNNAMED or named.margin < _NO_DOUBT or named.refused:
         return "held-out rows hardly exercise it, and the training rows leave doubts"
     return ""
-
-
-def _at_own_instant(
-    training: Training, check: Check, model: Model, mine: ActiveEffect
-) -> tuple[Model, int]:
-    """A model for the check: what begins at an instant does so at another one in other recordings.
-
-    Returns
-    -------
-    model : Model
-        With the instant that predicts the check best.
-    tried : int
-        How many were looked at: the p-value pays for them.
-    """
-    start = mine.effect.start
-    if not start or check.predictor is training.predictor:
-        return model, 1
-    at = [p.name for p in mine.effect.parameters].index(start)
-    used, best, least = check.mask & check.moving, model, np.inf
-    instants = [float(mine.parameters[at]), 0.0, *instants_of(check.predictor.material)]
-    for instant in instants:
-        values = mine.parameters.copy()
-        values[at] = instant
-        terms = tuple(replace(t, parameters=values) if same(t, mine) else t for t in model.terms)
-        tried = replace(model, terms=terms)
-        left = float(np.sum(check.residual(tried)[used] ** 2))
-        if left < least:
-            best, least = tried, left
-    return best, len(instants)
 
 
 def _idle(gain: float, named: Named, tried: int) -> str:

@@ -21,6 +21,7 @@ from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.chance import overdispersion
 from hydro_ident.mismatch.contest import CONTENDER_SHARE, CONTENDERS
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
+from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import Score, bank_of, score
@@ -93,7 +94,8 @@ def held_out(work: Residuals, whole: Fitted) -> dict[str, float]:
 
     `whole` is the fitted model.
     """
-    left, channels = work.check.residual(whole.model), work.training.predictor.material.channels
+    there, _ = at_own_instants(work.training, work.check, whole.model)
+    left, channels = work.check.residual(there), work.training.predictor.material.channels
     rows = {name: work.check.rows(k, name) for k, name in enumerate(channels)}
     return {n: float(np.sqrt(np.mean(left[r] ** 2))) for n, r in rows.items() if r.any()}
 

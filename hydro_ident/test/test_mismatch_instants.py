@@ -1,0 +1,98 @@
+"""A load that is taken up at an instant, which is another one in every recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.confirmation import _sides
+from hydro_ident.mismatch.diagnosis import _channels
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.instants import at_own_instants, begun
+from hydro_ident.mismatch.notes import instant_notes
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+MASS_KG, SECONDS, HERE_S, THERE_S = 80.0, 18.0, 11.0, 5.0
+
+
+def _load(start_s: float) -> EffectSpec:
+    return EffectSpec("payload_change", "xs031", {"mass": MASS_KG, "start_s": start_s})
+
+
+@pytest.fixture(scope="module")
+def loaded(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
+) -> Residuals:
+    """Two recordings of one machine, which takes its load up early in the second."""
+    true_crane, simulated_run = make_run
+    here, there = (
+        simulated_run(replace(true_crane(), effects=(_load(start),)), SECONDS, seed=seed)
+        for start, seed in ((HERE_S, 0), (THERE_S, 3))
+    )
+    return lay_out(here, [there])
+
+
+@pytest.fixture(scope="module")
+def whole(loaded: Residuals) -> Fitted:
+    """The model with the load, as the first recording has it."""
+    one = resolve(replace(load_robot("xs031"), effects=(_load(HERE_S),)))[0]
+    return fit(loaded.training, loaded.base.model.with_term(one))
+
+
+def _start(term: Any) -> float:
+    return float(term.parameters[1])
+
+
+def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole: Fitted) -> None:
+    there, tried = at_own_instants(loaded.training, loaded.check, whole.model)
+    assert _start(whole.model.terms[0]) == HERE_S
+    # To the spacing of what is tried.
+    assert _start(there.terms[0]) == pytest.approx(THERE_S, abs=SECONDS / (tried - 1))
+    assert tried > 3
+    errors = [
+        float(np.sqrt(np.mean(loaded.check.residual(m)[loaded.check.mask] ** 2)))
+        for m in (whole.model, there)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_nothing_else_moves(loaded: Residuals, whole: Fitted) -> None:
+    assert at_own_instants(loaded.training, loaded.check, loaded.base.model) == (
+        loaded.base.model,
+        1,
+    )
+    there, _ = at_own_instants(loaded.training, loaded.check, whole.model)
+    assert there.terms[0].parameters[0] == whole.model.terms[0].parameters[0]
+    assert there.theta is whole.model.theta
+
+
+def test_results_and_checks_see_it_there(loaded: Residuals, whole: Fitted) -> None:
+    """As at its first instant it would seem to make the other recording worse."""
+    before, after = _sides(loaded, whole)["lift/force"]
+    assert after < 0.5 * before
+    [lift] = [c for c in _channels(loaded, whole, loaded.check) if c.name == "lift/force"]
+    left = [float(np.std(lift.measured - of)) for of in (lift.before, lift.after)]
+    assert left[1] < 0.5 * left[0]
+
+
+def test_a_robot_is_rolled_out_with_the_load_at_its_own_instant(
+    loaded: Residuals, whole: Fitted
+) -> None:
+    robot = replace(loaded.robot, effects=(_load(HERE_S),))
+    there, _ = at_own_instants(loaded.training, loaded.check, whole.model)
+    [spec] = begun(robot, there.terms).effects
+    assert spec.parameters == {"mass": MASS_KG, "start_s": _start(there.terms[0])}
+    assert begun(robot, ()) is robot
+
+
+def test_the_other_instant_is_told(loaded: Residuals, whole: Fitted) -> None:
+    [note] = instant_notes(loaded, whole)
+    assert note.startswith("payload_change of xs031 begins at 11 s where it was fitted, and at ")
+    assert instant_notes(loaded, loaded.base) == []
