@@ -75,6 +75,9 @@ class Verification:
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
 #: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
 _EXERCISED, _PLAIN = 0.02, 100.0
+#: What a true finding would gain in a look, per unit of overdispersion, that plainly denies it
+#: where more than this share of chance does as well: five deviations.
+_PLAINLY, _NEVER = 25.0, 0.5
 #: Log-likelihood by which its own recording has to pay for a finding that no other one exercises:
 #: odds of twenty to one.
 _NO_DOUBT = 3.0
@@ -167,14 +170,17 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
     """The look that speaks for a finding, whether there is nothing to see, and what is against it.
 
     What shows on held-out rows but faintly they are not bound to confirm: they are to give a true
-    finding's share of chance, and its own recording the rest.
+    finding's share of chance, and its own recording the rest. No look may deny it plainly.
     """
     least, spread = STANDS * _FURTHER**named.refused, max(named.spread, 1.0)
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     against = objection(best, least)
-    silent = not met or max(one.shown for one in looks) < SHOWN * spread
+    if met and max(one.shown for one in looks) < SHOWN * spread:
+        # It acts there, and as it should: what only its own recording tells was fitted to that.
+        return best, False, against or "held-out rows exercise it and cannot tell it from nothing"
+    denied = any(one.shown >= _PLAINLY * spread and one.p_value > _NEVER for one in looks)
     faint = against and not objection(best, max(least, missed(best.shown / spread)))
-    silent = silent or bool(faint)
+    silent = not met or (bool(faint) and not denied)
     return best, silent, _unexercised(best, named) if silent else against
 
 
