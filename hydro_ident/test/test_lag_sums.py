@@ -105,9 +105,14 @@ def test_between_nodes_lags_are_shared_as_on_a_straight_line(
     np.testing.assert_allclose(found, whole, rtol=5e-3)
 
 
-def test_pieces_give_the_same_to_the_last_digit(rng: np.random.Generator) -> None:
+#: Sums of thousands of products of the size of one, in whatever order a BLAS takes them: which one
+#: that is hangs on the processor and on the matrices' sizes.
+ROUNDING = 1e-10
+
+
+def test_pieces_give_the_same_but_for_the_order_of_sums(rng: np.random.Generator) -> None:
     x = rng.normal(size=(5000, 3))
-    np.testing.assert_array_equal(_sums(x, 2, 9), _sums(x, 2))
+    np.testing.assert_allclose(_sums(x, 2, 9), _sums(x, 2), rtol=0.0, atol=ROUNDING)
 
 
 def test_a_gap_keeps_its_length(rng: np.random.Generator) -> None:
@@ -119,7 +124,7 @@ def test_a_gap_keeps_its_length(rng: np.random.Generator) -> None:
     whole.add(x, 0, known)
     holed.add(x[:1200], 0, known[:1200])
     holed.add(x[1900:], 700, known[1900:])
-    np.testing.assert_array_equal(holed.total, whole.total)
+    np.testing.assert_allclose(holed.total, whole.total, rtol=0.0, atol=ROUNDING)
 
 
 def test_a_column_that_is_zero_for_long_changes_nothing(rng: np.random.Generator) -> None:
@@ -127,7 +132,7 @@ def test_a_column_that_is_zero_for_long_changes_nothing(rng: np.random.Generator
     x = rng.normal(size=(5000, 3))
     x[:3100, 1] = 0.0
     whole, cut = _sums(x), _sums(x, pieces=8)
-    np.testing.assert_allclose(cut, whole, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(cut, whole, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(whole[:, ::2, ::2], _sums(x[:, ::2]), rtol=0.0, atol=1e-10)
     assert not _sums(np.zeros((3000, 2))).any()
 
