@@ -130,7 +130,8 @@ def withdrawn(
         findings = [f for f in findings if f not in weak]
         taken += weak
         left = dependences(work.training, whole)
-    back = _better_answers(work, given, first, taken, _significant(work, whole, left))
+    told = _significant(work, whole, left) if taken else {}
+    back = _better_answers(work, given, first, taken, told)
     if back:
         taken = [f for f in taken if f not in back]
         findings = [f for f in everything if f not in taken]

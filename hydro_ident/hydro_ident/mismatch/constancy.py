@@ -26,8 +26,9 @@ _LEAST_STRETCHES = 8
 #: half the time changes by one. Laws of forces that are of another form than the machine's change
 #: by up to a quarter, those of flows, which act through what an opening happens to be, by more.
 COMES_AND_GOES, COMES_AND_GOES_FLOW = 0.6, 1.0
-#: Shifts, as shares of the rows, after which an effect is no longer in the residual.
-_SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
+#: Shifts, as shares of the rows, after which an effect is no longer in the residual. Here they are
+#: of all rows: into other channels, too, whose whitened noise is as large.
+SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
 
 
 def inconstancy(bench: Bench, column: FloatArray) -> float:
@@ -54,7 +55,7 @@ def inconstancy(bench: Bench, column: FloatArray) -> float:
         return 0.0
     usual = [
         spread / freedom
-        for shift in _SHIFTS
+        for shift in SHIFTS
         for spread, freedom, _ in [
             _spread(np.roll(left, round(shift * left.size)), residual, stretch)
         ]

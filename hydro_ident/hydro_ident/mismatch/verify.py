@@ -18,7 +18,12 @@ import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
-from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
+from hydro_ident.mismatch.constancy import (
+    COMES_AND_GOES,
+    COMES_AND_GOES_FLOW,
+    SHIFTS,
+    inconstancy,
+)
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.instants import at_own_instants
@@ -32,8 +37,6 @@ from hydro_model.robot import FloatArray
 
 #: What the next effect of a set has to be better by where one was refused: it is another question.
 _FURTHER = 0.1
-#: Shifts of the placebo, as shares of a recording.
-_SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
 #: Correlation with the finding from which a shifted one is the same.
 _ALIKE = 0.7
 
@@ -281,7 +284,7 @@ def _placebos(
     mask = training.mask
     real = without.bench.beyond(own[mask][:, None])[:, 0]
     result = []
-    for shift in _SHIFTS:
+    for shift in SHIFTS:
         column = _rolled(training.predictor, own, shift)
         moved = without.bench.beyond(column[mask][:, None])[:, 0]
         sizes = float(np.linalg.norm(moved) * np.linalg.norm(real))

@@ -68,3 +68,14 @@ def test_a_trip_has_to_name_its_fault(codec: Codec) -> None:
     assert _judged(injection, BEFORE, named) == ""
     other = _after("emergency stop", trips=2)
     assert "said nowhere: 'second bridge'" in _judged(injection, BEFORE, other)
+
+
+def test_noise_that_passes_its_check_may_trip_and_nothing_else_may(codec: Codec) -> None:
+    reason = "two different frames PRESSURES_1 of one cycle: a second device?"
+    tripped = _after(reason, cycles_corrupt=9, cycles_duplicates=1, trips=2)
+    before = replace(
+        BEFORE, counters={**BEFORE.counters, "cycles_corrupt": 0, "cycles_duplicates": 0}
+    )
+    assert _judged(bus_injections.babble(random.Random(1), codec, 0), before, tripped) == ""
+    other = _judged(bus_injections.corrupt(random.Random(1), codec, 0), before, tripped)
+    assert "tripped: two different frames" in other
