@@ -144,6 +144,6 @@ def test_changes_are_tried_in_forks_and_the_sources_stay() -> None:
     assert ends == ["survived", "killed", "not_loaded", "timed_out"]
     assert int(lines) > 10
     assert 1 < int(of_a_function) < 10  # of the function, not of the module
-    assert TARGETS[-1].holds("Device.is_fresh")
+    assert TARGETS[-1].holds("Device.takes")
     assert not TARGETS[-1].holds("Device.run")
     assert (ROOT / link.file).read_bytes() == before

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from hydro_hw_bridge.codec import Frame
+from hydro_hw_bridge.frames import Frame
 
 _WRAP = 1 << 32
 _HALF = _WRAP >> 1

@@ -19,8 +19,8 @@ from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
 from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
-from hydro_hw_bridge.codec import Frame
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.frames import Frame
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP
 from hydro_hw_bridge.publishers import BridgePublishers

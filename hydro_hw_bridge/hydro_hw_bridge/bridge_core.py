@@ -8,8 +8,9 @@ import can
 
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
 from hydro_hw_bridge.bridge_step import NOTHING, Sample, Step
-from hydro_hw_bridge.codec import Codec, Frame
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.command_intake import CommandIntake
+from hydro_hw_bridge.frames import Frame
 from hydro_hw_bridge.gate import Gate, GateState, Outcome
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.sample_clock import SampleClock
@@ -53,6 +54,7 @@ class BridgeCore:
     assembler : Assembler
     commands : CommandCounters
     watch : ReadingsWatch
+    echo : ValveEcho
     active : bool
     ready : bool
         The subscribers that the bridge was told to wait for are there.
@@ -78,6 +80,7 @@ class BridgeCore:
         self._valves = ValveFrames(codec, self.gate, send)
         self.commands = self._intake.counters
         self.watch = self._supervision.watch
+        self.echo = self._valves.echo
         self.active = False
         self.ready = False
         self.sample: Sample | None = None
@@ -187,6 +190,7 @@ class BridgeCore:
         readings = self.codec.readings(cycle.data)
         self.sample = Sample(self.clock.stamp_ns(counter), counter, readings, False)
         self._intake.sampled(counter)
+        self.echo.heard(readings.echo, counter)
         on_wire_v = self._valves.on_wire_v
         self._supervision.cycle(readings, counter, on_wire_v, active=self.active)
         if self.codec.tells_clock:

@@ -77,6 +77,7 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         "cycles_read_late": core.read_late,
         **{f"commands_{key}": n for key, n in asdict(core.commands).items()},
         **{f"readings_{key}": n for key, n in asdict(core.watch.counters).items()},
+        **{f"valve_frames_{key}": n for key, n in asdict(core.echo.counters).items()},
         "readings_last_fault": core.watch.newest,
         **{f"bus_{key}": n for key, n in asdict(bus.counters).items()},
         "bus_off": "yes" if bus.off else "no",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import can
 
-from hydro_hw_bridge.codec import Readings
+from hydro_hw_bridge.frames import Readings
 
 
 @dataclass(frozen=True, slots=True)

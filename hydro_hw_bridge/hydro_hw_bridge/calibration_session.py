@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from hydro_hw_bridge.assembler import Assembler, CycleKind
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
-from hydro_hw_bridge.codec import Codec, Frame, Readings
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError, CalibrationError
+from hydro_hw_bridge.frames import Frame, Readings
 
 SILENCE_S = 3.0
 SLICE_S = 0.05

@@ -9,8 +9,8 @@ from itertools import islice
 import numpy as np
 
 from hydro_hw_bridge.calibration_session import Session
-from hydro_hw_bridge.codec import Readings
 from hydro_hw_bridge.errors import CalibrationError
+from hydro_hw_bridge.frames import Readings
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 

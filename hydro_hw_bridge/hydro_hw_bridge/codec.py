@@ -7,7 +7,6 @@ Nothing here knows of a bus, a clock or ROS.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,105 +14,14 @@ import can
 
 from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
 from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
+from hydro_hw_bridge.frames import CommandFrame, Echo, Frame, Readings, Status
 from hydro_hw_bridge.layout import Binding, FrameLayout, Layout, load_layout
-from hydro_hw_bridge.mapping import STATUS_NAMES, BusMapping, load_mapping
+from hydro_hw_bridge.mapping import ECHO_NAMES, STATUS_NAMES, BusMapping, load_mapping
 from hydro_hw_bridge.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 COUNTER_BITS = 32
 _Codec = TypeVar("_Codec", bound="Codec")
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A received frame that belongs to the protocol.
-
-    Attributes
-    ----------
-    name : str
-    role : {"sync", "cycle", "command", "claim"}
-    alive : int or None
-        Alive counter; None where the frame is not protected.
-    data : bytes
-    intact : bool
-        False where length or CRC is wrong: nothing in it may be used.
-    """
-
-    name: str
-    role: str
-    alive: int | None
-    data: bytes
-    intact: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Status:
-    """Status bits of a cycle; bits that the mapping leaves out are False.
-
-    Besides the permissive inputs: `parked` (the device waits to be started), `lockstep` (it
-    waits for answers), `amplifier_enabled`, and `amplifier_watchdog` (the amplifiers went to 0
-    V by themselves).
-    """
-
-    emergency_stop_ok: bool = False
-    pump_on: bool = False
-    enable_switch: bool = False
-    parked: bool = False
-    lockstep: bool = False
-    amplifier_enabled: bool = False
-    amplifier_watchdog: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Readings:
-    """What the device measured in one cycle, in the order of the codec's names.
-
-    Attributes
-    ----------
-    counter : int
-        Sample counter, 32 bits.
-    status : Status
-    positions : tuple of float
-        Per joint, rad or m (`Codec.joint_names`).
-    pressures_pa : tuple of float
-        Gauge (`Codec.pressure_names`).
-    spools : tuple of float
-        Per valve of the robot, NaN where not measured.
-    strokes_m : tuple of float
-        Per stroke sensor (`Codec.stroke_names`).
-    oil_temperature_c : float or None
-    """
-
-    counter: int
-    status: Status
-    positions: tuple[float, ...]
-    pressures_pa: tuple[float, ...]
-    spools: tuple[float, ...]
-    strokes_m: tuple[float, ...] = ()
-    oil_temperature_c: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandFrame:
-    """A decoded valve command.
-
-    Attributes
-    ----------
-    answered, answered_bits : int
-        Low bits of the answered sample counter, and how many of them.
-    voltages : tuple of float
-        V, per valve of the robot.
-    enable : bool
-    """
-
-    answered: int
-    answered_bits: int
-    voltages: tuple[float, ...]
-    enable: bool
-
-    def answers(self, counter: int) -> bool:
-        """Whether it answers the cycle with this sample counter."""
-        return (counter ^ self.answered) & ((1 << self.answered_bits) - 1) == 0
 
 
 class Codec:
@@ -135,6 +43,8 @@ class Codec:
         The frames that make one sample, sync first.
     tells_clock : bool
         The sync frame says whether the device is in lockstep.
+    echo_spans : tuple of int
+        After how many the counts of `Echo` begin anew; empty where the device does not tell them.
     """
 
     def __init__(self, robot: Robot, mapping: BusMapping, layout: Layout) -> None:
@@ -161,6 +71,8 @@ class Codec:
         self._counter = layout.raw(mapping.counter)
         self.tells_clock = "lockstep" in mapping.status
         self._status = {name: layout.raw(signal) for name, signal in mapping.status.items()}
+        self._echo = tuple(layout.raw(mapping.echo[name]) for name in ECHO_NAMES if mapping.echo)
+        self.echo_spans = tuple(1 << raw.length for raw in self._echo)
         # Of the few combinations that occur, each is made once.
         self._statuses: dict[tuple[int, ...], Status] = {}
         self._positions = tuple(layout.bind(c) for c in mapping.joints.values())
@@ -272,6 +184,7 @@ class Codec:
             spools=tuple(float("nan") if b is None else value(b) for b in self._spools),
             strokes_m=tuple(map(value, self._strokes)),
             oil_temperature_c=None if temperature is None else value(temperature),
+            echo=Echo(*(raw.unpack(sync) for raw in self._echo)) if self._echo else None,
         )
 
     def status(self, sync: Frame) -> Status:
@@ -305,6 +218,10 @@ class Codec:
         for name in STATUS_NAMES:
             if name in self._status:
                 self._status[name].pack(int(getattr(readings.status, name)), data[self._sync.name])
+        if self._echo and readings.echo is not None:
+            counts = (readings.echo.taken, readings.echo.refused)
+            for raw, count in zip(self._echo, counts, strict=True):
+                raw.pack(count, data[self._sync.name])
         groups = (
             (self._positions, readings.positions),
             (self._strokes, readings.strokes_m),

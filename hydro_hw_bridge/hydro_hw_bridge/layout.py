@@ -225,7 +225,7 @@ def _by_role(mapping: BusMapping) -> dict[str, list[str]]:
         measured.append(mapping.oil_temperature)
     command = [mapping.enable, *(v.command.signal for v in mapping.valves.values())]
     return {
-        "sync": [mapping.counter, *mapping.status.values()],
+        "sync": [mapping.counter, *mapping.status.values(), *mapping.echo.values()],
         "sync or cycle": [channel.signal for channel in measured],
         "command": command + ([] if mapping.answered is None else [mapping.answered]),
         "claim": [mapping.instance],

@@ -27,6 +27,8 @@ STATUS_NAMES = (
     "amplifier_watchdog",
 )
 PERMISSIVES = STATUS_NAMES[:3]
+#: Counts of valve frames by what the amplifiers made of them: both of them, or none.
+ECHO_NAMES = ("taken", "refused")
 #: Scales and offsets beyond this are no unit's.
 LARGEST = 1e12
 #: Pressures that a lab may not measure.
@@ -96,6 +98,8 @@ class BusMapping:
     answered : str or None
         Signal of the answered sample counter; None where the alive counter alone tells it.
     status : mapping from a name of `STATUS_NAMES` to a signal
+    echo : mapping from a name of `ECHO_NAMES` to a signal
+        Empty where the amplifiers do not tell which valve frames they heard.
     joints, strokes, pressures : mapping from name to Channel
     valves : mapping from name to ValveChannels
     oil_temperature : Channel or None
@@ -112,6 +116,7 @@ class BusMapping:
     answered: str | None
     instance: str
     status: Mapping[str, str]
+    echo: Mapping[str, str]
     joints: Mapping[str, Channel]
     strokes: Mapping[str, Channel]
     pressures: Mapping[str, Channel]
@@ -162,8 +167,11 @@ def _mapping(top: Fields, path: Path, robot: Robot) -> BusMapping:
         raise BridgeError(f"{path}: expected schema {SCHEMA}, found '{schema}'")
     _no_other_keys(top, _KEYS)
     sync, command, claim = (top.fields(key) for key in ("sync", "command", "claim"))
-    status = sync.fields("status")
+    _no_other_keys(sync, {"counter", "status", "echo"})
+    status, echo = sync.fields("status"), sync.optional_fields("echo")
     _no_other_keys(status, set(STATUS_NAMES))
+    if echo is not None:
+        _no_other_keys(echo, set(ECHO_NAMES))
     bits = [n for n in STATUS_NAMES if n in PERMISSIVES or n in status]
     required = [p for p in robot.pressure_names if p not in OPTIONAL_PRESSURES]
     strokes = [c.name for c in robot.cylinders if c.stroke_sensor]
@@ -179,6 +187,7 @@ def _mapping(top: Fields, path: Path, robot: Robot) -> BusMapping:
         answered=command.text("answered") if "answered" in command else None,
         instance=claim.text("instance"),
         status={name: status.text(name) for name in bits},
+        echo={} if echo is None else {name: echo.text(name) for name in ECHO_NAMES},
         joints=_named(top, "joints", robot.joint_names, robot.joint_names, _channel),
         strokes=_named(top, "strokes", strokes, strokes, _channel),
         pressures=_named(top, "pressures", robot.pressure_names, required, _pressure),
@@ -290,7 +299,8 @@ def _no_other_keys(fields: Fields, known: set[str]) -> None:
 
 
 def _check_signals(mapping: BusMapping) -> None:
-    signals = [mapping.counter, mapping.enable, mapping.instance, *mapping.status.values()]
+    signals = [mapping.counter, mapping.enable, mapping.instance]
+    signals += [*mapping.status.values(), *mapping.echo.values()]
     if mapping.answered is not None:
         signals.append(mapping.answered)
     channels = [*mapping.joints.values(), *mapping.strokes.values(), *mapping.pressures.values()]

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hydro_hw_bridge.codec import Codec, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Readings
 
 #: A joint may move this many times its velocity limit between two cycles.
 JUMP_FACTOR = 4.0

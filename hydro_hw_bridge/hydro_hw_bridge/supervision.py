@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 
-from hydro_hw_bridge.codec import Codec, Frame, Readings, Status
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Frame, Readings, Status
 from hydro_hw_bridge.gate import Gate, GateState
 from hydro_hw_bridge.permissives import Inputs
 from hydro_hw_bridge.plausibility import ReadingsWatch

@@ -10,6 +10,7 @@ from hydro_hw_bridge.bridge_step import Sample, Step, ValveState
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.gate import Gate
 from hydro_hw_bridge.own_frames import OwnFrames
+from hydro_hw_bridge.valve_echo import ValveEcho
 
 
 class ValveFrames:
@@ -31,11 +32,14 @@ class ValveFrames:
         What the newest frame that left says, V per valve; 0 V before the first.
     answered : int
         Sample counter of the cycle that was answered last; -1 where none was.
+    echo : ValveEcho
+        What became of them, by the amplifiers.
     """
 
     def __init__(self, codec: Codec, gate: Gate, send: Callable[[can.Message], bool]) -> None:
         self._codec, self._gate, self._send = codec, gate, send
         self.own = OwnFrames()
+        self.echo = ValveEcho(codec.echo_spans)
         self.spoke = False
         self._answer: can.Message | None = None
         self._answer_v = self.on_wire_v = (0.0,) * len(codec.valve_names)
@@ -46,6 +50,7 @@ class ValveFrames:
         """The device counts anew: it was not answered yet, and its valves are at 0 V."""
         self.answered = self._stated = -1
         self.on_wire_v = (0.0,) * len(self.on_wire_v)
+        self.echo.forget()
 
     def answer(self, counter: int) -> can.Message | None:
         """Send the gate's output as the answer to a cycle.
@@ -78,6 +83,7 @@ class ValveFrames:
         if self._answer is None or not self._send(self._answer):
             return None
         self.spoke = True
+        self.echo.sent()
         self.on_wire_v = self._answer_v
         return self._answer
 

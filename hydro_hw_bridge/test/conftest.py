@@ -11,7 +11,8 @@ import pytest
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING, Step
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings, Status
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import CommandFrame, Readings, Status
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_model.robot import Robot

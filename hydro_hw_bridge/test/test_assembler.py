@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
-from hydro_hw_bridge.codec import Codec, Frame, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Frame, Readings
 
 Make = Callable[..., Readings]
 

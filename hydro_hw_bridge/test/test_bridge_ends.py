@@ -12,7 +12,8 @@ import can
 import pytest
 
 from hydro_hw_bridge.bus import Bus, BusName, open_bus
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate import GateState
 
 rclpy = pytest.importorskip("rclpy")

@@ -11,8 +11,9 @@ import pytest
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bus import Bus, open_bus
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import CommandLink

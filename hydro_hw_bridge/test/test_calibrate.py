@@ -17,7 +17,8 @@ import yaml
 from hydro_hw_bridge.bus import open_bus
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim
-from hydro_hw_bridge.codec import Codec, CommandFrame
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import CommandFrame
 
 pytestmark = pytest.mark.processes
 #: How long to wait for what must come, however busy the machine is.

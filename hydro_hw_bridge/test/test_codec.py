@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hydro_hw_bridge.calibration import Calibration, calibrated_mapping
-from hydro_hw_bridge.codec import Codec, Readings, Status
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Echo, Readings, Status
 from hydro_hw_bridge.layout import load_layout
 from hydro_hw_bridge.signals import raw_signal
 from hydro_model.robot import Robot
@@ -33,6 +34,7 @@ def received(codec: Codec, messages: list[can.Message]) -> Readings:
     st.lists(st.floats(-0.9e6, 31e6), min_size=6, max_size=6),
     st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=2),
     st.tuples(*[st.booleans()] * 7),
+    st.tuples(st.integers(0, 10_000), st.integers(0, 10_000)),
 )
 def test_readings_round_trip_within_half_a_count(
     codec: Codec,
@@ -41,13 +43,15 @@ def test_readings_round_trip_within_half_a_count(
     pressures: list[float],
     spools: list[float],
     bits: tuple[bool, ...],
+    heard: tuple[int, int],
 ) -> None:
-    sent = Readings(
-        counter, Status(*bits), tuple(positions), tuple(pressures), tuple(spools), (), 41.3
-    )
+    values = (tuple(positions), tuple(pressures), tuple(spools), ())
+    sent = Readings(counter, Status(*bits), *values, 41.3, Echo(*heard))
     got = received(codec, codec.encode_cycle(sent))
     assert got.counter == counter
     assert got.status == sent.status
+    assert codec.echo_spans == (256, 32)
+    assert got.echo == Echo(heard[0] % 256, heard[1] % 32)
     count_rad = 2.0 * math.pi / 2**20
     assert got.positions == pytest.approx(positions, abs=0.5001 * count_rad, rel=0)
     assert got.pressures_pa == pytest.approx(pressures, abs=250.001, rel=0)

@@ -17,10 +17,12 @@ from hydro_hw_bridge.calibration import (
 )
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.frames import Readings
 from hydro_hw_bridge.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 Edit = Callable[[dict[str, Any]], object]
+Make = Callable[..., Readings]
 
 BAD: list[tuple[str, Edit, str]] = [
     ("schema", lambda m: m.update(schema="other/1"), "expected schema hydro_hw_bridge/mapping/1"),
@@ -105,6 +107,14 @@ BAD: list[tuple[str, Edit, str]] = [
         lambda m: m["sync"]["status"].pop("pump_on"),
         "key 'pump_on' is missing",
     ),
+    ("half an echo", lambda m: m["sync"]["echo"].pop("refused"), "key 'refused' is missing"),
+    ("echo of what", lambda m: m["sync"]["echo"].update(seen="SYNC.PumpOn"), "unknown key 'seen'"),
+    ("key of sync", lambda m: m["sync"].update(count="SYNC.PumpOn"), "unknown key 'count'"),
+    (
+        "echo of a command",
+        lambda m: m["sync"]["echo"].update(taken="VALVE_COMMAND.Enable"),
+        "is used more than once",
+    ),
     (
         "voltage does not fit",
         lambda m: m["valves"]["lift_valve"]["command"].update(scale=0.5),
@@ -112,6 +122,16 @@ BAD: list[tuple[str, Edit, str]] = [
     ),
     ("load", lambda m: m.update(bitrate=500000), "expected at most 50 % bus load"),
 ]
+
+
+def test_amplifiers_that_do_not_tell_what_they_heard_are_allowed(
+    codec: Codec, robot: Robot, tmp_path: Path, readings: Make
+) -> None:
+    path = edited(codec, tmp_path, lambda m: m["sync"].pop("echo"))
+    silent = Codec.load(codec.mapping.dbc, path, robot)
+    assert silent.echo_spans == ()
+    frames = [silent.receive(m) for m in silent.encode_cycle(readings(7))]
+    assert silent.readings({f.name: f.data for f in frames if f is not None}).echo is None
 
 
 def edited(codec: Codec, folder: Path, edit: Edit) -> Path:

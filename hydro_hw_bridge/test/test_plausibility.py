@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.codec import Codec, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Readings
 from hydro_hw_bridge.plausibility import STILL_S, STUCK_S, ReadingsWatch, Verdict
 
 Make = Callable[..., Readings]

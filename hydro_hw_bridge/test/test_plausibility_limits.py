@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.codec import Codec, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Readings
 from hydro_hw_bridge.plausibility import ReadingCounters, ReadingsWatch, Verdict
 from hydro_model.robot import Robot
 

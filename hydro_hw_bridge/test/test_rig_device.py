@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.bus import Bus, open_bus
-from hydro_hw_bridge.codec import Codec, Readings
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.frames import Readings
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
 
 pytestmark = pytest.mark.processes

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from hydro_hw_bridge.bus import Bus, BusName
-from hydro_hw_bridge.codec import Codec, CommandFrame
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import CommandFrame
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth_files import load_truth
@@ -33,11 +34,11 @@ def test_a_command_is_taken_up_to_its_age_and_then_counted(
     before = device.counters.stale
     for age in range(oldest + 1):
         command = replace(COMMAND, answered=(counter - age) % (1 << 16), enable=enable)
-        assert device.is_fresh(command)
+        assert device.takes(command)
     assert device.counters.stale == before
     for age in (oldest + 1, oldest + 2, 300, -1):  # the last is of a cycle that has not been
         command = replace(COMMAND, answered=(counter - age) % (1 << 16), enable=enable)
-        assert not device.is_fresh(command)
+        assert not device.takes(command)
     assert device.counters.stale == before + 4
 
 
@@ -45,5 +46,5 @@ def test_of_a_counter_of_four_bits_no_more_than_it_can_tell(device: Device) -> N
     device.core.counter = 1000
     for age in range(16):
         command = replace(COMMAND, answered=(1000 - age) % 16, answered_bits=4, enable=False)
-        assert device.is_fresh(command)
-        assert device.is_fresh(replace(command, enable=True)) is (age <= DRIVES)
+        assert device.takes(command)
+        assert device.takes(replace(command, enable=True)) is (age <= DRIVES)

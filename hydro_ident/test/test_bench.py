@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.bus import BusName
-from hydro_hw_bridge.codec import Codec, Readings, Status
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Readings, Status
 from hydro_ident.bench import fit, fit_jobs, growth
 from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
 from hydro_ident.bench.chain_jobs import QUANTILES, measured

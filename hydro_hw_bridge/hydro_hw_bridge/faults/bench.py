@@ -16,11 +16,12 @@ import can
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import Sample, Step
 from hydro_hw_bridge.bus import Bus, BusName
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import Command, CommandFault, Publisher
 from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, MachineFault
+from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.rig.core import RigCore
@@ -212,15 +213,9 @@ class Bench:
         newest = None
         for message in answers:
             command = self.device.decoded(message)
-            if command is None or not self._is_taken(command):
-                continue
-            newest = command
+            if command is not None and self.device.takes(command):
+                newest = command
         return newest
-
-    def _is_taken(self, command: CommandFrame) -> bool:
-        if self.lockstep:
-            return command.answers(self.rig.counter)
-        return self.device.is_fresh(command)
 
     def _let_bridge_work(self) -> None:
         inbox, self._inbox = self._inbox, []

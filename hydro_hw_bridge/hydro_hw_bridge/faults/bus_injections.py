@@ -207,13 +207,11 @@ def answers(source: random.Random, codec: Codec, at: int) -> Injection:
     fault = BusFault(kind, at, cycles, BRIDGE, amount=amount, seed=seed)
     if limit:
         named = Named(("trips",), "watchdog shut them down")
-    elif gone:
-        named = Named(silent="valve frames lost, broken or late for less than 50 ms")
-    elif kind == "late":
+    elif kind == "late" and not gone:
         named = Named(silent="valve frames late, and still in time")
-    elif kind == "repeated":
-        named = Named(silent="valve frames repeated")
     else:
-        named = Named(silent="noise under the valve frame's identifier")
+        # What the amplifiers say that they heard tells it.
+        shows = {"lost": "lost", "repeated": "surplus"}.get(kind, "refused")
+        named = Named((f"valve_frames_{shows}",))
     # There the machine asks again for what it did not get.
     return Injection("bus", fault, limit, named, AGAIN if gone or kind == "late" else None)

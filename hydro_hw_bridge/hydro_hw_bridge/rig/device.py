@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import can
 
 from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings, Status
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.frames import CommandFrame, Echo, Readings, Status
 from hydro_hw_bridge.rig.amplifier import WATCHDOG_S
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_log import TruthLog
@@ -36,8 +37,8 @@ class Counters:
         Cycles of device time.
     repeats : int
         Cycles sent again for want of an answer.
-    stale, corrupt : int
-        Valve frames that answered another cycle; that failed their check.
+    taken, stale, corrupt : int
+        Valve frames that were followed; that answered another cycle; that failed their check.
     missed : int
         Real-time cycles without a valve frame while driving.
     late, slips : int
@@ -46,6 +47,7 @@ class Counters:
 
     cycles: int = 0
     repeats: int = 0
+    taken: int = 0
     stale: int = 0
     corrupt: int = 0
     missed: int = 0
@@ -89,6 +91,7 @@ class Device:
         self._bus = bus
         self._lockstep = lockstep
         self._log = log
+        self._echo, self._echoed = Echo(0, 0), -1
         self._oldest = {
             enable: max(1, round(age_s / core.cycle_s))
             for enable, age_s in ((True, OLDEST_ENABLED_S), (False, WATCHDOG_S))
@@ -146,8 +149,17 @@ class Device:
                 spools=measurement.spools,
                 strokes_m=tuple(measurement.strokes_m[i] for i in self._strokes),
                 oil_temperature_c=measurement.oil_temperature_c,
+                echo=self._echo_of(readings.counter),
             )
         )
+
+    def _echo_of(self, counter: int) -> Echo:
+        """What was heard up to the begin of a cycle: sent again, it says the same."""
+        if counter != self._echoed:
+            heard = self.counters
+            self._echo = Echo(heard.taken, heard.stale + heard.corrupt)
+            self._echoed = counter
+        return self._echo
 
     def _send(self) -> None:
         for message in self.frames():
@@ -167,10 +179,9 @@ class Device:
             command = self._receive(min(wait, SLICE_S))
             if command is None:
                 continue
-            if command.answers(self.core.counter):
+            if self.takes(command):
                 self.core.actuate(command.voltages, command.enable)
                 return True
-            self.counters.stale += 1
         return False
 
     def _real_time_cycle(self) -> bool:
@@ -184,7 +195,7 @@ class Device:
             # Past the deadline too, take what has arrived already.
             command = self._receive(min(max(wait, 0.0), SLICE_S))
             if command is not None:
-                newest = command if self.is_fresh(command) else newest
+                newest = command if self.takes(command) else newest
             if wait <= 0.0:
                 break
         if newest is None:
@@ -202,13 +213,23 @@ class Device:
             self.counters.slips += 1
             self._deadline += lag
 
-    def is_fresh(self, command: CommandFrame) -> bool:
-        """Whether a command answers a cycle of late; one that does not is counted."""
-        span = 1 << command.answered_bits
-        age = (self.core.counter - command.answered) % span
-        fresh = age <= min(self._oldest[command.enable], span - 1)
-        self.counters.stale += not fresh
-        return fresh
+    def takes(self, command: CommandFrame) -> bool:
+        """Whether a command may be followed; counted either way.
+
+        Parameters
+        ----------
+        command : CommandFrame
+            In lockstep it has to answer the cycle at hand, else one of late.
+        """
+        if self._lockstep:
+            taken = command.answers(self.core.counter)
+        else:
+            span = 1 << command.answered_bits
+            age = (self.core.counter - command.answered) % span
+            taken = age <= min(self._oldest[command.enable], span - 1)
+        self.counters.taken += taken
+        self.counters.stale += not taken
+        return taken
 
     def _receive(self, timeout_s: float) -> CommandFrame | None:
         message = self._bus.receive(timeout_s)

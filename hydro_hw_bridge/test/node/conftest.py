@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 
 from hydro_hw_bridge.bus import Bus, open_bus
-from hydro_hw_bridge.codec import Codec, CommandFrame, Readings
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import CommandFrame, Readings
 
 DOMAIN = 10 + os.getpid() % 90
 #: How long to wait for what must come, however busy the machine is.

@@ -92,7 +92,7 @@ TARGETS: tuple[Target, ...] = (
         "device",
         "hydro_hw_bridge.rig.device",
         (f"{_TEST}/test_rig_fresh.py",),
-        ("Device.is_fresh",),
+        ("Device.takes",),
     ),
 )
 #: Of these no run has been published yet: they are left out of the page's table, and said so.

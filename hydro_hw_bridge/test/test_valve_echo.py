@@ -1,0 +1,155 @@
+"""Valve frames that get lost, broken or doubled behind the bridge, told by the amplifiers."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+
+import pytest
+
+from hydro_hw_bridge.frames import Echo
+from hydro_hw_bridge.valve_echo import PATIENCE, EchoCounters, ValveEcho
+
+SPANS = (256, 32)
+
+
+class Way:
+    """Frames from an echo's owner to amplifiers that count them, cycle by cycle."""
+
+    def __init__(self, counter: int = 0) -> None:
+        self.echo = ValveEcho(SPANS)
+        self.taken = self.refused = 0
+        self.counter = counter
+        self.cycle()
+
+    def cycle(self, told: bool = True) -> None:
+        """The amplifiers tell; without `told` that cycle does not arrive."""
+        if told:
+            now = Echo(self.taken % SPANS[0], self.refused % SPANS[1])
+            self.echo.heard(now, self.counter)
+        self.counter += 1
+
+    def send(self, arrives: int = 1, *, intact: bool = True) -> None:
+        self.echo.sent()
+        self.arrive(arrives, intact=intact)
+
+    def arrive(self, frames: int = 1, *, intact: bool = True) -> None:
+        if intact:
+            self.taken += frames
+        else:
+            self.refused += frames
+
+    def sound(self, cycles: int) -> None:
+        for _ in range(cycles):
+            self.send()
+            self.cycle()
+
+
+@pytest.mark.parametrize("counter", [0, (1 << 32) - 20])
+def test_nothing_is_told_of_a_sound_way_through_the_wrap_of_every_count(counter: int) -> None:
+    way = Way(counter)
+    way.sound(3 * SPANS[0])
+    assert way.echo.counters == EchoCounters()
+
+
+@pytest.mark.parametrize("lost", [1, 4, 40])
+def test_every_lost_frame_is_counted_once(lost: int) -> None:
+    way = Way()
+    way.sound(5)
+    for _ in range(lost):
+        way.send(arrives=0)
+        way.cycle()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(lost=lost)
+
+
+def test_a_frame_that_is_late_is_not_lost_before_its_time() -> None:
+    way = Way()
+    way.send(arrives=0)
+    for _ in range(PATIENCE - 1):
+        way.cycle()
+    way.arrive()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters()
+
+
+def test_broken_frames_are_refused_and_not_lost() -> None:
+    way = Way()
+    for _ in range(3 * SPANS[1]):
+        way.send(intact=False)
+        way.cycle()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(refused=3 * SPANS[1])
+
+
+def test_doubled_frames_and_those_of_others_are_surplus() -> None:
+    way = Way()
+    way.sound(5)
+    way.send(arrives=2)
+    way.cycle()
+    way.arrive()
+    way.cycle()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(surplus=2)
+
+
+def test_cycles_that_do_not_arrive_hide_no_frame_and_make_none() -> None:
+    way = Way()
+    for _ in range(SPANS[1] - 2):
+        way.send()
+        way.cycle(told=False)
+    way.send(arrives=0)
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(lost=1)
+
+
+def test_after_a_silence_in_which_counts_may_have_gone_around_nothing_is_told() -> None:
+    way = Way()
+    way.sound(5)
+    for _ in range(SPANS[1]):
+        way.send(arrives=0)
+        way.cycle(told=False)
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters()
+
+
+def test_a_device_that_counts_anew_is_no_fault() -> None:
+    way = Way()
+    way.sound(7)
+    way.echo.forget()
+    way.taken = way.counter = 0
+    way.cycle()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters()
+
+
+def test_amplifiers_that_tell_nothing() -> None:
+    echo = ValveEcho(())
+    for counter in range(3 * PATIENCE):
+        echo.sent()
+        echo.heard(None, counter)
+    assert echo.counters == EchoCounters()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_counted_adds_up_whatever_happens(seed: int) -> None:
+    source, way = random.Random(seed), Way()
+    late: deque[int] = deque()
+    lost = broken = 0
+    for cycle in range(2000):
+        fate = source.choices(("sound", "lost", "broken", "late"), (90, 3, 3, 4))[0]
+        lost, broken = lost + (fate == "lost"), broken + (fate == "broken")
+        way.send(arrives=0 if fate in ("lost", "late") else 1, intact=fate != "broken")
+        if fate == "late":
+            late.append(cycle + source.randint(1, PATIENCE // 2))
+        while late and late[0] <= cycle:
+            late.popleft()
+            way.arrive()
+        way.cycle()
+    way.arrive(len(late))
+    way.sound(3 * PATIENCE)
+    counted = way.echo.counters
+    assert counted.refused == broken
+    # A late frame may stand in for a lost one: counted too early, it is surplus when it comes.
+    assert counted.lost - counted.surplus == lost
+    assert counted.surplus <= 0.05 * 2000
