@@ -70,7 +70,8 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         worst = failed[: (len(failed) + 1) // 2]
         rejected += worst
         named = [n for n in named if not any(n is f.named for f in worst)]
-        others = [other for f in worst if (other := f.named.alternative()) is not None]
+        instead = [f.named.alternative(unheard=f.verification.silent) for f in worst]
+        others = [one for one in instead if one is not None]
         named += others
         terms = [other.term for other in others]
         whole = _without(work, whole, [f.named for f in worst], terms)

@@ -67,25 +67,41 @@ class Contest:
             and (s.entry.rows & best.entry.rows).any()
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
-        terms = [self._start(without, s) for s in chosen]
+        terms = [self.start(without, s) for s in chosen]
         contenders = self.fitted(without, terms, noise)
         told = [c for c in contenders if resolved(self.training, without, c)]
         members = self.members(told or contenders)
         leading = max(contenders, key=lambda c: c.held_out)
         # Of what the best law leaves: a trial's own misfit is no noise.
-        spread = min(overdispersion(best), self._spread(without, best, leading.fitted))
+        spread = min(overdispersion(best), self.spread(without, best, leading.fitted))
         allowance = base_delay(self.training, without, leading.term)
         return named_of(members, p, spread, self.few, allowance), leading in told
 
-    def _spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
-        """As `overdispersion`, of the residual that a fit leaves."""
+    def spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
+        """As `overdispersion`, of the residual that a fit leaves.
+
+        Parameters
+        ----------
+        without : Fitted
+        best : Score
+            Of the effect that was added to it.
+        whole : Fitted
+            With it.
+        """
         bench, mask = without.bench, self.training.mask
         left = bench.beyond(best.entry.columns(mask.size)[mask][:, [told_best(best)]])
         sums = bench.by_block(left * whole.bench.residual[:, None])
         return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
 
-    def _start(self, without: Fitted, one: Score) -> ActiveEffect:
-        """The size of a trial that explains most as it is: what a fit starts from."""
+    def start(self, without: Fitted, one: Score) -> ActiveEffect:
+        """The size of a trial that explains most as it is: what a fit starts from.
+
+        Parameters
+        ----------
+        without : Fitted
+        one : Score
+            Of the trial beside it.
+        """
         starts = one.entry.trial.around(one.coefficients)
         if len(starts) == 1:
             return starts[0]
@@ -135,7 +151,7 @@ class Contest:
         if found.term.cylinder is not None or noise is None:
             return whole
         without = fitted(self.training, current.model, noise)
-        before, unit = self._held_out(without), 0.5 / found.spread
+        before, unit = self.held_out(without), 0.5 / found.spread
         own_gain = unit * found.modelled.held_out
         most, alike = own_gain - found.modelled.cost, dict[str, float]()
         for name in dict.fromkeys(c.term.effect.name for c in found.tried):
@@ -148,7 +164,7 @@ class Contest:
             together = fit(self.training, model, noise, PASSES)
             if any(at_a_bound(t) for t in together.model.terms):
                 continue
-            gain = unit * (before - self._held_out(together))
+            gain = unit * (before - self.held_out(together))
             if found.term.effect.name == DELAY:
                 # All spools alike are one number as well: what fits alike is not told apart.
                 alike[name] = float(np.exp(min(gain - own_gain, 0.0)))
@@ -172,7 +188,7 @@ class Contest:
         at = {c.term.target for c in own}
         rest = [s for s in firsts(scores) if s.entry.trial.name == name]
         rest = [s for s in rest if s.entry.trial.target not in at]
-        return own + self.fitted(without, [self._start(without, s) for s in rest], noise)
+        return own + self.fitted(without, [self.start(without, s) for s in rest], noise)
 
     def _one_of(self, found: Named, one: Contender) -> Named:
         """A contender as a finding, beside those that were tried at its target."""
@@ -208,12 +224,12 @@ class Contest:
             fit(self.training, one.model, noise, PASSES) if k in close else one
             for k, one in enumerate(rough)
         ]
-        before = self._held_out(without)
+        before = self.held_out(without)
         return [self._contender(without, before, one) for one in whole]
 
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
-        held = before - self._held_out(whole)
+        held = before - self.held_out(whole)
         gain = without.squares - whole.squares
         return Contender(term, whole, gain, held, self._cost(without, whole))
 
@@ -239,7 +255,13 @@ class Contest:
         further = np.log(np.maximum(told[1:], 1.0))
         return whole_cost + float(np.sum(np.minimum(further, whole_cost)))
 
-    def _held_out(self, one: Fitted) -> float:
+    def held_out(self, one: Fitted) -> float:
+        """Sum of squares on held-out blocks, in units of the noise's variance.
+
+        Parameters
+        ----------
+        one : Fitted
+        """
         # Around held-out blocks, as far as the filters reach.
         guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
         return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.chance import (
 from hydro_ident.mismatch.contest import CLOSE_SHARE, PASSES, Contest, firsts
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.named import EXCLUSIVE, Named, at_a_bound, named_of
+from hydro_ident.mismatch.one_delay import as_one_delay
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Bank, Score, score
@@ -147,6 +148,7 @@ class Searcher:
             named += each.named
             current = fit(self.training, each.fitted.model, passes=2)
         named, current = self._revised(named, current)
+        named, current = as_one_delay(self.contest, named, current)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
 
     # One step forward ----------------------------------------------------------------------

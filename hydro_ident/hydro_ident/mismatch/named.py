@@ -155,10 +155,13 @@ class Named:
         best = self.modelled
         return 0.5 * best.held_out / self.spread - best.cost
 
-    def alternative(self) -> Named | None:
-        """The set without the effect that stands in the model, which held-out rows refuse.
+    def alternative(self, *, unheard: bool = False) -> Named | None:
+        """The set without the effect that stands in the model; None where no other comes near.
 
-        None where no other comes near it.
+        Parameters
+        ----------
+        unheard : bool
+            Held-out rows did not refuse it, but had nothing to say.
         """
         rest = [
             c
@@ -170,7 +173,7 @@ class Named:
         if not rest:
             return None
         other = named_of(rest, self.p_value, self.spread, self.few, self.allowance)
-        return replace(other, refused=self.refused + 1)
+        return replace(other, refused=self.refused + (not unheard))
 
     @property
     def first(self) -> Contender:

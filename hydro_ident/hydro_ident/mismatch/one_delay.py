@@ -1,0 +1,96 @@
+"""Lags of several spools against one delay of all commands, once everything else stands.
+
+Which of them fits better is first asked where other effects are still missing, and whatever has
+more numbers then takes up a part of those. With the others in place it is asked again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.candidates import trials
+from hydro_ident.mismatch.contest import PASSES, Contest
+from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.prediction import DELAY
+from hydro_ident.mismatch.scoring import Score, bank_of, score
+from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.worth import LAGS, resolved
+
+
+def as_one_delay(
+    contest: Contest, named: Sequence[Named], current: Fitted
+) -> tuple[list[Named], Fitted]:
+    """Findings with one delay in the place of lags of one name that say no more than it.
+
+    Parameters
+    ----------
+    contest : Contest
+    named : sequence of Named
+    current : Fitted
+        With all of them.
+
+    Returns
+    -------
+    named : list of Named
+    current : Fitted
+    """
+    result = list(named)
+    for name in LAGS:
+        lags = [n for n in result if n.term.effect.name == name]
+        if len(lags) < 2 or any(t.effect.name == DELAY for t in current.model.terms):
+            continue
+        delay = _in_place(contest, lags, current)
+        if delay is not None:
+            result = [delay if n is lags[0] else n for n in result if n not in lags[1:]]
+            current = fit(contest.training, delay.modelled.fitted.model, passes=2)
+    return result, current
+
+
+def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named | None:
+    """The delay as a finding; None where the lags say more."""
+    training, noise = contest.training, current.bench.noise
+    gone = {(n.term.effect.name, n.term.target) for n in lags}
+    rest = tuple(t for t in current.model.terms if (t.effect.name, t.target) not in gone)
+    without = fitted(training, replace(current.model, terms=rest), noise)
+    start = _scored(training, without)
+    if start is None:
+        return None
+    (own,) = contest.fitted(without, [contest.start(without, start)], noise)
+    if at_a_bound(own.term) or not resolved(training, without, own):
+        return None
+    own = _whole(contest, without, own)
+    spread = contest.spread(without, start, own.fitted)
+    unit = 0.5 / spread
+    of_lags = unit * (contest.held_out(without) - contest.held_out(current))
+    of_delay = unit * own.held_out
+    if of_delay - own.cost < of_lags - sum(n.modelled.cost for n in lags):
+        return None
+    found = named_of([own], min(n.p_value for n in lags), spread, contest.few)
+    # All spools alike are one number as well: what fits alike is not told apart.
+    odds = float(np.exp(min(of_lags - of_delay, 0.0)))
+    return found.beside({lags[0].term.effect.name: odds})
+
+
+def _whole(contest: Contest, without: Fitted, own: Contender) -> Contender:
+    """The delay with what all bases have beyond a cycle: that is its own, too."""
+    training, model = contest.training, own.fitted.model
+    late_s = max(min(model.delays_s) - training.cycle_s, 0.0)
+    term = replace(own.term, parameters=own.term.parameters + late_s)
+    delays = tuple(d - late_s for d in model.delays_s)
+    model = replace(model, terms=(*model.terms[:-1], term), delays_s=delays)
+    whole = fit(training, model, without.bench.noise, PASSES)
+    gain = without.squares - whole.squares
+    held = contest.held_out(without) - contest.held_out(whole)
+    return replace(own, term=whole.model.terms[-1], fitted=whole, gain=gain, held_out=held)
+
+
+def _scored(training: Training, without: Fitted) -> Score | None:
+    """The delay beside a model without the lags; None where it does nothing there."""
+    predictor, model = training.predictor, without.model
+    bank = bank_of(predictor, model, list(trials(predictor, model, [DELAY])))
+    scores = [s for e in bank if (s := score(without.bench, e, training.mask)) is not None]
+    return max(scores, key=lambda s: s.value, default=None)

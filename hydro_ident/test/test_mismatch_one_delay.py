@@ -1,0 +1,88 @@
+"""Spools that all lag, or commands that are late: which it is, once all else stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import pytest
+
+from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.one_delay import as_one_delay
+from hydro_ident.mismatch.prediction import Model
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+Make = tuple[Callable[..., Robot], Callable[..., object]]
+CYCLE_S = 0.002
+BENT = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": -0.05})
+LATE = EffectSpec("command_delay", "xs031", {"delay": 0.004})
+LAGS = tuple(
+    EffectSpec("valve_spool_lag", f"{joint}_valve", {"frequency": hz, "damping": 0.8})
+    for joint, hz in (("lift", 60.0), ("tilt", 40.0))
+)
+
+
+def _lagging(
+    work: Residuals, truth: Sequence[EffectSpec], *others: EffectSpec
+) -> tuple[Contest, list[Named], Fitted]:
+    """A lag at every spool as findings, `others` beside them, weighed by what the truth leaves."""
+    noise = fit(work.training, _with(work, truth), passes=8).bench.noise
+    whole = fit(work.training, _with(work, (*LAGS, *others)), noise, passes=12)
+    contest, named = Contest(work.training, 1.0), []
+    for lag in whole.model.terms[: len(LAGS)]:
+        gone = (lag.effect, lag.target)
+        rest = tuple(t for t in whole.model.terms if (t.effect, t.target) != gone)
+        without = fit(work.training, replace(whole.model, terms=rest), noise, passes=2)
+        named.append(contest.weighed(without, [lag], noise, 1.0))
+    return contest, named, whole
+
+
+def _with(work: Residuals, effects: Sequence[EffectSpec]) -> Model:
+    model = work.base.model
+    for one in resolve(replace(load_robot("xs031"), effects=tuple(effects))):
+        model = model.with_term(one)
+    return model
+
+
+@pytest.fixture(scope="module")
+def late(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """Commands that are 4 ms later than a cycle, and a bent valve."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), command_delay_s=3.0 * CYCLE_S, effects=(BENT,))
+    return lay_out(simulated_run(truth, 18.0))
+
+
+def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> None:
+    contest, lags, whole = _lagging(late, (LATE, BENT), BENT)
+    found, after = as_one_delay(contest, lags, whole)
+    assert [n.names[0] for n in found] == ["command_delay"]
+    assert found[0].term.cylinder is None
+    excess = float(found[0].term.parameters[0]) + min(after.model.delays_s) - CYCLE_S
+    assert excess == pytest.approx(2.0 * CYCLE_S, abs=2.0e-4)
+    # The other effect stays as it is.
+    kept = [t for t in after.model.terms if t.effect.name == BENT.name]
+    assert [t.parameters[0] for t in kept] == pytest.approx([-0.05], abs=0.01)
+    assert contest.held_out(after) < contest.held_out(whole)
+
+
+def test_spools_that_lag_stay_as_they_are(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    true_crane, simulated_run = make_run
+    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS), 18.0))
+    contest, lags, whole = _lagging(work, LAGS)
+    found, after = as_one_delay(contest, lags, whole)
+    assert found == lags
+    assert after is whole
+
+
+def test_one_lag_is_never_made_a_delay(late: Residuals) -> None:
+    contest, lags, whole = _lagging(late, (LATE, BENT), BENT)
+    found, after = as_one_delay(contest, lags[:1], whole)
+    assert found == lags[:1]
+    assert after is whole
