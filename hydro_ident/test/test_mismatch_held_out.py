@@ -117,6 +117,43 @@ def test_what_the_models_own_error_makes_is_not_confirmed(rows: HeldOut) -> None
     assert not objection(_seen(doubting, noise + other, other), STANDS)
 
 
+def test_what_explains_all_in_a_few_blocks_is_confirmed(
+    work: Residuals, make_run: Any, lay_out: Callable[..., Residuals], rows: HeldOut
+) -> None:
+    """A work cycle's second recording may exercise an effect for three seconds: signs of three
+    blocks are alike by chance once in eight, but not a course within them."""
+    true_crane, simulated_run = make_run
+    again = lay_out(simulated_run(true_crane(), 18.0), [simulated_run(true_crane(), 18.0, 3)])
+    count = len(again.check.predictor.material.channels)
+    white = Noise(tuple(np.zeros(0) for _ in range(count)), np.ones(count))
+    long_rows = HeldOut.predicted(again.check, again.base, white)
+    long_rows = replace(long_rows, doubt=np.zeros((long_rows.bench.measured, 0)))
+    time_s = again.check.predictor.material.time_s
+    rng = np.random.default_rng(11)
+    noise, course = rng.normal(size=(2, long_rows.used.size))
+    course *= (time_s > 5.0) & (time_s < 7.5)
+    whole = _seen(long_rows, 0.01 * noise + course, course)
+    assert whole.p_value < 0.005
+    # Where other things are left there, they may be what the blocks have in common.
+    part = _seen(long_rows, 0.01 * noise + course + np.roll(course, 1), course)
+    assert part.p_value > 0.05
+
+
+def test_rows_that_say_nothing_refuse_nothing(work: Residuals) -> None:
+    """What takes the place of a name that was dropped unheard has no debt to pay."""
+    both = []
+    for name in ("coulomb_friction", "asymmetric_friction"):
+        spec = EffectSpec(name, "lift_cylinder", {"force": 2500.0})
+        term = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+        both.append(Contender(term, work.base, 100.0, 100.0, 4.0))
+    named = named_of(both, 0.001, 1.0)
+    heard, unheard = named.alternative(), named.alternative(unheard=True)
+    assert heard is not None
+    assert unheard is not None
+    assert heard.names == unheard.names
+    assert (heard.refused, unheard.refused) == (1, 0)
+
+
 def test_a_faint_finding_needs_no_more_than_a_true_one_gives() -> None:
     """A true finding of so many units falls short of it once in forty times."""
     rng = np.random.default_rng(7)
