@@ -34,9 +34,15 @@ from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
-from hydro_model.effects.valve_effects import TRAVEL
+from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray
-from hydro_model.signals import PISTON_FORCE, PISTON_POSITION, TIP_HEIGHT, VALVE_RATE
+from hydro_model.signals import (
+    PISTON_FORCE,
+    PISTON_POSITION,
+    TIP_HEIGHT,
+    VALVE_RATE,
+    VALVE_SIGNAL,
+)
 
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
@@ -247,6 +253,11 @@ def _grid(
         asked = max(abs(rate) for rate in quantiles(predictor, model, one, (VALVE_RATE,)))
         rates = [f * spec.typical for f in SIZE_FACTORS] + [f * asked for f in _OF_COMMAND]
         return list(dict.fromkeys(min(max(r, spec.lower), spec.upper) for r in rates))
+    if spec is KNEE:
+        # At the ends of the middle fifths of the openings, whichever way.
+        at = quantiles(predictor, model, one, (VALVE_SIGNAL,))
+        ends = [0.5 * (abs(low) + abs(high)) for low, high in zip(at, at[::-1], strict=True)]
+        return [0.0, *(w for w in ends[: len(at) // 2] if 0.0 < w < spec.upper)]
     if spec is BEND or spec is TRAVEL:
         return [0.0, spec.typical]
     if effect.name == "backlash" and spec.name == "contact_torque":

@@ -19,12 +19,15 @@ from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.mismatch.worth import base_delay, resolved
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
 
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
 #: how many get it.
 _ROUGH, PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
+#: Shapes of a trial from which its fit may begin, and how many it does begin from.
+_SHAPES, _HOLLOWS = 4, 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,8 +70,8 @@ class Contest:
             and (s.entry.rows & best.entry.rows).any()
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
-        terms = [self.start(without, s) for s in chosen]
-        contenders = self.fitted(without, terms, noise)
+        terms = [start for s in chosen for start in self._starts(without, s, scores)]
+        contenders = _best_of_each(self.fitted(without, terms, noise))
         told = [c for c in contenders if resolved(self.training, without, c)]
         members = self.members(told or contenders)
         leading = max(contenders, key=lambda c: c.held_out)
@@ -93,6 +96,24 @@ class Contest:
         sums = bench.by_block(left * whole.bench.residual[:, None])
         return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
 
+    def _starts(
+        self, without: Fitted, best: Score, scores: Sequence[Score]
+    ) -> list[ActiveEffect]:
+        """Where fits of a trial begin: of what does not grow like its size, in further shapes.
+
+        What opens or shuts somewhere, or rings at some frequency, has as many hollows as shapes: a
+        column tells which is the deepest no better than roughly.
+        """
+        trial = best.entry.trial
+        if trial.free != (-1,):
+            return [self.start(without, best)]
+        same = [s for s in scores if s.entry.trial.active.effect is trial.active.effect]
+        same = [s for s in same if s.entry.trial.target == trial.target]
+        same.sort(key=lambda s: -s.value)
+        starts = [self.start(without, s) for s in same[:_SHAPES]]
+        left = self._left(without, starts)
+        return [starts[k] for k in np.argsort(left)[:_HOLLOWS]]
+
     def start(self, without: Fitted, one: Score) -> ActiveEffect:
         """The size of a trial that explains most as it is: what a fit starts from.
 
@@ -105,12 +126,16 @@ class Contest:
         starts = one.entry.trial.around(one.coefficients)
         if len(starts) == 1:
             return starts[0]
+        return starts[int(np.argmin(self._left(without, starts)))]
+
+    def _left(self, without: Fitted, terms: Sequence[ActiveEffect]) -> FloatArray:
+        """Sums of squares that effects leave as they are, (k,)."""
         mask, bench = self.training.mask, without.bench
         columns = np.stack(
-            [self.training.predictor.contribution(without.model, t)[mask] for t in starts], axis=1
+            [self.training.predictor.contribution(without.model, t)[mask] for t in terms], axis=1
         )
         left = bench.residual[:, None] - bench.beyond(columns)
-        return starts[int(np.argmin(np.sum(left**2, axis=0)))]
+        return np.asarray(np.sum(left**2, axis=0))
 
     def weighed(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
@@ -265,6 +290,16 @@ class Contest:
         # Around held-out blocks, as far as the filters reach.
         guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
         return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))
+
+
+def _best_of_each(contenders: Sequence[Contender]) -> list[Contender]:
+    """Of every effect and target the fit that gains most, in the order given."""
+    best: dict[tuple[str, str], Contender] = {}
+    for one in contenders:
+        key = (one.term.effect.name, one.term.target)
+        if key not in best or one.gain > best[key].gain:
+            best[key] = one
+    return list(best.values())
 
 
 def firsts(scores: Sequence[Score]) -> list[Score]:

@@ -26,6 +26,8 @@ from hydro_model.signals import (
 FURTHER_FACTORS = (0.4, 1.0, 2.5)
 #: Places along a range at which positions and times are tried.
 QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+#: Pilot ratios tried, over the usual one: from another's ratio a fit does not come to them.
+_PILOT_RATIOS = (0.25, 0.5, 1.0, 2.0)
 #: Instants tried for something that begins within a recording: one every so often, in s.
 INSTANT_S, MOST_INSTANTS = 2.0, 60
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
@@ -66,7 +68,7 @@ def pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[
         [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
     )
     outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
-    for factor in FURTHER_FACTORS:
+    for factor in _PILOT_RATIOS:
         pilot = rows[outwards, own] + factor * ratio * rows[outwards, other]
         pilot = pilot[np.isfinite(pilot)]
         if not pilot.size:

@@ -16,7 +16,7 @@ from hydro_ident.mismatch.training import Training
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.effects.valve_effects import TRAVEL
+from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray, Robot, Valve
 
 #: A shape parameter moves by no more than this factor per pass.
@@ -179,7 +179,7 @@ def is_free(term: ActiveEffect, index: int) -> bool:
     if name in WAYS and BEND in term.effect.parameters:
         bends = bool(term.parameters[term.effect.parameters.index(BEND)] > 0.0)
         return bends == (name == BEND.name)
-    if spec is TRAVEL:
-        # A play stays one: other branches start from theirs.
+    if spec is TRAVEL or spec is KNEE:
+        # A play stays one, and a parabola: other branches start from theirs.
         return bool(term.parameters[index] > 0.0)
     return name != term.effect.start and (term.effect.name, name) not in HELD

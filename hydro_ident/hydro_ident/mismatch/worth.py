@@ -36,6 +36,10 @@ _STATIC = frozenset(
     }
 )  # fmt: skip
 _STATIC_SHARE = 0.25
+#: Laws that each say how far the edges open: what a found one's form leaves looks like another,
+#: which therefore has to explain this share (rms) of it.
+_OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinearity"})
+_OPENING_SHARE = 0.15
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -98,7 +102,15 @@ def worthy(
             for k in acting
         ):
             return False
-    return gain >= ADDED_SHARE**2 * _explained(training, current, bench, acting)
+    share = _OPENING_SHARE if _opens_beside(active, current.model.terms) else ADDED_SHARE
+    return gain >= share**2 * _explained(training, current, bench, acting)
+
+
+def _opens_beside(one: ActiveEffect, terms: Sequence[ActiveEffect]) -> bool:
+    """Whether a law of how far a valve opens would stand beside another one of it."""
+    return one.effect.name in _OPENINGS and any(
+        t.effect.name in _OPENINGS and t.cylinder == one.cylinder for t in terms
+    )
 
 
 def _begins(one: ActiveEffect) -> bool:

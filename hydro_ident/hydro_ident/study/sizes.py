@@ -64,6 +64,13 @@ def _air(p: Numbers, at: Numbers) -> float:
     return soft / (1.0 + soft)
 
 
+def _gain(p: Numbers, at: Numbers) -> float:
+    bend, knee = p["progression"], p.get("knee", 0.0)
+    if knee <= 0.0:
+        return 0.5 * bend
+    return bend * min(knee, 1.0 - knee) / (1.0 + bend * (1.0 - knee))
+
+
 #: By the effect's name: parameters found and the case's operating point to the size.
 READINGS: dict[str, Reading] = {
     "coulomb_friction": _plain("force"),
@@ -90,7 +97,7 @@ READINGS: dict[str, Reading] = {
     "valve_deadband": _plain("width"),
     "valve_underlap": _plain("width"),
     "valve_null_bias": _plain("bias"),
-    "valve_gain_nonlinearity": _plain("progression", factor=0.5),
+    "valve_gain_nonlinearity": _gain,
     "valve_spool_lag": lambda p, at: p.get("damping", 0.8) / (math.pi * p["frequency"]),
     "valve_rate_limit": lambda p, at: 1.0 / p["rate"],
     "valve_hysteresis": _plain("half_width"),

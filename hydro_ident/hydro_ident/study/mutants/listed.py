@@ -83,6 +83,7 @@ TARGETS: tuple[Target, ...] = (
         )
         for name in _CORE
     ),
+    Target("valve_echo", "hydro_hw_bridge.valve_echo", (f"{_TEST}/test_valve_echo.py",)),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
     Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),

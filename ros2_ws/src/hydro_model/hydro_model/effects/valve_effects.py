@@ -56,7 +56,10 @@ def _past_deadband(s: Row, p: Row) -> float:
 
 def _bent(s: Row, p: Row) -> float:
     u = s[VALVE_SIGNAL]
-    return u * (1.0 + p[0] * (abs(u) - 1.0))
+    if p[1] <= 0.0:
+        return u * (1.0 + p[0] * (abs(u) - 1.0))
+    beyond = u - min(max(u, -p[1]), p[1])
+    return (u + p[0] * beyond) / (1.0 + p[0] * (1.0 - p[1]))
 
 
 # A spool with hysteresis. Of a play STATE_0 is where it stands; with a travel it is how far it
@@ -196,12 +199,26 @@ DEADBAND = Effect(
     separating_experiment="staircase of small commands through zero",
 )
 
+#: Where an opening that grows in two straight pieces has its corner.
+KNEE = ParameterSpec(
+    "knee",
+    "1",
+    "w, opening at which the slope changes by the factor 1 + k; 0: it changes evenly",
+    0.0,
+    0.95,
+    0.1,
+    optional=True,
+    default=0.0,
+)
+
 GAIN_NONLINEARITY = Effect(
     name="valve_gain_nonlinearity",
     channel="flow",
-    equation="u = u_in (1 + k (|u_in| - 1))",
-    source="progressive (k > 0) or saturating (k < 0) edges; the full opening is unchanged",
-    parameters=(ParameterSpec("progression", "1", "k", -0.9, 0.9, 0.1),),
+    equation="u = u_in (1 + k (|u_in| - 1));"
+    "  w > 0: u = (u_in + k (u_in - clip(u_in, -w, w))) / (1 + k (1 - w))",
+    source="progressive (k > 0) or saturating (k < 0) edges, evenly or at a knee; the full opening"
+    " stays",
+    parameters=(ParameterSpec("progression", "1", "k", -0.9, 0.9, 0.1), KNEE),
     terms=(Term(Stage.SIGNAL, _bent),),
     channels=("flow_a", "flow_b"),
     looks_like=("supply_droop", "valve_deadband"),
