@@ -37,9 +37,11 @@ def test_zero_is_crossed_in_a_ramp_and_not_in_a_leap() -> None:
     np.testing.assert_allclose(given, wanted * (1.0 + 0.02 / SMOOTHING) - 0.006, atol=2e-4)
 
 
+@pytest.mark.parametrize("knee", [0.0, 0.1])
 @pytest.mark.parametrize("progression", [-0.9, -0.4, 0.3, 0.9])
-def test_a_bent_curve_is_met_over_the_whole_range(progression: float) -> None:
-    listed = effects(DEADBAND, ("valve_gain_nonlinearity", {"progression": progression}))
+def test_a_bent_curve_is_met_over_the_whole_range(progression: float, knee: float) -> None:
+    bend = {"progression": progression, "knee": knee}
+    listed = effects(DEADBAND, ("valve_gain_nonlinearity", bend))
     inverse = SignalInverse(listed, "lift_valve")
     full = inverse.opening(1.0)
     for wanted in np.linspace(-full, full, 41):

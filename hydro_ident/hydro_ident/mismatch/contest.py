@@ -96,9 +96,7 @@ class Contest:
         sums = bench.by_block(left * whole.bench.residual[:, None])
         return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
 
-    def _starts(
-        self, without: Fitted, best: Score, scores: Sequence[Score]
-    ) -> list[ActiveEffect]:
+    def _starts(self, without: Fitted, best: Score, scores: Sequence[Score]) -> list[ActiveEffect]:
         """Where fits of a trial begin: of what does not grow like its size, in further shapes.
 
         What opens or shuts somewhere, or rings at some frequency, has as many hollows as shapes: a

@@ -103,7 +103,20 @@ EQUATIONS = [
         Stage.SIGNAL,
         np.sign(U) * np.maximum(np.abs(U) - 0.05, 0.0),
     ),
-    ("valve_gain_nonlinearity", [0.2], Stage.SIGNAL, U * (1.0 + 0.2 * (np.abs(U) - 1.0))),
+    ("valve_gain_nonlinearity", [0.2, 0.0], Stage.SIGNAL, U * (1.0 + 0.2 * (np.abs(U) - 1.0))),
+    (
+        # Slopes of 1 and 1.5 (0.4) on either side of 0.3, over all that is opened at full signal.
+        "valve_gain_nonlinearity",
+        [0.5, 0.3],
+        Stage.SIGNAL,
+        np.interp(U, [-2.0, -0.3, 0.3, 2.0], [-2.85, -0.3, 0.3, 2.85]) / 1.35,
+    ),
+    (
+        "valve_gain_nonlinearity",
+        [-0.6, 0.3],
+        Stage.SIGNAL,
+        np.interp(U, [-2.0, -0.3, 0.3, 2.0], [-0.98, -0.3, 0.3, 0.98]) / 0.58,
+    ),
     ("internal_leakage", [2e-13], Stage.FLOW_A, -2e-13 * (P_A - P_B)),
     ("internal_leakage", [2e-13], Stage.FLOW_B, 2e-13 * (P_A - P_B)),
     ("external_leakage", [2e-13, 3e-13], Stage.FLOW_A, -2e-13 * P_A),

@@ -1,0 +1,87 @@
+"""Valves whose opening has a corner, or that open at a pressure: what is tried, and found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.candidates import trials
+from hydro_ident.mismatch.name import Search, Searcher
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.stepping import is_free
+from hydro_ident.mismatch.worth import _opens_beside
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+from hydro_model.signals import VALVE_SIGNAL
+
+Make = tuple[Callable[..., Robot], Callable[..., Any]]
+BENT = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": 0.6, "knee": 0.06})
+
+
+@pytest.fixture(scope="module")
+def bent(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """A machine whose lift valve opens more than half as much again per volt beyond a knee."""
+    true_crane, simulated_run = make_run
+    return lay_out(simulated_run(replace(true_crane(), effects=(BENT,)), 18.0))
+
+
+def _searched(work: Residuals) -> Search:
+    return Searcher(work.training, work.base).run()
+
+
+def test_knees_are_tried_where_the_valve_has_been(bent: Residuals) -> None:
+    predictor, model = bent.training.predictor, bent.base.model
+    chosen = [
+        t.active
+        for t in trials(predictor, model, ["valve_gain_nonlinearity"])
+        if t.target == "lift_cylinder"
+    ]
+    knees = sorted(float(one.parameters[1]) for one in chosen)
+    rows = np.concatenate(
+        [predictor.signals.of(model, s, chosen[0]) for s in predictor.signals.stretches(model)]
+    )
+    assert knees[0] == 0.0
+    assert len(knees) > 2
+    assert knees[-1] < np.abs(rows[:, VALVE_SIGNAL]).max()
+    # A parabola has no corner to move; a corner is moved.
+    assert [is_free(one, 1) for one in chosen] == [one.parameters[1] > 0.0 for one in chosen]
+
+
+def test_a_knee_is_found_where_it_is(bent: Residuals) -> None:
+    search = _searched(bent)
+    assert [n.names for n in search.named] == [("valve_gain_nonlinearity",)]
+    progression, knee = search.named[0].term.parameters
+    assert progression == pytest.approx(0.6, rel=0.1)
+    assert knee == pytest.approx(0.06, rel=0.1)
+
+
+def test_a_load_holding_valve_of_a_low_pilot_ratio_is_found(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    true_crane, simulated_run = make_run
+    values = {"restriction": 3.0, "setting": 1.7e7, "range": 8.0e6, "pilot_ratio": 1.0}
+    spec = EffectSpec("counterbalance_valve", "lift_cylinder/a", values)
+    search = _searched(lay_out(simulated_run(replace(true_crane(), effects=(spec,)), 18.0)))
+    assert ("counterbalance_valve",) in [n.names for n in search.named]
+    [term] = [n.term for n in search.named if n.names == ("counterbalance_valve",)]
+    assert term.target == "lift_cylinder/a"
+    assert term.parameters[1] == pytest.approx(1.7e7, rel=0.25)
+
+
+def test_openings_stand_beside_openings_of_the_same_valve_alone() -> None:
+    def one(name: str, valve: str, **values: float) -> Any:
+        robot = replace(load_robot("xs031"), effects=(EffectSpec(name, valve, values),))
+        return resolve(robot)[0]
+
+    gap = one("valve_deadband", "lift_valve", width=0.01)
+    gain = one("valve_gain_nonlinearity", "lift_valve", progression=0.1)
+    bias = one("valve_null_bias", "lift_valve", bias=0.01)
+    other = one("valve_deadband", "tilt_valve", width=0.01)
+    assert _opens_beside(gap, (gain,))
+    assert not _opens_beside(gap, (bias, other))
+    assert not _opens_beside(bias, (gap, gain))
