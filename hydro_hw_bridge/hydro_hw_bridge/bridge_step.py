@@ -78,3 +78,22 @@ class CommandCounters:
     denied: int = 0
     not_driving: int = 0
     foreign: int = 0
+
+
+@dataclass(slots=True)
+class EchoCounters:
+    """Valve frames that went wrong behind the bridge, by what the amplifiers say.
+
+    Attributes
+    ----------
+    lost : int
+        Left, and were not heard within `valve_echo.PATIENCE` cycles.
+    refused : int
+        Were heard, and failed their check or came too late.
+    surplus : int
+        Were heard and did not leave here: sent again on their way, or another sender's.
+    """
+
+    lost: int = 0
+    refused: int = 0
+    surplus: int = 0

@@ -4,31 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from hydro_hw_bridge.bridge_step import EchoCounters
 from hydro_hw_bridge.frames import Echo
 
 #: Cycles after which a frame that nobody has heard is lost: twice what a command may be old.
 PATIENCE = 10
-
-
-@dataclass(slots=True)
-class EchoCounters:
-    """Valve frames that went wrong behind the bridge, by what the amplifiers say.
-
-    Attributes
-    ----------
-    lost : int
-        Left, and were not heard within `PATIENCE` cycles.
-    refused : int
-        Were heard, and failed their check or came too late.
-    surplus : int
-        Were heard and did not leave here: sent again on their way, or another sender's.
-    """
-
-    lost: int = 0
-    refused: int = 0
-    surplus: int = 0
 
 
 class ValveEcho:
@@ -51,8 +32,7 @@ class ValveEcho:
 
     def forget(self) -> None:
         """The device counts anew, or was not heard for long: what is under way is unknown."""
-        self._known: Echo | None = None
-        self._counter = -1
+        self._known: tuple[Echo, int] | None = None
         self._open = 0
         self._recent: deque[int] = deque(maxlen=PATIENCE)
 
@@ -70,23 +50,23 @@ class ValveEcho:
         counter : int
             The cycle's sample counter, without wrap.
         """
-        if echo is None or not self._spans:
+        if echo is None:
             return
         # A count that may have gone around says nothing.
-        if self._known is None or not 0 <= counter - self._counter < min(self._spans):
+        if self._known is None or not 0 < counter - self._known[1] < min(self._spans):
             self.forget()
         else:
-            self._compare(self._known, echo)
-        self._known, self._counter = echo, counter
+            self._compare(self._known[0], echo)
+        self._known = echo, counter
 
     def _compare(self, before: Echo, now: Echo) -> None:
         taken = (now.taken - before.taken) % self._spans[0]
         refused = (now.refused - before.refused) % self._spans[1]
         self.counters.refused += refused
         self._open -= taken + refused
-        if self._open < 0:
-            self.counters.surplus -= self._open
-            self._open = 0
+        surplus = max(-self._open, 0)
+        self.counters.surplus += surplus
+        self._open += surplus
         self._recent.append(self._open)
         # What was open all the while is not under way any more.
         lost = min(self._recent) if len(self._recent) == PATIENCE else 0

@@ -7,8 +7,9 @@ from collections import deque
 
 import pytest
 
+from hydro_hw_bridge.bridge_step import EchoCounters
 from hydro_hw_bridge.frames import Echo
-from hydro_hw_bridge.valve_echo import PATIENCE, EchoCounters, ValveEcho
+from hydro_hw_bridge.valve_echo import PATIENCE, ValveEcho
 
 SPANS = (256, 32)
 
@@ -73,6 +74,39 @@ def test_a_frame_that_is_late_is_not_lost_before_its_time() -> None:
     assert way.echo.counters == EchoCounters()
 
 
+def test_a_late_frame_behind_a_lost_one_has_its_own_time() -> None:
+    way = Way()
+    way.send(arrives=0)
+    for _ in range(PATIENCE - 3):
+        way.cycle()
+    way.send(arrives=0)
+    for _ in range(PATIENCE - 1):
+        way.cycle()
+    way.arrive()
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(lost=1)
+
+
+def test_many_at_once_are_counted_by_the_wider_count() -> None:
+    way = Way()
+    way.arrive(SPANS[1] + 8)
+    way.cycle()
+    assert way.echo.counters == EchoCounters(surplus=SPANS[1] + 8)
+
+
+def test_a_frame_too_many_does_not_make_up_for_one_that_is_lost() -> None:
+    way = Way()
+    way.send(arrives=2)
+    way.cycle()
+    way.send(arrives=0)
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(lost=1, surplus=1)
+
+
+def test_a_frame_is_lost_after_twice_the_time_that_a_command_may_be_old() -> None:
+    assert PATIENCE * 0.002 == 2.0 * 0.010
+
+
 def test_broken_frames_are_refused_and_not_lost() -> None:
     way = Way()
     for _ in range(3 * SPANS[1]):
@@ -111,6 +145,36 @@ def test_after_a_silence_in_which_counts_may_have_gone_around_nothing_is_told() 
         way.cycle(told=False)
     way.sound(3 * PATIENCE)
     assert way.echo.counters == EchoCounters()
+
+
+@pytest.mark.parametrize("back", [0, 1, 5])
+def test_a_cycle_that_was_there_before_says_nothing(back: int) -> None:
+    way = Way()
+    way.sound(10)
+    way.echo.heard(Echo((way.taken + 3) % SPANS[0], 7), way.counter - 1 - back)
+    assert way.echo.counters == EchoCounters()
+
+
+@pytest.mark.parametrize(("missing", "told"), [(SPANS[1] - 2, 7), (SPANS[1] - 1, 0)])
+def test_counts_are_compared_as_long_as_they_cannot_have_gone_around(
+    missing: int, told: int
+) -> None:
+    way = Way()
+    way.sound(5)
+    for _ in range(missing):
+        way.cycle(told=False)
+    way.arrive(7, intact=False)
+    way.cycle()
+    assert way.echo.counters.refused == told
+
+
+def test_a_cycle_that_tells_nothing_forgets_nothing() -> None:
+    way = Way()
+    way.sound(5)
+    way.send(arrives=0)
+    way.echo.heard(None, way.counter)
+    way.sound(3 * PATIENCE)
+    assert way.echo.counters == EchoCounters(lost=1)
 
 
 def test_a_device_that_counts_anew_is_no_fault() -> None:

@@ -8,9 +8,11 @@ import pytest
 
 from hydro_hw_bridge.bridge_step import NOTHING, Sample
 from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.frames import Echo
 from hydro_hw_bridge.gate import Gate
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.own_frames import KEPT, OwnFrames
+from hydro_hw_bridge.valve_echo import PATIENCE
 from hydro_hw_bridge.valve_frames import ValveFrames
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
@@ -115,3 +117,29 @@ def test_before_the_first_answer_there_is_none_to_repeat(
     assert frames.answered == 0
     frames.forget()
     assert frames.answered == -1
+
+
+@pytest.mark.parametrize("hears", [True, False])
+def test_what_left_and_was_not_heard_is_lost(real_time: Any, hears: bool) -> None:
+    real_time.start()
+    for counter in range(1, 40):
+        heard = len(real_time.wire.sent) if hears else 0
+        real_time.cycle(counter, echo=Echo(heard, 0))
+    counted = real_time.core.echo.counters
+    sent = len(real_time.wire.sent)
+    assert sent >= 39
+    assert (counted.refused, counted.surplus) == (0, 0)
+    assert 0 <= sent - counted.lost <= 2 * PATIENCE if not hears else counted.lost == 0
+
+
+def test_a_device_that_counts_anew_is_not_held_to_what_left_before(
+    codec: Codec, real_time: Any
+) -> None:
+    gate = Gate(LIMITS)
+    frames = ValveFrames(codec, gate, real_time.wire.send)
+    frames.echo.heard(Echo(0, 0), 1)
+    frames.answer(1)
+    frames.forget()
+    for counter in range(2, 3 * PATIENCE):
+        frames.echo.heard(Echo(0, 0), counter)
+    assert frames.echo.counters.lost == 0
