@@ -126,7 +126,14 @@ class HeldOut:
         return self.bench.beyond(residual[self.used][:, None])[: self.bench.measured, 0]
 
     def by_block(self, values: FloatArray, longest_s: float = BLOCK_S) -> FloatArray:
-        """Sums of whitened rows' values (M,) by block of time, (B,); blocks of zeros left out."""
+        """Sums of whitened rows' values (M,) by block of time, (B,); blocks of zeros left out.
+
+        Parameters
+        ----------
+        values : (M,) array
+        longest_s : float
+            Length of a block, where there is time for enough of them.
+        """
         layout, rows = self.bench.layout, self.bench.rows
         lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
         # So few blocks that no flip could be rare would reject whatever is put to them.
