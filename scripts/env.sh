@@ -23,6 +23,10 @@ if [[ $- != *i* ]]; then
   flock -s "$hydro_lock"
 fi
 
+# Without kept bytecode every process compiles what it imports: 4 s of the processor instead of 1.5.
+# Packages come without it (setup.sh): what is used is kept when it is first imported.
+unset PYTHONDONTWRITEBYTECODE
+
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 export RCUTILS_LOGGING_BUFFERED_STREAM=1
 # One thread a process: the products are small, and results do not depend on the core count.
