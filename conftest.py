@@ -25,6 +25,8 @@ __all__ = ["hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs"]
 
 #: What a file says whose tests start processes on buses.
 _MARKED = re.compile(r"pytest\.mark\.(ros|processes)\b")
+#: What a file says that is long by itself.
+_LONG = re.compile(r"pytest\.mark\.long\b")
 #: What all other tests add to their niceness, so that processes run in time beside them.
 _NICER = 5
 
@@ -36,6 +38,11 @@ hypothesis.settings.load_profile("hydro")
 @cache
 def _has_processes(file: Path) -> bool:
     return _MARKED.search(file.read_text(encoding="utf-8")) is not None
+
+
+@cache
+def _is_long(file: Path) -> bool:
+    return _LONG.search(file.read_text(encoding="utf-8")) is not None
 
 
 class _Scheduling(LoadFileScheduling):
@@ -64,8 +71,11 @@ class _Worker:
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Files with processes first: they take long, and one after another."""
-        items.sort(key=lambda item: not _has_processes(item.path))
+        """Files with processes first: they take long, and one after another.
+
+        Then long ones, that no worker is left with one when the others are done.
+        """
+        items.sort(key=lambda item: (not _has_processes(item.path), not _is_long(item.path)))
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         """Lower the priority at the first test without processes, once for all."""

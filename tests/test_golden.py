@@ -22,6 +22,8 @@ from hydro_ident.study.golden.bags import CONTROL_BAG, ROBOT, make_control_bag
 from hydro_ident.study.golden.compare import differences
 from hydro_model.robot_files import load_robot
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[1]
 GOLDEN = ROOT / "tests" / "golden"
 

@@ -30,6 +30,9 @@ from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 SECONDS, CHECKED = 18.0, 12.0
+
+pytestmark = pytest.mark.long
+
 EFFECTS = (
     EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
     EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),

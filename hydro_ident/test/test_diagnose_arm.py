@@ -12,6 +12,8 @@ import pytest
 
 from hydro_ident.commands.diagnose import run as diagnose
 
+pytestmark = pytest.mark.long
+
 pin = pytest.importorskip("pinocchio")
 
 JOINTS = ("shoulder", "elbow")
@@ -109,7 +111,7 @@ def diagnosed(
 
     def run(*effects: str) -> dict[str, Any]:
         bags = []
-        for name, seconds, seed in (("train", 40.0, 1), ("check", 25.0, 2)):
+        for name, seconds, seed in (("train", 25.0, 1), ("check", 16.0, 2)):
             q, qd, qdd = _motion(seconds, seed)
             rng = np.random.default_rng(10 + seed)
             torque = _torque(q, qd, qdd, effects)

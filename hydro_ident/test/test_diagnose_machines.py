@@ -16,6 +16,8 @@ from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 
+pytestmark = pytest.mark.long
+
 Diagnosed = Callable[..., Diagnosis]
 
 

@@ -23,6 +23,8 @@ from hydro_model.paths import JointPath, load_path
 from hydro_model.paths_check import check_path, joint_motion
 from hydro_model.robot import EffectSpec, Robot
 
+pytestmark = pytest.mark.long
+
 LISTED = (
     EffectSpec("coulomb_friction", "xs031", {"force": 2500.0}),
     EffectSpec("internal_leakage", "xs031", {"coefficient": 5e-13}),

@@ -12,6 +12,8 @@ from hydro_ident.study.coverage import flow_coverage, force_coverage
 from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_model.robot import Robot
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def motion(robot: Robot) -> DesignedMotion:

@@ -26,6 +26,8 @@ from hydro_ident.workers import DaskWorkers
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
+pytestmark = pytest.mark.long
+
 #: No scores and no roll-outs: what is tested here comes before them.
 NOTHING_HELD_OUT = Settings(hold_out_every=0)
 
@@ -148,7 +150,7 @@ def test_memory_does_not_grow_with_the_bag(
                     yield replace(piece, start_ns=start)
 
     peaks = []
-    for repeats in (4, 7):
+    for repeats in (4, 6):
         tracemalloc.start()
         identify(robot, [Repeated(repeats)], settings=NOTHING_HELD_OUT)
         peaks.append(tracemalloc.get_traced_memory()[1])

@@ -30,7 +30,7 @@ from hydro_ident.study.score import CaseScore, score_case
 from hydro_ident.study.summary import STRONG, Summary, summarise
 from hydro_model.robot import Robot
 
-pytestmark = pytest.mark.study
+pytestmark = [pytest.mark.study, pytest.mark.long]
 
 SEED = 20
 #: Seeds of cranes that have one joint.
