@@ -39,7 +39,7 @@ def force_noise(
     robot = model.robot
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
     smooth, accelerate = _gains(survey.step_s, settings)
-    encoder = np.array([sensor.noise(_encoder_count(robot)) for sensor in survey.q])
+    encoder = encoder_noise(survey)
     pose = survey.pose
     inertia = np.asarray(mass_matrix(robot, pose))
     variance = (inertia**2) @ (encoder * accelerate) ** 2
@@ -78,6 +78,17 @@ def flow_noise(
     volume = survey.mean_volume(i, chamber.side)
     ends = (area * piston) ** 2 + (volume * inverse_bulk * pressure) ** 2
     return float(np.sqrt(2.0 * ends) / span)
+
+
+def encoder_noise(survey: SignalSurvey) -> FloatArray:
+    """Standard deviations of the joints' positions by their encoders' noise, (n,), rad or m.
+
+    Parameters
+    ----------
+    survey : SignalSurvey
+    """
+    count = _encoder_count(survey.robot)
+    return np.array([sensor.noise(count) for sensor in survey.q])
 
 
 def _encoder_count(robot: Robot) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.chance import overdispersion, told_best
+from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY
@@ -50,6 +51,7 @@ class Contest:
 
     def __init__(self, training: Training, few: float) -> None:
         self.training, self.few = training, few
+        self.encoders = Encoders(training)
 
     def between(
         self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
@@ -72,7 +74,11 @@ class Contest:
         without = fitted(self.training, current.model, noise)
         terms = [start for s in chosen for start in self._starts(without, s, scores)]
         contenders = _best_of_each(self.fitted(without, terms, noise))
-        told = [c for c in contenders if resolved(self.training, without, c)]
+        told = [
+            c
+            for c in contenders
+            if resolved(self.training, without, c) and self.encoders.tell(without, c)
+        ]
         members = self.members(told or contenders)
         leading = max(contenders, key=lambda c: c.held_out)
         # Of what the best law leaves: a trial's own misfit is no noise.

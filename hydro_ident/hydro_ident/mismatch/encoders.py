@@ -1,0 +1,101 @@
+"""What the encoders' noise alone lets laws of acceleration explain.
+
+Behind its filters an acceleration is noise where a machine moves slowly, and inertia carries that
+noise into the residual. A law that takes part of the inertia away again, as a spring does above
+its frequency, explains noise by the same noise: errors in variables (Fuller, Measurement Error
+Models, 1987, section 1.1). How much of it is told by recordings with noise added once more: what
+that adds to residual and law goes together as what was there before does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.force_rows import Motion
+from hydro_ident.estimate.noise import encoder_noise
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.material import Stretch
+from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.prediction import Predictor
+from hydro_ident.mismatch.training import Training
+from hydro_model.robot import FloatArray
+
+#: Effects of joints' accelerations.
+_OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
+#: Share of an effect's product with the residual from which it is the noise's.
+_SHARE = 0.25
+_TWINS, _SEED = 2, 1
+
+
+class Encoders:
+    """Tells laws of acceleration from the noise of positions.
+
+    Parameters
+    ----------
+    training : Training
+    """
+
+    def __init__(self, training: Training) -> None:
+        self.training = training
+
+    def tell(self, without: Fitted, one: Contender) -> bool:
+        """Whether a contender is more than the encoders' noise makes of it.
+
+        Parameters
+        ----------
+        without : Fitted
+            The model that it was added to.
+        one : Contender
+        """
+        return one.term.effect.name not in _OF_ACCELERATION or self.share(without, one) < _SHARE
+
+    def share(self, without: Fitted, one: Contender) -> float:
+        """Share of a contender's product with the residual that is the noise's.
+
+        Parameters
+        ----------
+        without : Fitted
+            The model that it was added to.
+        one : Contender
+        """
+        model, bench, mask = without.model, without.bench, self.training.mask
+        predictor = self.training.predictor
+        column, left = predictor.contribution(model, one.term), predictor.residual(model)
+        found = float(bench.beyond(column[mask][:, None])[:, 0] @ bench.residual)
+        by_noise = 0.0
+        for twin in self._twins:
+            added = twin.residual(model) - left, twin.contribution(model, one.term) - column
+            both = bench.beyond(np.stack(added, axis=1)[mask])
+            by_noise += float(both[:, 0] @ both[:, 1]) / _TWINS
+        return by_noise / found if found > 0.0 else 1.0
+
+    @cached_property
+    def _twins(self) -> list[Predictor]:
+        """Predictors of the same recordings with noise added."""
+        material, random = self.training.predictor.material, np.random.default_rng(_SEED)
+        traces = [stretch.trace for stretch in material.stretches]
+        noise = encoder_noise(SignalSurvey.of(material.robot, traces))
+        result = []
+        for _ in range(_TWINS):
+            noisy = tuple(
+                _with_noise(s, noise * random.normal(size=s.trace.q.shape), material.filters)
+                for s in material.stretches
+            )
+            result.append(Predictor(replace(material, stretches=noisy)))
+        return result
+
+
+def _with_noise(stretch: Stretch, noise: FloatArray, filters: FilterSettings) -> Stretch:
+    """A stretch whose joints that move are read with noise (T, n) added."""
+    if stretch.moved is None:
+        return stretch
+    trace, still = stretch.trace, np.ptp(stretch.moved.q, axis=0) == 0.0
+    q = trace.q + np.where(still, 0.0, noise)
+    seen = np.where(still, stretch.moved.q, q)
+    moved = Motion(*motion(seen, trace.step_s, filters))
+    return replace(stretch, trace=replace(trace, q=q), moved=moved)

@@ -1,0 +1,77 @@
+"""Laws of acceleration on machines whose encoders are noisy: noise is no spring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.encoders import Encoders
+from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
+
+Make = tuple[Callable[..., Robot], Callable[..., Any]]
+#: A coarse encoder, and one that shows the spring below.
+COARSE_RAD, FINE_RAD = 2e-4, 3e-5
+MODE = {"inertia": 250.0, "frequency": 7.1, "damping": 0.1}
+SPRING = EffectSpec("structural_flexibility", "lift_cylinder", MODE)
+COUPLED = EffectSpec("joint_coupling", "lift_cylinder", {"viscous": 300.0, "inertia": 60.0})
+
+
+def _seen(
+    make_run: Make, lay_out: Callable[..., Residuals], noise_rad: float, *effects: EffectSpec
+) -> Residuals:
+    """A machine with some effects, whose encoders are noisy."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), effects=effects), 18.0)
+    noise = noise_rad * np.random.default_rng(3).normal(size=run.q.shape)
+    return lay_out(replace(run, q=run.q + noise))
+
+
+def _fitted(work: Residuals, spec: EffectSpec) -> Contender:
+    one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+    [found] = Contest(work.training, 1.0).fitted(work.base, [one], work.base.bench.noise)
+    return found
+
+
+@pytest.fixture(scope="module")
+def clean(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    """A machine without any effect."""
+    return _seen(make_run, lay_out, COARSE_RAD)
+
+
+def test_a_spring_that_is_noise_is_told_as_noise(clean: Residuals) -> None:
+    """Its 600 kg m^2 gain more than three numbers do by chance: noise that goes with noise.
+
+    Not quite all of it, as of all frequencies and dampings the best is taken.
+    """
+    found, encoders = _fitted(clean, SPRING), Encoders(clean.training)
+    assert found.gain > 11.3  # chi-square of 3 at 1 %
+    assert 0.4 < encoders.share(clean.base, found) < 1.2
+    assert not encoders.tell(clean.base, found)
+
+
+@pytest.mark.parametrize("spec", [SPRING, COUPLED], ids=lambda spec: spec.name)
+def test_what_is_there_is_told_beside_noise(
+    spec: EffectSpec, make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    work = _seen(make_run, lay_out, FINE_RAD, spec)
+    found, encoders = _fitted(work, spec), Encoders(work.training)
+    assert abs(encoders.share(work.base, found)) < 0.1
+    assert encoders.tell(work.base, found)
+    first = next(iter(spec.parameters))
+    names = [p.name for p in found.term.effect.parameters]
+    size = float(found.term.parameters[names.index(first)])
+    assert size == pytest.approx(spec.parameters[first], rel=0.15)
+
+
+def test_laws_without_acceleration_are_not_asked(clean: Residuals) -> None:
+    dry = _fitted(clean, EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1.0}))
+    assert Encoders(clean.training).tell(clean.base, dry)
