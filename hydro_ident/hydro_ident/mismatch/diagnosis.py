@@ -39,7 +39,14 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import FAR, FAR_SHARE, FEW_MOTIONS, DiagnosisSettings
+from hydro_ident.mismatch.settings import (
+    FAR,
+    FAR_SHARE,
+    FEW_MOTIONS,
+    GROSS,
+    GROSS_SHARE,
+    DiagnosisSettings,
+)
 from hydro_ident.mismatch.unknown import Unexplained, not_testable, unexplained
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, sources_of
@@ -197,15 +204,18 @@ def _described(
 def _far(here: Sequence[ChannelResult], there: Sequence[ChannelResult]) -> dict[str, float]:
     """Channels that lack something here and there, and over what their noise leaves."""
     found = [{c.name: _distance(c) for c in channels} for channels in (here, there)]
-    return {n: d for n, d in found[1].items() if d > FAR and found[0].get(n, 0.0) > FAR}
+    return {n: d for n, d in found[1].items() if d > 0.0 and found[0].get(n, 0.0) > 0.0}
 
 
 def _distance(one: ChannelResult) -> float:
-    """What is left of a channel in units of its noise; 0 of what is little beside its signal."""
+    """What is left of a channel in units of its noise; 0 of what is little beside either."""
     left = rms(one.measured - one.after)
-    if left < FAR_SHARE * rms(one.measured) or one.noise_floor <= 0.0:
+    if one.noise_floor <= 0.0:
         return 0.0
-    return left / one.noise_floor
+    times = left / one.noise_floor
+    far = times > FAR and left >= FAR_SHARE * rms(one.measured)
+    gross = times > GROSS and left >= GROSS_SHARE * rms(one.measured - one.measured.mean())
+    return times if far or gross else 0.0
 
 
 def _of_training(work: Residuals) -> Check:

@@ -52,6 +52,9 @@ LEAST_SHARE_UNCONFIRMED = 0.05
 #: A channel whose residual is so many times what its sensors' noise leaves, and this share (rms)
 #: of what it measures, lacks something, whether or not it follows anything that was recorded.
 FAR, FAR_SHARE = 10.0, 0.03
+#: So does one of which this share of what varies is left, however noisy its sensors are, unless
+#: that is little more than their noise.
+GROSS, GROSS_SHARE = 2.5, 0.1
 #: A name is kept only where it explains at least this share of what any smooth function of the
 #: variable it acts through explains.
 NAMED_SHARE = 0.7

@@ -1,0 +1,44 @@
+"""Which channels lack something, whatever it is: far above the sensors' noise, or grossly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.diagnosis import _distance, _far
+from hydro_ident.mismatch.outcome import ChannelResult
+
+TIMES = np.arange(4000.0) * 0.05
+FORCE = 20e3 + 1000.0 * np.sqrt(2.0) * np.sin(0.8 * TIMES)
+
+
+def _channel(left_n: float, floor_n: float) -> ChannelResult:
+    """A force of 20 kN that varies by 1 kN (rms), of which so much is left (rms)."""
+    left = left_n * np.random.default_rng(2).normal(size=TIMES.size)
+    after = FORCE - left * left_n / np.sqrt(np.mean(left**2))
+    return ChannelResult("lift/force", "N", TIMES, FORCE, after, after, floor_n)
+
+
+@pytest.mark.parametrize(
+    ("left_n", "floor_n", "told"),
+    [
+        (220.0, 73.0, True),  # three times the noise, a fifth of what varies
+        (220.0, 100.0, False),  # little more than the noise
+        (80.0, 20.0, False),  # little of what varies
+        (650.0, 60.0, True),
+        (80.0, 2.0, False),  # far above the noise, and nothing beside the signal
+        (700.0, 0.0, False),  # no noise is known to hold it against
+    ],
+)
+def test_what_is_left_is_held_against_noise_and_signal(
+    left_n: float, floor_n: float, told: bool
+) -> None:
+    one = _channel(left_n, floor_n)
+    assert _distance(one) == pytest.approx(left_n / floor_n if told else 0.0)
+
+
+def test_a_channel_lacks_something_where_it_does_in_both_recordings() -> None:
+    grossly, hardly = _channel(220.0, 73.0), _channel(80.0, 73.0)
+    assert _far([grossly], [grossly]) == {"lift/force": pytest.approx(220.0 / 73.0)}
+    assert _far([grossly], [hardly]) == {}
+    assert _far([hardly], [grossly]) == {}
