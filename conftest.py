@@ -36,13 +36,12 @@ hypothesis.settings.load_profile("hydro")
 
 
 @cache
+def _says(file: Path, mark: re.Pattern[str]) -> bool:
+    return mark.search(file.read_text(encoding="utf-8")) is not None
+
+
 def _has_processes(file: Path) -> bool:
-    return _MARKED.search(file.read_text(encoding="utf-8")) is not None
-
-
-@cache
-def _is_long(file: Path) -> bool:
-    return _LONG.search(file.read_text(encoding="utf-8")) is not None
+    return _says(file, _MARKED)
 
 
 class _Scheduling(LoadFileScheduling):
@@ -75,7 +74,7 @@ class _Worker:
 
         Then long ones, that no worker is left with one when the others are done.
         """
-        items.sort(key=lambda item: (not _has_processes(item.path), not _is_long(item.path)))
+        items.sort(key=lambda item: (not _has_processes(item.path), not _says(item.path, _LONG)))
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         """Lower the priority at the first test without processes, once for all."""

@@ -13,6 +13,7 @@ from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.scoring import Bank, score
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -70,6 +71,24 @@ def test_what_is_there_is_told_beside_noise(
     names = [p.name for p in found.term.effect.parameters]
     size = float(found.term.parameters[names.index(first)])
     assert size == pytest.approx(spec.parameters[first], rel=0.15)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_contest_tells_springs_that_are_there_alone(
+    there: bool, clean: Residuals, make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    work = _seen(make_run, lay_out, FINE_RAD, SPRING) if there else clean
+    training, base = work.training, work.base
+    entries = [
+        e
+        for e in Bank(training.predictor).entries(base.model)
+        if (e.trial.active.effect.name, e.trial.target) == (SPRING.name, SPRING.target)
+    ]
+    scores = [s for e in entries if (s := score(base.bench, e, training.mask)) is not None]
+    best = max(scores, key=lambda s: s.value)
+    named, told = Contest(training, 1.0).between(base, base.bench.noise, scores, best, 0.001)
+    assert named.names == (SPRING.name,)
+    assert told == there
 
 
 def test_laws_without_acceleration_are_not_asked(clean: Residuals) -> None:
