@@ -1,0 +1,143 @@
+"""Parts of reports by themselves: the table of parameters, words, numbers and colours."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from hydro_ident.free_run import FreeRun, JointRollout
+from hydro_ident.parameters import Parameter
+from hydro_ident.report.page import Row, number, paragraph, percent, table, written
+from hydro_ident.report.palette import JOINTS
+from hydro_ident.report.parameter_section import (
+    ParameterRow,
+    identified_row,
+    parameter_table,
+)
+from hydro_ident.report.verdict_words import free_run_line
+
+
+def test_what_is_not_determined_is_grey_and_says_why() -> None:
+    rows = [
+        ParameterRow("known", 1.0, (0.9, 1.1), "N", 2.0, "", False, "lift"),
+        ParameterRow("unknown", 1.0, None, "N", None, "never <moved>", True, ""),
+    ]
+    known, unknown = re.findall(r"<tr.*?</tr>", parameter_table(rows, ("lift",)))[1:]
+    assert "off" not in known
+    assert "-50.0 %" in known
+    assert 'class="off"' in unknown
+    assert "never &lt;moved&gt;" in unknown
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "std", "told"),
+    [
+        ("lift_cylinder.coulomb_friction.velocity_scale", 1e-5, 4e-4, False),
+        ("lift_cylinder.coulomb_friction.velocity_scale", 4e-3, 4e-4, True),
+        ("lift_cylinder.viscous_friction", 2000.0, 1100.0, False),
+        ("lift_cylinder.viscous_friction", 2000.0, 900.0, True),
+        ("lift_valve.c_pa", 1e-7, 1e-7, False),
+        ("command_delay", 1e-3, 1e-3, False),
+        # What may have either sign has no bound at zero.
+        ("lift_valve.valve_null_bias.bias", 0.001, 0.01, True),
+        ("lift_link.mcz", 2.0, 5.0, True),
+    ],
+)
+def test_what_is_not_told_from_its_bound_is_grey(
+    name: str, value: float, std: float, told: bool
+) -> None:
+    bounds = (0.0, 0.002) if name == "command_delay" else (-np.inf, np.inf)
+    row = identified_row(Parameter(name, value, std, "m/s", None, True, bounds=bounds), {})
+    assert ("not told from its bound" in row.below) == (not told)
+    assert row.off == bool(row.below)
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "datasheet", "grey"),
+    [
+        (-254.65, 602.0, None, True),
+        (-254.65, 602.0, 900.0, True),
+        (-254.65, 120.0, None, False),
+        # The datasheet's size tells what a small value is small beside.
+        (2.0, 4.0, 300.0, False),
+    ],
+)
+def test_what_is_hardly_determined_is_grey(
+    value: float, std: float, datasheet: float | None, grey: bool
+) -> None:
+    row = identified_row(Parameter("lift_link.mcz", value, std, "kg m", datasheet, True), {})
+    assert row.off == ("hardly determined" in row.below) == grey
+
+
+def test_colours_stand_out_on_light_and_dark_paper() -> None:
+    for colour in JOINTS[:5]:
+        for paper in ("#ffffff", "#12161b"):
+            light, dark = sorted((_luminance(colour), _luminance(paper)), reverse=True)
+            assert (light + 0.05) / (dark + 0.05) > 2.0
+
+
+def _luminance(colour: str) -> float:
+    """Relative luminance (WCAG 2.1)."""
+    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    linear = [v / 12.92 if v <= 0.03928 else ((v + 0.055) / 1.055) ** 2.4 for v in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def test_numbers_read_as_people_write_them() -> None:
+    written = [number(v) for v in (4000.09, 12345.678, 1.767e7, 2.33e-6, 0.0101, None, np.inf)]
+    assert written == ["4000", "12350", "1.767e7", "2.33e-6", "0.0101", "–", "–"]
+
+
+def test_a_share_that_rounds_to_nothing_is_said_in_words() -> None:
+    assert [percent(v, 1, "+") for v in (-2e-4, 2e-4, 0.0)] == ["under 0.1 %"] * 2 + ["0.0 %"]
+    assert [percent(v) for v in (-0.004, 0.004, -0.006, 0.5)] == ["under 1 %"] * 2 + [
+        "-1 %",
+        "50 %",
+    ]
+    assert percent(-0.01, 1, "+") == "-1.0 %"
+
+
+def test_of_a_joint_rolled_out_by_one_model_alone_nothing_is_compared() -> None:
+    none = (None, None, *[np.empty(0)] * 4)
+    lone = JointRollout("lift", "rad", 0.004, None, *none)
+    both = JointRollout("tilt", "rad", 0.2, 0.1, *none)
+    assert free_run_line(FreeRun((lone,), 1, 0, 2.0, (), "")) == []
+    [line] = free_run_line(FreeRun((lone, both), 1, 0, 2.0, (), ""))
+    assert line.endswith("error: tilt 0.2 → 0.1 rad.")
+
+
+def test_cells_are_text() -> None:
+    text = table(("<a>", "b"), [Row(("<i>", "&"), below="<u>", dot="#123456")])
+    assert "<i>" not in text
+    assert "<u>" not in text
+    assert "&lt;i&gt;" in text
+
+
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [
+        ("4.9e+05 kg m^2", "4.9e5 kg m²"),
+        ("2e-07 m^3/(s sqrt(Pa))", "2e-7 m³/(s √Pa)"),
+        ("1e10, e+05 and x^25", "1e10, e+05 and x^25"),
+    ],
+)
+def test_texts_read_like_the_numbers_beside_them(typed: str, read: str) -> None:
+    assert written(typed) == read
+    assert f"<code>{typed}</code>: {read}" in paragraph(f"`{typed}`: {typed}")
+
+
+def test_a_stacked_table_has_its_headings_in_its_cells_too() -> None:
+    row = ParameterRow("mass", 1.0, (0.9, 1.1), "kg", 2.0, "", False, "")
+    [cells] = re.findall(r"<tbody><tr>(.*?)</tr>", parameter_table([row], ()))
+    told = dict(re.findall(r'<td data-label="(.*?)">(.*?)</td>', cells))
+    assert told["unit"] == "kg"
+    assert told["datasheet"] == "2"
+    assert told["change"] == "-50.0 %"
+
+
+def test_a_long_name_may_break_at_its_joints_and_nowhere_else() -> None:
+    cells = table(("name", "value"), [("lift_cylinder.c_pa", "a.b"), ("1.5e-3", "x")])
+    assert "<td>lift_<wbr>cylinder.<wbr>c_<wbr>pa</td><td>a.b</td>" in cells
+    assert "<td>1.5e-3</td>" in cells
