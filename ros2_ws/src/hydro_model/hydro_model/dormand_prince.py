@@ -26,3 +26,15 @@ WEIGHTS = np.array(
 ERROR = np.array(
     [71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40]
 )  # fmt: skip
+#: Weights of the stages in the term of the highest order of the polynomial between the ends.
+BETWEEN = np.array(
+    [
+        -12715105075 / 11282082432,
+        0.0,
+        87487479700 / 32700410799,
+        -10690763975 / 1880347072,
+        701980252875 / 199316789632,
+        -1453857185 / 822651844,
+        69997945 / 29380423,
+    ]
+)

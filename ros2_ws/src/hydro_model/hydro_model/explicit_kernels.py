@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hydro_model.command_kernels import place_known
 from hydro_model.dormand_prince import AT, ERROR, STAGES, WEIGHTS
 from hydro_model.kernel import copy, kernel
 from hydro_model.simulate_arrays import RATES
@@ -43,6 +44,8 @@ def try_explicit(
 ) -> float:
     """One step from `z` into `new`, with `f` that at `z`; afterwards the last of `k` is at `new`.
 
+    What follows from the commands alone was looked ahead to (`look_ahead`).
+
     Returns
     -------
     float
@@ -55,10 +58,12 @@ def try_explicit(
             copy(new, solver.column)
         _argument(solver, stage, h)
         at = time + AT[stage] * h
+        if model.known.shape[0] > 0:
+            place_known(model, solver, at, new)
         if not scaled_rates(model, work, at, inputs, new, k[stage], solver.y, RATES):
             return math.inf
     worst, change, distance = 0.0, 0.0, 0.0
-    for i in range(z.shape[0]):
+    for i in model.judged:
         error = 0.0
         for j in range(STAGES):
             error += ERROR[j] * k[j, i]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_model.command_kernels import look_ahead
 from hydro_model.dormand_prince import STAGES as EXPLICIT_STAGES
 from hydro_model.explicit_kernels import IMPLICIT_STEPS, try_explicit, watch_stiffness
 from hydro_model.kernel import copy, inlined, kernel
@@ -14,11 +15,13 @@ from hydro_model.rosenbrock_kernels import jacobian, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
 from hydro_model.simulate_arrays import RATES, REST, STROKE
 from hydro_model.simulate_kernels import right_hand_side
-from hydro_model.solver_kernels import scaled_rates
+from hydro_model.solver_kernels import FIRST_STEP_S, scaled_rates
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
-FIRST_STEP_S = 1.0e-4
+# Share of the tolerance that an explicit step may take. No valve holds steps short (`look_ahead`),
+# so that each is as long as its own error allows: those of a whole roll-out add up.
+MARGIN = 0.3
 EXPLICIT_ORDER, IMPLICIT_ORDER = 5.0, 4.0  # of a step's error
 SMALLEST_STEP_S = 1.0e-11
 # Between two changes of input: steps after which the implicit method is tried whatever keeps
@@ -60,7 +63,7 @@ def _accepted_step(
         if implicit:
             error = try_step(model, work, solver, time, inputs, step) / tolerance
         else:
-            error = try_explicit(model, work, solver, time, inputs, step) / tolerance
+            error = try_explicit(model, work, solver, time, inputs, step) / (MARGIN * tolerance)
         solver.tried[0] += 1
         growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error ** (-1.0 / order)))
         if error <= 1.0:
@@ -87,6 +90,7 @@ def _advance(
     `known`: the right-hand side was evaluated just before.
     """
     span = end - time
+    solver.ahead.count[0] = 0
     for count in range(MOST_STEPS):
         if count == MANY_STEPS:
             solver.stiff[1] = IMPLICIT_STEPS
@@ -101,7 +105,10 @@ def _advance(
         implicit = solver.stiff[1] > 0
         if implicit and not jacobian(model, work, solver, time, inputs):
             return NOT_FINITE, time, h
-        step, h = _accepted_step(model, work, solver, time, end, inputs, h, tolerance, implicit)
+        reach = end
+        if not implicit:
+            reach = look_ahead(model, work, solver, time, end, inputs, tolerance)
+        step, h = _accepted_step(model, work, solver, time, reach, inputs, h, tolerance, implicit)
         if step == 0.0:
             return STEP_TOO_SMALL, time, h
         copy(solver.new, solver.z)
@@ -109,6 +116,7 @@ def _advance(
         known = not implicit
         if implicit:
             solver.stiff[1] -= 1
+            solver.ahead.count[0] = 0
         else:
             copy(solver.k[EXPLICIT_STAGES - 1], solver.f)
             watch_stiffness(solver, step, span)

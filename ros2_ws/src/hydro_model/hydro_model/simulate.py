@@ -166,7 +166,7 @@ def _run(
 
     count, m = commands.shape
     model = models[0][1]
-    solver = new_solver(model.state_size)
+    solver = new_solver(model.state_size, model.arrays.known.size)
     solver.y[: len(start)] = start
     states = np.empty((count, model.state_size))
     results = (states, np.empty((count, 2)), np.empty((count, m)), np.empty((count, m)))

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from hydro_model.chain_arrays import chain_arrays
 from hydro_model.chain_kernels import SCRATCH
 from hydro_model.effects import ActiveEffect, Stage
-from hydro_model.effects.compiled import law_address
+from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.rows import constant_signals, other_joint, upwards
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
-from hydro_model.signals import SIGNAL_COUNT
+from hydro_model.signals import MAX_STATES, SIGNAL_COUNT, STATE_0, VALVE_SIGNAL
 
 IntArray = NDArray[np.int64]
 
@@ -46,6 +46,9 @@ FIRST_STATE, STATE_COUNT, ROBOT_WIDE = range(3)
 #: Pressures and rates of change are of this size, Pa: the integrator's unit of pressure.
 PRESSURE_SCALE_PA = 1.0e6
 
+#: What laws see that follow from the command alone: the command and their own states.
+_OF_COMMAND = frozenset({VALVE_SIGNAL, *range(STATE_0, STATE_0 + MAX_STATES)})
+
 
 class ModelArrays(NamedTuple):
     """The model in numbers; n joints, m cylinders, e effects, t laws, k states of effects.
@@ -74,6 +77,9 @@ class ModelArrays(NamedTuple):
     parameters: FloatArray  # (e, p) padded with zeros
     terms: IntArray  # (t, 3) address of the law, effect, whether it drives the effect's states
     spans: IntArray  # (m + 1 + d, stages, 2) rows of `terms`
+    commanded: IntArray  # (m, 2) rows of `terms` up to the last whose states are `known`
+    known: IntArray  # (c,) states that follow from the commands alone
+    judged: IntArray  # the others: those whose errors hold a step short
     owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
     rates: IntArray  # (k,) address of the rate law of each effect state
     initials: IntArray  # (k,) address of the law of its value at rest
@@ -119,6 +125,8 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     terms, spans = _terms(active, _places(robot))
     states = [state for one in active for state in one.effect.states]
     rigid = 2 * robot.dof
+    owners = _owners(active, rigid + 2 * len(cylinders))
+    commanded, known = _commanded(active, terms, spans, owners, len(cylinders))
     scale = [1.0] * rigid + [PRESSURE_SCALE_PA] * (2 * len(cylinders))
     return ModelArrays(
         rotation=chain.rotation,
@@ -140,7 +148,10 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         parameters=_padded(active),
         terms=terms,
         spans=spans,
-        owners=_owners(active, rigid + 2 * len(cylinders)),
+        commanded=commanded,
+        known=known,
+        judged=np.setdiff1d(np.arange(rigid + 2 * len(cylinders) + len(states)), known),
+        owners=owners,
         rates=np.array([law_address(state.rate) for state in states], dtype=np.int64),
         initials=np.array([law_address(state.initial) for state in states], dtype=np.int64),
         scale=np.array(scale + [state.scale for state in states]),
@@ -213,6 +224,35 @@ def _terms(
                     rows += _rows(one, index, stage)
             spans[place, code] = start, len(rows)
     return np.array(rows, dtype=np.int64).reshape(-1, 3), spans
+
+
+def _commanded(
+    active: Sequence[ActiveEffect], terms: IntArray, spans: IntArray, owners: IntArray, m: int
+) -> tuple[IntArray, IntArray]:
+    """Rows of `terms` that make, valve by valve, the states that follow from the commands alone.
+
+    None of a valve one of whose effects looks at more, and none behind the last with states. And
+    those states.
+    """
+    rows = np.zeros((m, 2), dtype=np.int64)
+    known: list[int] = []
+    for i in range(m):
+        begin, end = spans[i, SIGNAL]
+        effects = [int(e) for e in terms[begin:end, EFFECT]]
+        if all(_of_command(active[e]) for e in effects):
+            last = max((t for t, e in enumerate(effects) if owners[e, STATE_COUNT]), default=-1)
+            rows[i] = begin, begin + last + 1
+            for e in dict.fromkeys(effects):
+                first = int(owners[e, FIRST_STATE])
+                known += range(first, first + int(owners[e, STATE_COUNT]))
+    return rows, np.array(known, dtype=np.int64)
+
+
+def _of_command(one: ActiveEffect) -> bool:
+    laws = [term.law for term in one.terms]
+    laws += [state.rate for state in one.effect.states]
+    alone = all(term.stage is Stage.SIGNAL for term in one.terms)
+    return alone and all(signals_read(law) <= _OF_COMMAND for law in laws)
 
 
 def _rows(one: ActiveEffect, index: int, stage: Stage) -> list[tuple[int, int, int]]:

@@ -67,7 +67,9 @@ def _root(d: float) -> float:
 
 
 @inlined
-def _states(model: Any, s: Array, effect: int, y: Array, dy: Array, drive: int, mode: int) -> None:
+def states_of(
+    model: Any, s: Array, effect: int, y: Array, dy: Array, drive: int, mode: int
+) -> None:
     """Internal states of an effect into its signals; if driven, their rates or rest values."""
     first = model.owners[effect, FIRST_STATE]
     count = model.owners[effect, STATE_COUNT]
@@ -100,7 +102,7 @@ def _apply(
     s = work.signals[row]
     for t in range(model.spans[row, stage, 0], model.spans[row, stage, 1]):
         effect = model.terms[t, EFFECT]
-        _states(model, s, effect, y, dy, model.terms[t, OWNER], mode)
+        states_of(model, s, effect, y, dy, model.terms[t, OWNER], mode)
         law = call_law(model.terms[t, ADDRESS], s, model.parameters[effect])
         if stage == SIGNAL:
             value = law
@@ -211,7 +213,7 @@ def right_hand_side(
     for effect in range(model.owners.shape[0]):
         wide = model.owners[effect, ROBOT_WIDE]
         if wide == 1:
-            _states(model, robot, effect, y, dy, wide, mode)
+            states_of(model, robot, effect, y, dy, wide, mode)
     if mode != KEEP_MASS:
         for j in range(n):
             work.q[j], work.qd[j] = y[j], y[n + j]

@@ -22,6 +22,22 @@ from hydro_model.simulate_kernels import right_hand_side
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
+FIRST_STEP_S = 1.0e-4
+#: Steps that are kept of what is looked ahead to.
+PIECES = 32
+
+
+class Ahead(NamedTuple):
+    """What was looked ahead to of c states that follow from the commands alone, scaled."""
+
+    now: FloatArray  # (c,)
+    new: FloatArray  # (c,)
+    stages: FloatArray  # (STAGES, c)
+    pieces: FloatArray  # (PIECES, 5, c) polynomials of steps
+    ends: FloatArray  # (PIECES + 1,) where they end, after where the first begins, s
+    count: IntArray  # (1,) how many are kept
+    first: FloatArray  # (1,) length to try first after a change of command, s
+
 
 class Solver(NamedTuple):
     """Working memory of the integration for a state of s entries."""
@@ -37,11 +53,12 @@ class Solver(NamedTuple):
     pivot: IntArray  # (s,)
     tried: IntArray  # (1,) steps
     speed: FloatArray  # (1,) the fastest rate that the latest explicit step saw, 1/s
+    ahead: Ahead
     stiff: IntArray  # (2,) explicit steps that were held short, implicit ones still to be made
 
 
-def new_solver(size: int) -> Solver:
-    """Working memory for a state of `size` entries."""
+def new_solver(size: int, known: int) -> Solver:
+    """Working memory for `size` states, of which `known` follow from the commands alone."""
     z, new, y, f, column = np.zeros((5, size))
     return Solver(
         z=z,
@@ -55,6 +72,15 @@ def new_solver(size: int) -> Solver:
         pivot=np.zeros(size, dtype=np.int64),
         tried=np.zeros(1, dtype=np.int64),
         speed=np.zeros(1),
+        ahead=Ahead(
+            now=np.zeros(known),
+            new=np.zeros(known),
+            stages=np.zeros((STAGES, known)),
+            pieces=np.zeros((PIECES, 5, known)),
+            ends=np.zeros(PIECES + 1),
+            count=np.zeros(1, dtype=np.int64),
+            first=np.full(1, FIRST_STEP_S),
+        ),
         stiff=np.zeros(2, dtype=np.int64),
     )
 

@@ -115,9 +115,9 @@ LINE_DYNAMICS = Effect(
     terms=(Term(Stage.FLOW_A, _behind_a), Term(Stage.FLOW_B, _behind_b)),
     states=(
         InternalState(_change_a, _flow_a, 1e-4, linear=True, averaged=True),
-        InternalState(_ring_a, nothing, 1e-2, linear=True, averaged=True),
+        InternalState(_ring_a, nothing, 5e-2, linear=True, averaged=True),
         InternalState(_change_b, _flow_b, 1e-4, linear=True, averaged=True),
-        InternalState(_ring_b, nothing, 1e-2, linear=True, averaged=True),
+        InternalState(_ring_b, nothing, 5e-2, linear=True, averaged=True),
     ),
     channels=("flow_a", "flow_b"),
     needs_valve=True,
