@@ -76,7 +76,7 @@ def _try_step(model: Any, work: Any, solver: Any, inputs: Array, h: float) -> fl
 def _keep_piece(ahead: Any, h: float) -> None:
     """The polynomial of a step of length `h`, in the shape in which it is read."""
     now, new, k = ahead.now, ahead.new, ahead.stages
-    piece = ahead.pieces[ahead.count[0]]
+    piece = ahead.pieces[ahead.kept[0]]
     for c in range(now.shape[0]):
         rise, bend = new[c] - now[c], 0.0
         for j in range(STAGES):
@@ -93,21 +93,21 @@ def look_ahead(
 ) -> float:
     """Have the known states from `time` on; returns until when, at most `end`.
 
-    They start from `z` where nothing is kept of them (`count` 0), and go on where that ends.
+    They start from `z` where nothing is kept of them (`kept` 0), and go on where that ends.
     """
     ahead = solver.ahead
     if model.known.shape[0] == 0:
         return end
-    count = ahead.count[0]
+    count = ahead.kept[0]
     if count > 0 and ahead.ends[count] - time > SHORTEST_S:
         return float(ahead.ends[count])
     for c in range(model.known.shape[0]):
         ahead.now[c] = solver.z[model.known[c]]
-    ahead.count[0], ahead.ends[0] = 0, time
+    ahead.kept[0], ahead.ends[0] = 0, time
     _rates(model, work, solver, inputs, ahead.now, ahead.stages[0])
     # A new command sets them in motion much as the last one did: its first step is tried again.
     h = ahead.first[0]
-    while ahead.count[0] < ahead.pieces.shape[0] and end - time > SHORTEST_S:
+    while ahead.kept[0] < ahead.pieces.shape[0] and end - time > SHORTEST_S:
         rest = end - time
         step = rest / math.ceil(rest / h - 1e-9) if rest > h else rest
         error = _try_step(model, work, solver, inputs, step) / tolerance
@@ -117,9 +117,9 @@ def look_ahead(
             continue
         _keep_piece(ahead, step)
         time += step
-        ahead.count[0] += 1
-        ahead.ends[ahead.count[0]] = time
-        if ahead.count[0] == 1:
+        ahead.kept[0] += 1
+        ahead.ends[ahead.kept[0]] = time
+        if ahead.kept[0] == 1:
             ahead.first[0] = h
         copy(ahead.new, ahead.now)
         copy(ahead.stages[STAGES - 1], ahead.stages[0])
@@ -130,7 +130,7 @@ def look_ahead(
 def place_known(model: Any, solver: Any, time: float, z: Array) -> None:
     """The known states at a time that was looked ahead to, into their places of `z`."""
     ahead, p = solver.ahead, 0
-    while p + 1 < ahead.count[0] and time > ahead.ends[p + 1]:
+    while p + 1 < ahead.kept[0] and time > ahead.ends[p + 1]:
         p += 1
     part = (time - ahead.ends[p]) / (ahead.ends[p + 1] - ahead.ends[p])
     left, piece = 1.0 - part, ahead.pieces[p]

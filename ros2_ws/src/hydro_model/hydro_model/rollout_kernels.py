@@ -19,8 +19,8 @@ from hydro_model.solver_kernels import FIRST_STEP_S, scaled_rates
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
-# Share of the tolerance that an explicit step may take. No valve holds steps short (`look_ahead`),
-# so that each is as long as its own error allows: those of a whole roll-out add up.
+# Share of the tolerance that an explicit step may take where states are left out of its error that
+# follow from the commands alone (`look_ahead`): no valve holds it short, and errors add up.
 MARGIN = 0.3
 EXPLICIT_ORDER, IMPLICIT_ORDER = 5.0, 4.0  # of a step's error
 SMALLEST_STEP_S = 1.0e-11
@@ -57,13 +57,14 @@ def _accepted_step(
     The length is 0 where no step above `SMALLEST_STEP_S` keeps it.
     """
     order = IMPLICIT_ORDER if implicit else EXPLICIT_ORDER
+    allowed = tolerance if implicit or model.known.shape[0] == 0 else MARGIN * tolerance
     while h > SMALLEST_STEP_S:
         rest = end - time
         step = rest / math.ceil(rest / h - 1e-9) if rest > h else rest
         if implicit:
-            error = try_step(model, work, solver, time, inputs, step) / tolerance
+            error = try_step(model, work, solver, time, inputs, step) / allowed
         else:
-            error = try_explicit(model, work, solver, time, inputs, step) / (MARGIN * tolerance)
+            error = try_explicit(model, work, solver, time, inputs, step) / allowed
         solver.tried[0] += 1
         growth = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * error ** (-1.0 / order)))
         if error <= 1.0:
@@ -90,7 +91,7 @@ def _advance(
     `known`: the right-hand side was evaluated just before.
     """
     span = end - time
-    solver.ahead.count[0] = 0
+    solver.ahead.kept[0] = 0
     for count in range(MOST_STEPS):
         if count == MANY_STEPS:
             solver.stiff[1] = IMPLICIT_STEPS
@@ -116,7 +117,7 @@ def _advance(
         known = not implicit
         if implicit:
             solver.stiff[1] -= 1
-            solver.ahead.count[0] = 0
+            solver.ahead.kept[0] = 0
         else:
             copy(solver.k[EXPLICIT_STAGES - 1], solver.f)
             watch_stiffness(solver, step, span)

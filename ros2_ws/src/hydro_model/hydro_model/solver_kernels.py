@@ -35,7 +35,7 @@ class Ahead(NamedTuple):
     stages: FloatArray  # (STAGES, c)
     pieces: FloatArray  # (PIECES, 5, c) polynomials of steps
     ends: FloatArray  # (PIECES + 1,) where they end, after where the first begins, s
-    count: IntArray  # (1,) how many are kept
+    kept: IntArray  # (1,) number of those steps
     first: FloatArray  # (1,) length to try first after a change of command, s
 
 
@@ -78,7 +78,7 @@ def new_solver(size: int, known: int) -> Solver:
             stages=np.zeros((STAGES, known)),
             pieces=np.zeros((PIECES, 5, known)),
             ends=np.zeros(PIECES + 1),
-            count=np.zeros(1, dtype=np.int64),
+            kept=np.zeros(1, dtype=np.int64),
             first=np.full(1, FIRST_STEP_S),
         ),
         stiff=np.zeros(2, dtype=np.int64),
