@@ -96,8 +96,6 @@ def look_ahead(
     They start from `z` where nothing is kept of them (`kept` 0), and go on where that ends.
     """
     ahead = solver.ahead
-    if model.known.shape[0] == 0:
-        return end
     count = ahead.kept[0]
     if count > 0 and ahead.ends[count] - time > SHORTEST_S:
         return float(ahead.ends[count])

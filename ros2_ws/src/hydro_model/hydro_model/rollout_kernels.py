@@ -107,7 +107,7 @@ def _advance(
         if implicit and not jacobian(model, work, solver, time, inputs):
             return NOT_FINITE, time, h
         reach = end
-        if not implicit:
+        if not implicit and model.known.shape[0] > 0:
             reach = look_ahead(model, work, solver, time, end, inputs, tolerance)
         step, h = _accepted_step(model, work, solver, time, reach, inputs, h, tolerance, implicit)
         if step == 0.0:
