@@ -23,10 +23,9 @@ from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.worth import OF_ACCELERATION
 from hydro_model.robot import FloatArray
 
-#: Effects of joints' accelerations.
-_OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
 #: Share of an effect's product with the residual from which it is the noise's.
 _SHARE = 0.25
 _TWINS, _SEED = 2, 1
@@ -52,7 +51,7 @@ class Encoders:
             The model that it was added to.
         one : Contender
         """
-        return one.term.effect.name not in _OF_ACCELERATION or self.share(without, one) < _SHARE
+        return one.term.effect.name not in OF_ACCELERATION or self.share(without, one) < _SHARE
 
     def share(self, without: Fitted, one: Contender) -> float:
         """Share of a contender's product with the residual that is the noise's.
