@@ -1,4 +1,4 @@
-"""Pressures read a tenth of a millisecond after positions: no law of acceleration."""
+"""Pressures read a tenth of a millisecond after positions: the base's, and no law's."""
 
 from __future__ import annotations
 
@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.named import Contender
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.worth import mere_skew, resolved
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.skew import largest_skew, skew_column, skew_name
+from hydro_ident.mismatch.worth import resolved
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -22,38 +28,96 @@ STEP_S = 0.002
 SOFT = {"inertia": 20.0, "frequency": 2.4, "damping": 1.0}
 SPRING = EffectSpec("structural_flexibility", "lift_cylinder", SOFT)
 MODE = {"inertia": 250.0, "frequency": 7.1, "damping": 0.1}
+LATE = EffectSpec("pressure_delay", "xs031", {"delay": STEP_S})
 
 
-def _seen(
-    make_run: Make, lay_out: Callable[..., Residuals], skew_s: float, *effects: EffectSpec
-) -> Residuals:
+def _run(make_run: Make, skew_s: float, *effects: EffectSpec) -> Any:
     """A machine with some effects, whose pressures are read a little late."""
     true_crane, simulated_run = make_run
     run = simulated_run(replace(true_crane(), effects=effects), 18.0)
     p_a, p_b = (p - skew_s * np.gradient(p, STEP_S, axis=0) for p in (run.p_a, run.p_b))
-    return lay_out(replace(run, p_a=p_a, p_b=p_b))
+    return replace(run, p_a=p_a, p_b=p_b)
 
 
-def _fitted(work: Residuals, spec: EffectSpec) -> Contender:
+def _fitted(work: Residuals, without: Fitted, spec: EffectSpec) -> Contender:
     one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
-    [found] = Contest(work.training, 1.0).fitted(work.base, [one], work.base.bench.noise)
+    if spec.name == LATE.name:
+        one = replace(one, cylinder=None, target="xs031", index=EVERY_CHAMBER)
+    [found] = Contest(work.training, 1.0).fitted(without, [one], without.bench.noise)
     return found
 
 
-def test_late_pressures_are_no_spring(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
-    """A soft, damped one explains some of a skew; the skew itself all of it, at its size."""
-    work = _seen(make_run, lay_out, 3e-4)
-    found = _fitted(work, SPRING)
-    assert found.gain > 11.3  # chi-square of 3 at 1 %
-    gain, skew_s = mere_skew(work.training, work.base, found.term)
-    assert gain > found.gain
-    assert skew_s == pytest.approx(3e-4, rel=0.3)
-    assert not resolved(work.training, work.base, found)
+def _left(work: Residuals) -> float:
+    material = work.training.predictor.material
+    rows = work.training.mask & (material.channel == material.channels.index("lift/force"))
+    return float(np.std(work.base.residual[rows]))
+
+
+def test_the_column_is_what_a_late_reading_lacks() -> None:
+    time = STEP_S * np.arange(4000)
+    force, late_s = (lambda t: 3.0e4 * np.sin(9.0 * t)), 1.5e-4
+    read = force(time - late_s)
+    column = skew_column(read[:, None], STEP_S)[:, 0]
+    # Read is what is there plus the column: to second order in a shift of 9 x 1.5e-4 rad.
+    inner = slice(2, -2)
+    assert np.abs(read - late_s * column - force(time))[inner].max() < 3.0e4 * 1e-6
+    assert np.abs(read - force(time)).max() > 3.0e4 * 1e-3
+    assert not skew_column(read[:1, None], STEP_S).any()
+
+
+def test_the_base_takes_a_skew_up(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
+    """Found at its size beside the machine's own, and nothing of it is left; nor any law."""
+    added_s = 3.0e-4
+    plain, late = (lay_out(_run(make_run, s)) for s in (0.0, added_s))
+    predictor = late.training.predictor
+    at = predictor.skew_columns[0]
+    assert predictor.names[at] == skew_name("lift_cylinder")
+    found = [w.base.model.skews_s[0] for w in (plain, late)]
+    assert found[1] - found[0] == pytest.approx(added_s, rel=0.1)
+    std = float(np.sqrt(late.base.covariance[at, at]))
+    assert abs(found[1] - found[0] - added_s) < 3.0 * std + 0.05 * added_s
+    assert _left(late) < 1.05 * _left(plain)
+    assert _fitted(late, late.base, SPRING).gain < 11.3  # chi-square of 3 at 1 %
 
 
 def test_a_mode_is_more_than_late_pressures(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
     mode = EffectSpec("structural_flexibility", "lift_cylinder", MODE)
-    work = _seen(make_run, lay_out, 1e-4, mode)
-    assert resolved(work.training, work.base, _fitted(work, mode))
+    work = lay_out(_run(make_run, 1e-4, mode))
+    found = _fitted(work, work.base, mode)
+    assert found.gain > 50.0
+    assert resolved(work.training, work.base, found)
+
+
+def test_what_is_later_than_half_a_cycle_is_the_effect(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """The base goes to its end, the effect says more; in the model it has all of it."""
+    run = _run(make_run, 0.0)
+    p_a, p_b = (np.concatenate([p[:1], p[:-1]]) for p in (run.p_a, run.p_b))
+    work = lay_out(replace(run, p_a=p_a, p_b=p_b))
+    most = largest_skew(work.training.cycle_s)
+    skews = work.base.model.skews_s
+    assert skews == pytest.approx((most,) * len(skews))
+    found = _fitted(work, work.base, LATE)
+    assert found.gain > 1000.0
+    assert resolved(work.training, work.base, found)
+    whole = settled(work.training, fit(work.training, found.fitted.model))
+    assert not any(whole.model.skews_s)
+    assert whole.model.terms[0].parameters[0] == pytest.approx(STEP_S, rel=0.1)
+    at = list(work.training.predictor.skew_columns.values())
+    assert not whole.columns[:, at].any()
+
+
+def test_a_known_base_knows_no_skew(make_run: Make) -> None:
+    """With a fixed base the readings' own skew is fitted still."""
+    true_crane, _ = make_run
+    found = []
+    for skew_s in (0.0, 3.0e-4):
+        sources = sources_of([_run(make_run, skew_s).recording()])
+        surveys = [survey_source(source, true_crane()) for source in sources]
+        work = residuals(true_crane(), sources, [], surveys, DiagnosisSettings(fixed_base=True))
+        assert work is not None
+        found.append(work.base.model.skews_s[0])
+    assert found[1] - found[0] == pytest.approx(3.0e-4, rel=0.1)

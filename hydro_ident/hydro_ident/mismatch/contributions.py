@@ -20,6 +20,7 @@ from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Material, Place, Stretch
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
+from hydro_ident.mismatch.skew import skew_column
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
@@ -64,11 +65,21 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
 
 def measured(material: Material, stretch: Stretch) -> FloatArray:
     """Measured forces of a stretch on its rows, (T, n)."""
+    return material.filtered(stretch, _smooth_force(material, stretch))
+
+
+def skewed(material: Material, stretch: Stretch) -> FloatArray:
+    """What the measured forces of a stretch lack per second that they are read late, (T, n)."""
+    column = skew_column(_smooth_force(material, stretch), stretch.trace.step_s)
+    return material.filtered(stretch, column)
+
+
+def _smooth_force(material: Material, stretch: Stretch) -> FloatArray:
+    """Measured forces of a stretch as quick as its accelerations are, (N, n)."""
     force = measured_force(material.forces, stretch.trace)
     settings = material.filters
     finite = np.where(np.isfinite(force), force, 0.0)
-    smooth = low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
-    return material.filtered(stretch, smooth)
+    return low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
 
 
 def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.stepping import (
-    delays_beyond,
+    given_steps,
     held_columns,
     is_free,
     moved,
@@ -182,19 +182,19 @@ def fit_term(
 def _within_range(training: Training, current: Fitted) -> FloatArray:
     """A linear step; of a delay that would leave its range no further than to the end of that.
 
-    What else goes with a delay follows how far it really goes.
+    What else goes with a delay or a skew follows how far it really goes.
     """
     reach = _reach(current)
     step = current.bench.solve(reach)
-    beyond = delays_beyond(training, current.model, step)
-    if not beyond:
+    given = given_steps(training, current.model, step)
+    if not any(given.values()):
         return step
     columns, residual = current.columns.copy(), current.residual.copy()
-    for at, change in beyond.items():
+    for at, change in given.items():
         residual -= change * columns[:, at]
         columns[:, at] = 0.0
     step = training.bench(current.bench.noise, residual, columns, current.offset).solve(reach)
-    for at, change in beyond.items():
+    for at, change in given.items():
         step[at] = change
     return step
 

@@ -28,6 +28,8 @@ class Model:
         Effects at work, at their current parameters.
     ripples : tuple of float
         Of each cylinder's pressures, as `ripple`; Pa s. Empty: none.
+    skews_s : tuple of float
+        How late each cylinder's pressures are read, as `skew`. Empty: not at all.
     shaping : bool
         Whether an effect enters through the edges.
     shape : tuple
@@ -39,6 +41,7 @@ class Model:
     delays_s: tuple[float, ...]
     terms: tuple[ActiveEffect, ...] = ()
     ripples: tuple[float, ...] = ()
+    skews_s: tuple[float, ...] = ()
     shaping: bool = field(init=False)
     shape: tuple[object, ...] = field(init=False)
 

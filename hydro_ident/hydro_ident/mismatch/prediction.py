@@ -8,17 +8,20 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass
-from hydro_ident.mismatch.contributions import compressed, contribution, measured
+from hydro_ident.mismatch.contributions import compressed, contribution, measured, skewed
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals
+from hydro_ident.mismatch.skew import skew_name
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["DELAY", "Model", "Predictor", "shapes"]
 
 DELAY = "command_delay"
+#: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), and a skew's column (T, n).
+ForceRows = tuple[FloatArray, FloatArray, FloatArray]
 #: Flow rows kept per stretch: some models' worth of chambers.
 _KEPT_FLOWS = 64
 #: Force rows kept per stretch: one per reading of the sensors.
@@ -39,9 +42,10 @@ class Predictor:
     material : Material
     signals : Signals
     names : tuple of str
-        The base parameters: forces, by cylinder bulk and edges, valves' delays, ripples.
-    delay_columns, ripple_columns : dict of int to int
-        Where among `names` the delay of each cylinder's valve is, and the ripple of its pressures.
+        The base parameters: forces, by cylinder bulk and edges, valves' delays, ripples, skews.
+    delay_columns, ripple_columns, skew_columns : dict of int to int
+        Where among `names` the delay of each cylinder's valve is, and ripple and skew of its
+        pressures.
     """
 
     material: Material
@@ -49,7 +53,10 @@ class Predictor:
     names: tuple[str, ...] = field(init=False)
     delay_columns: dict[int, int] = field(init=False)
     ripple_columns: dict[int, int] = field(init=False)
-    _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    skew_columns: dict[int, int] = field(init=False)
+    _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray, FloatArray]] = field(
+        default_factory=dict
+    )
     _flows: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
     _ripples: tuple[object, dict[tuple[int, int], FloatArray]] | None = None
 
@@ -65,9 +72,11 @@ class Predictor:
             names += [name for name in own if name not in names]
         delays = {c.index: delay_name(c) for c in chambers}
         ripples = {i: ripple_name(cylinders[i].name) for i in self._rippled()}
-        self.names = (*names, *delays.values(), *ripples.values())
+        skews = {i: skew_name(cylinders[i].name) for i in self._read_by_pressures()}
+        self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
         self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
         self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
+        self.skew_columns = {i: self.names.index(name) for i, name in skews.items()}
 
     def base(self, model: Model) -> tuple[FloatArray, FloatArray]:
         """Measured values (N,) and base columns (N, p) at a model's signals and delay."""
@@ -75,12 +84,15 @@ class Predictor:
         y, x = np.zeros(material.size), np.zeros((material.size, len(names)))
         count = len(material.forces.names)
         forced = self._force_base(model)
+        skews = {self._joint_of(i): at for i, at in self.skew_columns.items()}
         for place in material.places:
             if not material.is_flow(place.channel):
                 joint = material.joint_of(place.channel)
-                measured, columns = forced[place.stretch]
+                measured, columns, skew = forced[place.stretch]
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
+                if joint in skews:
+                    x[place.rows, skews[joint]] = skew[:, joint]
         stretches = self.signals.stretches(model)
         self._ripple_base(model, stretches, x)
         for place in material.places:
@@ -122,26 +134,38 @@ class Predictor:
         for valve in model.robot.valves:
             for edge in ("c_pa", "c_at", "c_pb", "c_bt"):
                 values[f"{valve.name}.{edge}"] = float(getattr(valve, edge))
-        for (_, at), ripple in zip(self.ripple_columns.items(), model.ripples, strict=False):
-            values[self.names[at]] = ripple
+        for columns, own in (
+            (self.ripple_columns, model.ripples),
+            (self.skew_columns, model.skews_s),
+        ):
+            names = [self.names[at] for at in columns.values()]
+            values |= dict(zip(names, own, strict=False))
         return np.array([values.get(name, 0.0) for name in self.names])
 
-    def _rippled(self) -> list[int]:
-        """Cylinders whose force is that of pressures, beside a balance that knows the valve."""
+    def _joint_of(self, cylinder: int) -> int:
+        robot = self.material.robot
+        return robot.joint_index(robot.cylinders[cylinder].joint)
+
+    def _read_by_pressures(self) -> list[int]:
+        """Cylinders with rows of a force that is that of pressures."""
         material = self.material
         if material.forces.torque:
             return []
         forced = {material.joint_of(p.channel) for p in material.places
                   if not material.is_flow(p.channel)}  # fmt: skip
+        cylinders = range(len(material.robot.cylinders))
+        return [i for i in cylinders if self._joint_of(i) in forced]
+
+    def _rippled(self) -> list[int]:
+        """Such cylinders beside a balance that knows the valve."""
         known = dict.fromkeys(c.index for c in self._flow_chambers())
-        robot = material.robot
-        return [i for i in known if robot.joint_index(robot.cylinders[i].joint) in forced]
+        forced = self._read_by_pressures()
+        return [i for i in known if i in forced]
 
     def _ripple_base(self, model: Model, stretches: tuple[Stretch, ...], into: FloatArray) -> None:
         material, key = self.material, (reading_key(model), _edges_of(model.robot))
         columns = self.ripple_columns
-        by_joint = {material.robot.joint_index(material.robot.cylinders[i].joint): i
-                    for i in columns}  # fmt: skip
+        by_joint = {self._joint_of(i): i for i in columns}
         if self._ripples is None or self._ripples[0] != key:
             self._ripples = key, {}
         kept = self._ripples[1]
@@ -170,8 +194,8 @@ class Predictor:
             if material.is_flow(k)
         ]
 
-    def _force_base(self, model: Model) -> list[tuple[FloatArray, FloatArray]]:
-        """Measured forces and filtered regressor of every stretch."""
+    def _force_base(self, model: Model) -> list[ForceRows]:
+        """Measured forces, filtered regressor and what a skew adds, of every stretch."""
         key = reading_key(model)
         stretches = self.signals.stretches(model)
         result = []
@@ -183,11 +207,12 @@ class Predictor:
             result.append(self._forces[(*key, s)])
         return result
 
-    def _force_rows(self, stretch: Stretch) -> tuple[FloatArray, FloatArray]:
+    def _force_rows(self, stretch: Stretch) -> ForceRows:
         forces, n = self.material.forces, self.material.robot.dof
         if stretch.moved is None or not stretch.kept.size:
-            return np.zeros((0, n)), np.zeros((0, n, len(forces.names)))
-        return measured(self.material, stretch), self.signals.regressor(stretch, stretch.moved)
+            return np.zeros((0, n)), np.zeros((0, n, len(forces.names))), np.zeros((0, n))
+        material, columns = self.material, self.signals.regressor(stretch, stretch.moved)
+        return measured(material, stretch), columns, skewed(material, stretch)
 
     def _flow_base(
         self,

@@ -17,12 +17,13 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
+from hydro_ident.mismatch.skew import usual_skew
 from hydro_model.robot import FloatArray, Robot
 
 #: Parameters without a known deviation are held to this share of their size.
 _HELD = 1.0e-6
-#: Far beyond any ripple, Pa s: stiff oil read a second off.
-_ANY_RIPPLE = 1.0e10
+#: Far beyond any ripple, Pa s: stiff oil read a second off; far beyond any skew, s.
+_ANY_RIPPLE, _ANY_SKEW = 1.0e10, 1.0e3
 #: Deviation of a barrel's or rod's parameter as a share of what the file or its steel says.
 _PARTS = 1.0
 
@@ -81,9 +82,11 @@ def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior
         plain = name.replace(INVERSE_BULK, "bulk_modulus")
         std = float(given.standard_deviations.get(plain, 0.0))
         variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
+    # Of the readings, not of the machine: no file knows them.
     for at in predictor.ripple_columns.values():
-        # Of the readings, not of the machine: no file knows it.
         variance[at, at] = _ANY_RIPPLE**2
+    for at in predictor.skew_columns.values():
+        variance[at, at] = _ANY_SKEW**2
     scale = np.sqrt(np.diag(variance))
     scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
     root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
@@ -141,6 +144,28 @@ def with_ripples(
         if known is not None:
             values[at] = known[0]
             rows.append(np.eye(count)[at] / known[1])
+    return _with_rows(prior, rows, values)
+
+
+def with_skews(prior: Prior | None, predictor: Predictor, cycle_s: float) -> Prior | None:
+    """What is known before, with how late pressures usually are read: not at all, or a little.
+
+    Parameters
+    ----------
+    prior : Prior or None
+    predictor : Predictor
+    cycle_s : float
+        Interval of the readings.
+    """
+    count, columns = len(predictor.names), predictor.skew_columns.values()
+    values = np.zeros(count) if prior is None else prior.values.copy()
+    values[list(columns)] = 0.0
+    return _with_rows(prior, [np.eye(count)[at] / usual_skew(cycle_s) for at in columns], values)
+
+
+def _with_rows(
+    prior: Prior | None, rows: Sequence[FloatArray], values: FloatArray
+) -> Prior | None:
     if not rows:
         return prior
     roots = [] if prior is None else [prior.root]

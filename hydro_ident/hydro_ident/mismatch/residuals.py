@@ -22,7 +22,7 @@ from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import partly, spread_parts
 from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples
+from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples, with_skews
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.slowness import settled
@@ -199,7 +199,9 @@ def _refitted(
     start = start_model(robot, predictor, resolve(robot))
     before = fixed_prior if settings.fixed_base else parts_prior
     prior = before(predictor, robot, predictor.parameters(start))
-    training = Training.of(predictor, rows, prior)
+    training = Training.of(predictor, rows)
+    prior = with_skews(prior, predictor, training.cycle_s)
+    training = replace(training, prior=prior)
     base = fit(training, start)
     std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
     prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)

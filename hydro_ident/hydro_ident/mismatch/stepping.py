@@ -12,6 +12,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.settings import LEAST_EXCESS
+from hydro_ident.mismatch.skew import is_listed, largest_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
@@ -68,7 +69,16 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
     ripples = tuple(
         float(np.clip(now[k] + step[k], -most, most)) for k in predictor.ripple_columns.values()
     )
-    return Model(robot, theta, delays, tuple(terms), ripples)
+    return Model(robot, theta, delays, tuple(terms), ripples, _skews(training, model, step))
+
+
+def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
+    """How late pressures are read after a step; none beside an effect that says so."""
+    most, now = largest_skew(training.cycle_s), training.predictor.parameters(model)
+    return tuple(
+        float(np.clip(now[at] + step[at], -most, most))
+        for at in training.predictor.skew_columns.values()
+    )
 
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
@@ -135,19 +145,29 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
-def delays_beyond(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
-    """Columns of the delays that a step would take out of their range, and how far they may go."""
+def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
+    """Columns whose step is not free, and that step.
+
+    Delays and skews go no further than their range, and a skew goes over to an effect that says
+    the same of the pressures.
+    """
     longest, result = _CYCLES * training.cycle_s, dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
         now = model.delays_s[index]
         fresh = now + float(step[at])
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
+    most, values = largest_skew(training.cycle_s), training.predictor.parameters(model)
+    for index, at in training.predictor.skew_columns.items():
+        now = float(values[at])
+        fresh = 0.0 if is_listed(model.terms, index) else now + float(step[at])
+        if fresh == 0.0 or abs(fresh) > most:
+            result[at] = min(max(fresh, -most), most) - now
     return result
 
 
 def held_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
-    """Columns that can take no step: at their bound, or a delay beside one that is listed."""
+    """Columns that can take no step: at their bound, or beside an effect that is the same."""
     held = [
         at
         for index, at in training.predictor.delay_columns.items()
@@ -155,9 +175,20 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
         or (step[at] > 0.0 and at_longest_delay(training, model, index))
         or (step[at] < 0.0 and model.delays_s[index] < _NO_DELAY * training.cycle_s)
     ]
-    most, now = largest_ripple(training.cycle_s), training.predictor.parameters(model)
-    ripples = training.predictor.ripple_columns.values()
-    return held + [k for k in ripples if abs(now[k]) >= most and now[k] * step[k] > 0.0]
+    predictor, cycle_s = training.predictor, training.cycle_s
+    now = predictor.parameters(model)
+    held += [
+        at
+        for index, at in predictor.skew_columns.items()
+        if now[at] == 0.0 and is_listed(model.terms, index)
+    ]
+    for columns, most in (
+        (predictor.ripple_columns, largest_ripple(cycle_s)),
+        (predictor.skew_columns, largest_skew(cycle_s)),
+    ):
+        ends = [k for k in columns.values() if abs(now[k]) >= most and now[k] * step[k] > 0.0]
+        held += [k for k in ends if k not in held]
+    return held
 
 
 def at_longest_delay(training: Training, model: Model, index: int) -> bool:

@@ -21,9 +21,8 @@ from hydro_ident.mismatch.settings import (
     PRECISION,
     PRECISION_FLOW,
 )
+from hydro_ident.mismatch.skew import PRESSURE_DELAY
 from hydro_ident.mismatch.training import Training
-from hydro_model.effects.catalogue import CATALOGUE
-from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -44,8 +43,6 @@ _OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinear
 _OPENING_SHARE = 0.15
 #: Effects of joints' accelerations.
 OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
-#: Step of the derivative in the pressures' time, in cycles.
-_SKEW_STEP = 0.1
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -137,14 +134,13 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     one : Contender
     """
     cycle_s, term = training.cycle_s, one.term
-    if term.effect.name == "pressure_delay":
-        return bool(term.parameters[0] >= LEAST_CYCLES * cycle_s)
+    if term.effect.name == PRESSURE_DELAY:
+        # What the base has of it goes over to the effect.
+        late_s = term.parameters[0] + max(0.0, min(one.fitted.model.skews_s, default=0.0))
+        return bool(late_s >= LEAST_CYCLES * cycle_s)
     if term.effect.name == DELAY:
         excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
         return bool(excess >= LEAST_EXCESS * cycle_s)
-    if term.effect.name in OF_ACCELERATION:
-        gain, skew_s = mere_skew(training, without, term)
-        return gain < SAME_AS_DELAY * one.gain or abs(skew_s) >= LEAST_CYCLES * cycle_s
     if term.effect.name not in LAGS:
         return True
     channel = training.predictor.material.channel
@@ -199,42 +195,6 @@ def mere_delay(
     slope = slopes * np.isin(predictor.material.channel, channels)
     own = without.bench.beyond(slope[mask][:, None])[:, 0]
     square, product = float(own @ own), float(own @ without.bench.residual)
-    return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
-
-
-def mere_skew(training: Training, without: Fitted, term: ActiveEffect) -> tuple[float, float]:
-    """What pressures that are read a little late gain where an effect acts, and how late.
-
-    A filter of a transducer's electronics of a tenth of a millisecond makes tens of newtons of the
-    force of a heavy arm in quick motion, and they go with its acceleration.
-
-    Parameters
-    ----------
-    training : Training
-    without : Fitted
-    term : ActiveEffect
-
-    Returns
-    -------
-    gain : float
-        Reduction of the sum of squares, in units of the noise's variance; 0 without pressures.
-    skew_s : float
-    """
-    predictor, mask = training.predictor, training.mask
-    material = predictor.material
-    if material.forces.torque:
-        return 0.0, 0.0
-    delay = CATALOGUE["pressure_delay"]
-    step_s = _SKEW_STEP * training.cycle_s
-    skewed = ActiveEffect(
-        delay, None, np.array([step_s]), target=material.robot.name, index=EVERY_CHAMBER
-    )
-    column = predictor.contribution(without.model, skewed) / step_s
-    own = predictor.contribution(without.model, term)
-    acting = [k for k in np.unique(material.channel) if own[material.channel == k].any()]
-    column[~np.isin(material.channel, acting)] = 0.0
-    left = without.bench.beyond(column[mask][:, None])[:, 0]
-    square, product = float(left @ left), float(left @ without.bench.residual)
     return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
 
 
