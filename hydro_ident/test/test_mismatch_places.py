@@ -15,7 +15,7 @@ from hydro_ident.mismatch.diagnosis import _hardly_better, diagnose
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.places import bounded_tilt, tilts
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.stepping import delays_beyond, is_free
+from hydro_ident.mismatch.stepping import given_steps, is_free
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
@@ -83,13 +83,13 @@ def test_a_delay_goes_to_the_end_of_its_range_and_no_further(
     work = lay_out(crane_run)
     model, columns = work.base.model, work.training.predictor.delay_columns
     cycle, step = work.training.cycle_s, np.zeros(work.base.columns.shape[1])
-    assert delays_beyond(work.training, model, step) == {}
+    assert given_steps(work.training, model, step) == {}
     now = model.delays_s[0]
     step[columns[0]], step[columns[1]] = 0.3 * cycle - now, 3.0 * cycle
-    beyond = delays_beyond(work.training, model, step)
+    beyond = given_steps(work.training, model, step)
     assert beyond == {columns[1]: pytest.approx(1.25 * cycle - model.delays_s[1])}
     step[columns[0]] = -2.0 * cycle
-    assert delays_beyond(work.training, model, step)[columns[0]] == pytest.approx(-now)
+    assert given_steps(work.training, model, step)[columns[0]] == pytest.approx(-now)
 
 
 def test_a_temperature_that_only_some_recordings_have_is_left_aside(
