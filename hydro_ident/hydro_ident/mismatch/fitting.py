@@ -187,7 +187,7 @@ def _within_range(training: Training, current: Fitted) -> FloatArray:
     reach = _reach(current)
     step = current.bench.solve(reach)
     given = given_steps(training, current.model, step)
-    if not any(given.values()):
+    if not given:
         return step
     columns, residual = current.columns.copy(), current.residual.copy()
     for at, change in given.items():

@@ -17,7 +17,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
-from hydro_ident.mismatch.skew import usual_skew
+from hydro_ident.mismatch.skew import USUAL_S
 from hydro_model.robot import FloatArray, Robot
 
 #: Parameters without a known deviation are held to this share of their size.
@@ -147,20 +147,18 @@ def with_ripples(
     return _with_rows(prior, rows, values)
 
 
-def with_skews(prior: Prior | None, predictor: Predictor, cycle_s: float) -> Prior | None:
+def with_skews(prior: Prior | None, predictor: Predictor) -> Prior | None:
     """What is known before, with how late pressures usually are read: not at all, or a little.
 
     Parameters
     ----------
     prior : Prior or None
     predictor : Predictor
-    cycle_s : float
-        Interval of the readings.
     """
     count, columns = len(predictor.names), predictor.skew_columns.values()
     values = np.zeros(count) if prior is None else prior.values.copy()
     values[list(columns)] = 0.0
-    return _with_rows(prior, [np.eye(count)[at] / usual_skew(cycle_s) for at in columns], values)
+    return _with_rows(prior, [np.eye(count)[at] / USUAL_S for at in columns], values)
 
 
 def _with_rows(

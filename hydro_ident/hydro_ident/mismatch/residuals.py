@@ -198,10 +198,8 @@ def _refitted(
     """
     start = start_model(robot, predictor, resolve(robot))
     before = fixed_prior if settings.fixed_base else parts_prior
-    prior = before(predictor, robot, predictor.parameters(start))
-    training = Training.of(predictor, rows)
-    prior = with_skews(prior, predictor, training.cycle_s)
-    training = replace(training, prior=prior)
+    prior = with_skews(before(predictor, robot, predictor.parameters(start)), predictor)
+    training = Training.of(predictor, rows, prior)
     base = fit(training, start)
     std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
     prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)

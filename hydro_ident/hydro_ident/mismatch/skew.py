@@ -10,9 +10,9 @@ and they go with its acceleration, as those of a spring or of a rotor would. Wha
 column -dF_read/dt is fitted, cylinder by cylinder, with the base.
 
 In a motion of few frequencies the column looks like what depends on the position, as a ripple's
-does: a quarter of an interval is what is known of s beforehand, and half of one is as far as it
-goes. What is later than that is a finding, the effect `pressure_delay`, beside which none is
-fitted.
+does, and at reversals like dry friction: s is therefore known beforehand to what such parts make
+of it, and half an interval is as far as it goes. What is later than that is a finding, the effect
+`pressure_delay`, beside which none is fitted.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ from hydro_model.robot import FloatArray
 
 #: Effect that is the same thing, larger.
 PRESSURE_DELAY = "pressure_delay"
-#: Deviation of what is known of a skew before, in intervals.
-_KNOWN = 0.25
+#: Deviation of what is known of a skew before, s: filters of transducers settle in tenths of a
+#: millisecond, and a cycle's frames are on the bus within one.
+USUAL_S = 2.5e-4
+#: No base's pressures are read later, s.
+_MOST_S = 1.0e-3
 
 
 def skew_name(cylinder: str) -> str:
@@ -39,12 +42,7 @@ def skew_name(cylinder: str) -> str:
 
 def largest_skew(cycle_s: float) -> float:
     """Bound of a skew for readings at such an interval, s: what later ones are is a finding."""
-    return LEAST_CYCLES * cycle_s
-
-
-def usual_skew(cycle_s: float) -> float:
-    """Deviation of what is known of a skew before any fit, s."""
-    return _KNOWN * cycle_s
+    return min(LEAST_CYCLES * cycle_s, _MOST_S)
 
 
 def skew_column(force: FloatArray, step_s: float) -> FloatArray:
