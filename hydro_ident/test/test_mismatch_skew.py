@@ -11,6 +11,7 @@ import pytest
 
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
@@ -77,6 +78,11 @@ def test_the_base_takes_a_skew_up(make_run: Make, lay_out: Callable[..., Residua
     std = float(np.sqrt(late.base.covariance[at, at]))
     assert abs(found[1] - found[0] - added_s) < 3.0 * std + 0.05 * added_s
     assert _left(late) < 1.05 * _left(plain)
+    notes = [robot_of(w.training.predictor, w.base, w.robot).notes for w in (plain, late)]
+    told = [[n for n in some if n.startswith("pressures of")] for some in notes]
+    assert not told[0]
+    assert "pressures of lift_cylinder are read 0.29 +- " in told[1][0]
+    assert told[1][0].endswith("ms after positions: taken out, not in the model")
     # A soft, damped spring gains less on rows that took no part than its numbers cost.
     spring = _fitted(late, late.base, SPRING)
     assert 0.5 * spring.held_out < spring.cost

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,8 @@ from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
 
 #: Difference between valves' delays that is worth a note.
 _SAME_DELAY_S = 3.0e-4
+#: A skew of pressures that is: so long, and so many deviations.
+_SKEW_S, _DEVIATIONS = 5.0e-5, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +113,7 @@ def robot_of(
         standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v) and v > 0.0},
         effects=effects,
     )
-    return Modelled(whole, (*notes, *differ))
+    return Modelled(whole, (*notes, *differ, *_skew_notes(predictor, fitted, std)))
 
 
 def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, tuple[str, ...]]:
@@ -124,6 +126,23 @@ def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, t
     found = ", ".join(f"{1e3 * value:.2g}" for value in own)
     note = f"the valves' command delays differ ({found} ms): the model has their mean"
     return float(np.mean(own)), (note,)
+
+
+def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) -> tuple[str, ...]:
+    """Which pressures are read earlier or later than positions: no model file knows."""
+    notes = []
+    for (index, at), skew_s in zip(
+        predictor.skew_columns.items(), fitted.model.skews_s, strict=False
+    ):
+        error_s = std[predictor.names[at]]
+        if abs(skew_s) >= max(_SKEW_S, _DEVIATIONS * error_s):
+            when = "after" if skew_s > 0.0 else "before"
+            notes.append(
+                f"pressures of {predictor.material.robot.cylinders[index].name} are read"
+                f" {1e3 * abs(skew_s):.2f} +- {1e3 * error_s:.2f} ms {when} positions: taken out,"
+                " not in the model"
+            )
+    return tuple(notes)
 
 
 def _effect_deviations(fitted: Fitted, covariance: FloatArray) -> dict[str, float]:

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, edge_integrals
+from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
 from hydro_ident.estimate.derivatives import low_pass
-from hydro_ident.mismatch.contributions import compressed, contribution, measured, skewed
+from hydro_ident.mismatch.balance_steps import Balance, balance_steps, pressure_rate
+from hydro_ident.mismatch.contributions import contribution, measured, skewed
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
@@ -58,6 +59,7 @@ class Predictor:
         default_factory=dict
     )
     _flows: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
+    _rates: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
     _ripples: tuple[object, dict[tuple[int, int], FloatArray]] | None = None
 
     def __post_init__(self) -> None:
@@ -72,7 +74,8 @@ class Predictor:
             names += [name for name in own if name not in names]
         delays = {c.index: delay_name(c) for c in chambers}
         ripples = {i: ripple_name(cylinders[i].name) for i in self._rippled()}
-        skews = {i: skew_name(cylinders[i].name) for i in self._read_by_pressures()}
+        read = dict.fromkeys([*self._read_by_pressures(), *(c.index for c in chambers)])
+        skews = {i: skew_name(cylinders[i].name) for i in read}
         self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
         self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
         self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
@@ -224,20 +227,22 @@ class Predictor:
     ) -> None:
         material, names = self.material, self.names
         chamber = material.chambers[material.chamber_index(channel)]
-        means = self._flow_rows(model, stretch, channel)
-        first, second = chamber.edges
+        rows_of = Balance.of(self._flow_rows(model, stretch, channel))
         valve = model.robot.valve_of(chamber.cylinder.name)
-        slope = means[:, 4] * float(getattr(valve, first))
-        slope = slope + means[:, 5] * float(getattr(valve, second))
-        own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
-        own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
-        into[0][rows] = means[:, 0]
-        for k, name in enumerate(own):
-            into[1][rows, names.index(name)] = means[:, 1 + k]
-        into[1][rows, names.index(delay_name(chamber))] = slope
+        edges = np.array([float(getattr(valve, edge)) for edge in chamber.edges])
+        inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
+        own = {f"{chamber.cylinder.name}.{INVERSE_BULK}": rows_of.compression}
+        for k, edge in enumerate(chamber.edges):
+            own[f"{chamber.valve.name}.{edge}"] = rows_of.edges[:, k]
+        own[delay_name(chamber)] = rows_of.late @ edges
+        skew = rows_of.skewed @ edges + inverse * rows_of.skewed_compression
+        own[skew_name(chamber.cylinder.name)] = skew
+        into[0][rows] = rows_of.swept
+        for name, values in own.items():
+            into[1][rows, names.index(name)] = values
 
     def _flow_rows(self, model: Model, stretch: Stretch, channel: int) -> FloatArray:
-        """Rate of volume, compression, both edges and their slopes in the delay, (W, 6).
+        """Rows of a balance, (W, 9) as `balance_steps`.
 
         At unit coefficients: they change with delay and shaping alone, and are kept for those.
         """
@@ -248,20 +253,24 @@ class Predictor:
         key = (delay_s, model.shape, channel, stretch.number)
         if key in self._flows:
             return self._flows[key]
-        trace = self.signals.shaped(model, stretch)
-        volume, squeezed = compressed(chamber, trace)
-        step = 0.1 * trace.step_s
-        early = max(delay_s - step, 0.0)
-        now, late, soon = (
-            edge_integrals(chamber, trace, d) for d in (delay_s, delay_s + step, early)
-        )
-        width = delay_s + step - early
-        slopes = [(a - b) / width for a, b in zip(late, soon, strict=True)]
-        steps = np.stack([np.diff(volume), -squeezed, *now, *slopes], axis=1)
+        steps = balance_steps(
+            chamber, self.signals.shaped(model, stretch), delay_s,
+            self._rate(model, stretch, channel),
+        )  # fmt: skip
         if len(self._flows) >= _KEPT_FLOWS * max(len(material.stretches), 1):
             self._flows.clear()
         self._flows[key] = material.windowed(stretch, index, steps)
         return self._flows[key]
+
+    def _rate(self, model: Model, stretch: Stretch, channel: int) -> FloatArray:
+        """Rate of a chamber's pressure, kept per reading of the sensors."""
+        material, key = self.material, (reading_key(model), channel, stretch.number)
+        if key not in self._rates:
+            if len(self._rates) >= _KEPT_FORCES * len(material.places):
+                self._rates.clear()
+            chamber = material.chambers[material.chamber_index(channel)]
+            self._rates[key] = pressure_rate(chamber, stretch.trace, material.filters)
+        return self._rates[key]
 
 
 def _edges_of(robot: Robot) -> tuple[float, ...]:

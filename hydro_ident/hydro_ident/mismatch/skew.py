@@ -6,8 +6,9 @@ of an interval after positions. A force read s late is, to first order,
     F(t) = F_read(t) + s dF_read/dt,
 
 so that what is read lacks s times its own slope: tens of newtons in quick motion of a heavy arm,
-and they go with its acceleration, as those of a spring or of a rotor would. What multiplies the
-column -dF_read/dt is fitted, cylinder by cylinder, with the base.
+and they go with its acceleration, as those of a spring or of a rotor would. So do the compression
+and the edges' flows of both chambers. What multiplies -dF_read/dt, and the balances' slopes, is
+fitted, cylinder by cylinder, with the base.
 
 In a motion of few frequencies the column looks like what depends on the position, as a ripple's
 does, and at reversals like dry friction: s is therefore known beforehand to what such parts make
