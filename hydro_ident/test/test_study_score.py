@@ -18,19 +18,6 @@ from hydro_ident.study.publish import publish, summary_text
 from hydro_ident.study.score import score_case
 from hydro_ident.study.summary import shuffled, summarise
 
-AT = {
-    "lever": 0.3,
-    "inertia_kg_m2": 2000.0,
-    "fast_m_s": 0.1,
-    "lowest_tip_m": -1.0,
-    "duration_s": 60.0,
-    "cycle_s": 0.002,
-    "bulk_modulus_pa": 1e9,
-    "line_volume_m3": 1e-4,
-    "coldest_c": 30.0,
-    "warmest_c": 38.0,
-}
-
 
 def _effect(name: str, *, ratio: float = 5.0, channels: Any = ("lift/force",)) -> dict[str, Any]:
     return {
@@ -41,7 +28,7 @@ def _effect(name: str, *, ratio: float = 5.0, channels: Any = ("lift/force",)) -
         "limit": 1000.0 / ratio,
         "ratio": ratio,
         "channels": list(channels),
-        "at": AT,
+        "at": {},
     }
 
 
