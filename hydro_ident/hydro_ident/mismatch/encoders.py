@@ -23,9 +23,10 @@ from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.worth import OF_ACCELERATION
 from hydro_model.robot import FloatArray
 
+#: Effects of joints' accelerations.
+OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
 #: Share of an effect's product with the residual from which it is the noise's.
 _SHARE = 0.25
 _TWINS, _SEED = 2, 1

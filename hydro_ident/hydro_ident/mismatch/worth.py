@@ -41,8 +41,6 @@ _STATIC_SHARE = 0.25
 #: which therefore has to explain this share (rms) of it.
 _OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinearity"})
 _OPENING_SHARE = 0.15
-#: Effects of joints' accelerations.
-OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
