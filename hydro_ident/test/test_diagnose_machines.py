@@ -121,7 +121,7 @@ def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
 ) -> None:
     """Offsets of 0.02 % of the range that come and go over seconds: no event, no line of time.
 
-    Nor is what their electronics make, a delay of 0.4 ms, a spring or a coupling.
+    Nor is what their electronics make, delays of 0.4 and 0.1 ms, a spring, friction or a coupling.
     """
     true_crane, simulated_run = make_run
     rng, kept = np.random.default_rng(1), np.exp(-0.002 / 8.0)
@@ -130,13 +130,13 @@ def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
         steps = rng.normal(size=like.shape) * np.sqrt(1.0 - kept**2)
         return 5.0e3 * lfilter([1.0], [1.0, -kept], steps, axis=0)
 
-    def late(p: Any) -> Any:
-        return p - 4.0e-4 * np.gradient(p, 0.002, axis=0) + wander(p)
+    def late(p: Any, delay_s: float) -> Any:
+        return p - delay_s * np.gradient(p, 0.002, axis=0) + wander(p)
 
     bags = []
     for name, seconds, motion in (("train", 40.0, 0), ("check", 25.0, 3)):
         run = simulated_run(true_crane(), seconds, seed=motion)
-        run = replace(run, p_a=late(run.p_a), p_b=late(run.p_b))
+        run = replace(run, p_a=late(run.p_a, 4.0e-4), p_b=late(run.p_b, 1.0e-4))
         bags.append(run.recording(name))
     found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
     assert (found.findings, found.unexplained) == ((), ())

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.contributions import pressure_rates
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.skew import largest_skew, skew_column, skew_name
+from hydro_ident.mismatch.skew import largest_skew, skew_name
 from hydro_ident.mismatch.worth import resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
@@ -32,11 +34,14 @@ MODE = {"inertia": 250.0, "frequency": 7.1, "damping": 0.1}
 LATE = EffectSpec("pressure_delay", "xs031", {"delay": STEP_S})
 
 
-def _run(make_run: Make, skew_s: float, *effects: EffectSpec) -> Any:
-    """A machine with some effects, whose pressures are read a little late."""
+def _run(make_run: Make, skews_s: Any, *effects: EffectSpec) -> Any:
+    """A machine with some effects, whose pressures of chambers a and b are read a little late."""
     true_crane, simulated_run = make_run
     run = simulated_run(replace(true_crane(), effects=effects), 18.0)
-    p_a, p_b = (p - skew_s * np.gradient(p, STEP_S, axis=0) for p in (run.p_a, run.p_b))
+    p_a, p_b = (
+        p - s * np.gradient(p, STEP_S, axis=0)
+        for p, s in zip((run.p_a, run.p_b), np.broadcast_to(skews_s, 2), strict=True)
+    )
     return replace(run, p_a=p_a, p_b=p_b)
 
 
@@ -54,34 +59,32 @@ def _left(work: Residuals) -> float:
     return float(np.std(work.base.residual[rows]))
 
 
-def test_the_column_is_what_a_late_reading_lacks() -> None:
+def test_rates_of_pressures_are_their_slopes() -> None:
     time = STEP_S * np.arange(4000)
-    force, late_s = (lambda t: 3.0e4 * np.sin(9.0 * t)), 1.5e-4
-    read = force(time - late_s)
-    column = skew_column(read[:, None], STEP_S)[:, 0]
-    # Read is what is there plus the column: to second order in a shift of 9 x 1.5e-4 rad.
-    inner = slice(2, -2)
-    assert np.abs(read - late_s * column - force(time))[inner].max() < 3.0e4 * 1e-6
-    assert np.abs(read - force(time)).max() > 3.0e4 * 1e-3
-    assert not skew_column(read[:1, None], STEP_S).any()
+    rate = pressure_rates(5.0e6 * np.sin(9.0 * time), STEP_S, FilterSettings())
+    inner = slice(100, -100)
+    # Central differences of a sine are short of its slope by (9 x 0.002)^2 / 6.
+    assert rate[inner] == pytest.approx(4.5e7 * np.cos(9.0 * time)[inner], abs=1e-4 * 4.5e7)
+    assert not pressure_rates(np.ones(1), STEP_S, FilterSettings()).any()
 
 
-def test_the_base_takes_a_skew_up(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
-    """Found at its size beside the machine's own, and nothing of it is left; nor any law."""
-    added_s = 3.0e-4
-    plain, late = (lay_out(_run(make_run, s)) for s in (0.0, added_s))
+def test_the_base_takes_skews_up(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
+    """Found at their sizes, chamber by chamber, and nothing of them is left; nor any law."""
+    added_s = np.array([3.0e-4, 1.0e-4])
+    plain, late = (lay_out(_run(make_run, s)) for s in (np.zeros(2), added_s))
     predictor = late.training.predictor
-    at = predictor.skew_columns[0]
-    assert predictor.names[at] == skew_name("lift_cylinder")
-    found = [w.base.model.skews_s[0] for w in (plain, late)]
-    assert found[1] - found[0] == pytest.approx(added_s, rel=0.1)
-    std = float(np.sqrt(late.base.covariance[at, at]))
-    assert abs(found[1] - found[0] - added_s) < 3.0 * std + 0.05 * added_s
+    columns = predictor.skew_columns
+    assert predictor.names[columns[0]] == skew_name("lift_cylinder", "a")
+    before, after = (np.array(w.base.model.skews_s).reshape(2, 2) for w in (plain, late))
+    assert np.abs(before).max() < 5e-5
+    assert (after - before)[0] == pytest.approx(added_s, abs=3e-5)
+    std = np.sqrt(np.diag(late.base.covariance))[list(columns.values())].reshape(2, 2)
+    assert (np.abs(after - added_s) < 4.0 * std + 2e-5).all()
     assert _left(late) < 1.05 * _left(plain)
     notes = [robot_of(w.training.predictor, w.base, w.robot).notes for w in (plain, late)]
-    told = [[n for n in some if n.startswith("pressures of")] for some in notes]
+    told = [[n for n in some if n.startswith("the pressure of")] for some in notes]
     assert not told[0]
-    assert "pressures of lift_cylinder are read 0.29 +- " in told[1][0]
+    assert told[1][0].startswith("the pressure of lift_cylinder/a is read 0.")
     assert told[1][0].endswith("ms after positions: taken out, not in the model")
     # A soft, damped spring gains less on rows that took no part than its numbers cost.
     spring = _fitted(late, late.base, SPRING)

@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.derivatives import FilterSettings, low_pass
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.contributions import compressed, pressure_of
-from hydro_ident.mismatch.skew import skew_column
+from hydro_ident.mismatch.contributions import compressed
 from hydro_model.robot import FloatArray
 
 #: Step of the slopes in time, in sampling intervals.
@@ -51,14 +49,6 @@ class Balance:
         return Balance(
             rows[:, 0], rows[:, 1], rows[:, 2:4], rows[:, 4:6], rows[:, 6:8], rows[:, 8]
         )
-
-
-def pressure_rate(chamber: Chamber, trace: Trace, filters: FilterSettings) -> FloatArray:
-    """Rate of a chamber's pressure, as quick as forces are looked at, (N,) in Pa/s."""
-    pressure = pressure_of(chamber, trace)
-    finite = np.where(np.isfinite(pressure), pressure, 0.0)
-    smooth = low_pass(finite, trace.step_s, filters.differentiation_hz, filters.order)
-    return -skew_column(smooth, trace.step_s)
 
 
 def balance_steps(chamber: Chamber, trace: Trace, delay_s: float, rate: FloatArray) -> FloatArray:

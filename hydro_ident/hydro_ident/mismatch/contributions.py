@@ -14,13 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.derivatives import FilterSettings, low_pass
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Material, Place, Stretch
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
-from hydro_ident.mismatch.skew import skew_column
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
@@ -65,21 +64,32 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
 
 def measured(material: Material, stretch: Stretch) -> FloatArray:
     """Measured forces of a stretch on its rows, (T, n)."""
-    return material.filtered(stretch, _smooth_force(material, stretch))
-
-
-def skewed(material: Material, stretch: Stretch) -> FloatArray:
-    """What the measured forces of a stretch lack per second that they are read late, (T, n)."""
-    column = skew_column(_smooth_force(material, stretch), stretch.trace.step_s)
-    return material.filtered(stretch, column)
-
-
-def _smooth_force(material: Material, stretch: Stretch) -> FloatArray:
-    """Measured forces of a stretch as quick as its accelerations are, (N, n)."""
     force = measured_force(material.forces, stretch.trace)
     settings = material.filters
     finite = np.where(np.isfinite(force), force, 0.0)
-    return low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
+    smooth = low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
+    return material.filtered(stretch, smooth)
+
+
+def skewed(material: Material, stretch: Stretch) -> FloatArray:
+    """What the cylinders' forces are off by per second that a chamber is read late, (T, 2 c).
+
+    Chambers a and b of each cylinder in turn.
+    """
+    trace, settings = stretch.trace, material.filters
+    areas = [area for c in material.robot.cylinders for area in (-c.area_a_m2, c.area_b_m2)]
+    pressures = np.stack([trace.p_a, trace.p_b], axis=2).reshape(trace.samples, -1)
+    rates = pressure_rates(pressures, trace.step_s, settings)
+    return material.filtered(stretch, np.array(areas) * rates)
+
+
+def pressure_rates(pressures: FloatArray, step_s: float, filters: FilterSettings) -> FloatArray:
+    """Rates of pressures (N, ...), as quick as forces are looked at; Pa/s."""
+    finite = np.where(np.isfinite(pressures), pressures, 0.0)
+    if len(finite) < 2:
+        return np.zeros_like(finite)
+    smooth = low_pass(finite, step_s, filters.differentiation_hz, filters.order)
+    return np.asarray(np.gradient(smooth, step_s, axis=0))
 
 
 def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:

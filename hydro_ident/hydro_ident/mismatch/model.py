@@ -131,16 +131,16 @@ def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, t
 def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) -> tuple[str, ...]:
     """Which pressures are read earlier or later than positions: no model file knows."""
     notes = []
-    for (index, at), skew_s in zip(
+    for (chamber, at), skew_s in zip(
         predictor.skew_columns.items(), fitted.model.skews_s, strict=False
     ):
         error_s = std[predictor.names[at]]
         if abs(skew_s) >= max(_SKEW_S, _DEVIATIONS * error_s):
+            cylinder = predictor.material.robot.cylinders[chamber // 2].name
             when = "after" if skew_s > 0.0 else "before"
             notes.append(
-                f"pressures of {predictor.material.robot.cylinders[index].name} are read"
-                f" {1e3 * abs(skew_s):.2f} +- {1e3 * error_s:.2f} ms {when} positions: taken out,"
-                " not in the model"
+                f"the pressure of {cylinder}/{'ab'[chamber % 2]} is read {1e3 * abs(skew_s):.2f}"
+                f" +- {1e3 * error_s:.2f} ms {when} positions: taken out, not in the model"
             )
     return tuple(notes)
 

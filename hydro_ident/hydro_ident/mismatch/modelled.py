@@ -29,7 +29,7 @@ class Model:
     ripples : tuple of float
         Of each cylinder's pressures, as `ripple`; Pa s. Empty: none.
     skews_s : tuple of float
-        How late each cylinder's pressures are read, as `skew`. Empty: not at all.
+        How late each chamber's pressure is read, as `skew`. Empty: not at all.
     shaping : bool
         Whether an effect enters through the edges.
     shape : tuple

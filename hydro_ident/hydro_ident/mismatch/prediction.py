@@ -8,8 +8,14 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
 from hydro_ident.estimate.derivatives import low_pass
-from hydro_ident.mismatch.balance_steps import Balance, balance_steps, pressure_rate
-from hydro_ident.mismatch.contributions import contribution, measured, skewed
+from hydro_ident.mismatch.balance_steps import Balance, balance_steps
+from hydro_ident.mismatch.contributions import (
+    contribution,
+    measured,
+    pressure_of,
+    pressure_rates,
+    skewed,
+)
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
@@ -21,7 +27,7 @@ from hydro_model.robot import FloatArray, Robot
 __all__ = ["DELAY", "Model", "Predictor", "shapes"]
 
 DELAY = "command_delay"
-#: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), and a skew's column (T, n).
+#: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), and skews' columns (T, 2 c).
 ForceRows = tuple[FloatArray, FloatArray, FloatArray]
 #: Flow rows kept per stretch: some models' worth of chambers.
 _KEPT_FLOWS = 64
@@ -44,9 +50,10 @@ class Predictor:
     signals : Signals
     names : tuple of str
         The base parameters: forces, by cylinder bulk and edges, valves' delays, ripples, skews.
-    delay_columns, ripple_columns, skew_columns : dict of int to int
-        Where among `names` the delay of each cylinder's valve is, and ripple and skew of its
-        pressures.
+    delay_columns, ripple_columns : dict of int to int
+        Where among `names` the delay of each cylinder's valve is, and the ripple of its pressures.
+    skew_columns : dict of int to int
+        Where the skew of each chamber's pressure is: chambers a and b of each cylinder in turn.
     """
 
     material: Material
@@ -75,7 +82,8 @@ class Predictor:
         delays = {c.index: delay_name(c) for c in chambers}
         ripples = {i: ripple_name(cylinders[i].name) for i in self._rippled()}
         read = dict.fromkeys([*self._read_by_pressures(), *(c.index for c in chambers)])
-        skews = {i: skew_name(cylinders[i].name) for i in read}
+        skews = {2 * i + k: skew_name(cylinders[i].name, side)
+                 for i in read for k, side in enumerate("ab")}  # fmt: skip
         self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
         self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
         self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
@@ -87,15 +95,15 @@ class Predictor:
         y, x = np.zeros(material.size), np.zeros((material.size, len(names)))
         count = len(material.forces.names)
         forced = self._force_base(model)
-        skews = {self._joint_of(i): at for i, at in self.skew_columns.items()}
         for place in material.places:
             if not material.is_flow(place.channel):
                 joint = material.joint_of(place.channel)
                 measured, columns, skew = forced[place.stretch]
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
-                if joint in skews:
-                    x[place.rows, skews[joint]] = skew[:, joint]
+                for one, at in self.skew_columns.items():
+                    if self._joint_of(one // 2) == joint:
+                        x[place.rows, at] = skew[:, one]
         stretches = self.signals.stretches(model)
         self._ripple_base(model, stretches, x)
         for place in material.places:
@@ -198,7 +206,7 @@ class Predictor:
         ]
 
     def _force_base(self, model: Model) -> list[ForceRows]:
-        """Measured forces, filtered regressor and what a skew adds, of every stretch."""
+        """Measured forces, filtered regressor and what skews add, of every stretch."""
         key = reading_key(model)
         stretches = self.signals.stretches(model)
         result = []
@@ -213,7 +221,8 @@ class Predictor:
     def _force_rows(self, stretch: Stretch) -> ForceRows:
         forces, n = self.material.forces, self.material.robot.dof
         if stretch.moved is None or not stretch.kept.size:
-            return np.zeros((0, n)), np.zeros((0, n, len(forces.names))), np.zeros((0, n))
+            count = 2 * len(self.material.robot.cylinders)
+            return np.zeros((0, n)), np.zeros((0, n, len(forces.names))), np.zeros((0, count))
         material, columns = self.material, self.signals.regressor(stretch, stretch.moved)
         return measured(material, stretch), columns, skewed(material, stretch)
 
@@ -236,7 +245,7 @@ class Predictor:
             own[f"{chamber.valve.name}.{edge}"] = rows_of.edges[:, k]
         own[delay_name(chamber)] = rows_of.late @ edges
         skew = rows_of.skewed @ edges + inverse * rows_of.skewed_compression
-        own[skew_name(chamber.cylinder.name)] = skew
+        own[skew_name(chamber.cylinder.name, chamber.side)] = skew
         into[0][rows] = rows_of.swept
         for name, values in own.items():
             into[1][rows, names.index(name)] = values
@@ -269,7 +278,9 @@ class Predictor:
             if len(self._rates) >= _KEPT_FORCES * len(material.places):
                 self._rates.clear()
             chamber = material.chambers[material.chamber_index(channel)]
-            self._rates[key] = pressure_rate(chamber, stretch.trace, material.filters)
+            trace = stretch.trace
+            pressure = pressure_of(chamber, trace)
+            self._rates[key] = pressure_rates(pressure, trace.step_s, material.filters)
         return self._rates[key]
 
 

@@ -158,9 +158,9 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
     most, values = largest_skew(training.cycle_s), training.predictor.parameters(model)
-    for index, at in training.predictor.skew_columns.items():
+    for chamber, at in training.predictor.skew_columns.items():
         now = float(values[at])
-        fresh = 0.0 if is_listed(model.terms, index) else now + float(step[at])
+        fresh = 0.0 if is_listed(model.terms, chamber) else now + float(step[at])
         if fresh == 0.0 or abs(fresh) > most:
             result[at] = min(max(fresh, -most), most) - now
     return result
@@ -179,8 +179,8 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     now = predictor.parameters(model)
     held += [
         at
-        for index, at in predictor.skew_columns.items()
-        if now[at] == 0.0 and is_listed(model.terms, index)
+        for chamber, at in predictor.skew_columns.items()
+        if now[at] == 0.0 and is_listed(model.terms, chamber)
     ]
     for columns, most in (
         (predictor.ripple_columns, largest_ripple(cycle_s)),

@@ -21,7 +21,7 @@ from hydro_ident.mismatch.settings import (
     PRECISION,
     PRECISION_FLOW,
 )
-from hydro_ident.mismatch.skew import PRESSURE_DELAY
+from hydro_ident.mismatch.skew import PRESSURE_DELAY, least_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -134,7 +134,8 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     cycle_s, term = training.cycle_s, one.term
     if term.effect.name == PRESSURE_DELAY:
         # What the base has of it goes over to the effect.
-        late_s = term.parameters[0] + max(0.0, min(one.fitted.model.skews_s, default=0.0))
+        columns, skews_s = training.predictor.skew_columns, one.fitted.model.skews_s
+        late_s = term.parameters[0] + least_skew(term, columns, skews_s)
         return bool(late_s >= LEAST_CYCLES * cycle_s)
     if term.effect.name == DELAY:
         excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
