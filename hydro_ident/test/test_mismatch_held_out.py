@@ -117,11 +117,11 @@ def test_what_the_models_own_error_makes_is_not_confirmed(rows: HeldOut) -> None
     assert not objection(_seen(doubting, noise + other, other), STANDS)
 
 
-def test_what_explains_all_in_a_few_blocks_is_confirmed(
-    work: Residuals, make_run: Any, lay_out: Callable[..., Residuals], rows: HeldOut
+def test_what_acts_in_a_few_blocks_is_confirmed(
+    work: Residuals, make_run: Any, lay_out: Callable[..., Residuals]
 ) -> None:
     """A work cycle's second recording may exercise an effect for three seconds: signs of three
-    blocks are alike by chance once in eight, but not a course within them."""
+    blocks are alike by chance once in eight, but what a true one leaves there is noise."""
     true_crane, simulated_run = make_run
     again = lay_out(simulated_run(true_crane(), 18.0), [simulated_run(true_crane(), 18.0, 3)])
     count = len(again.check.predictor.material.channels)
@@ -130,13 +130,13 @@ def test_what_explains_all_in_a_few_blocks_is_confirmed(
     long_rows = replace(long_rows, doubt=np.zeros((long_rows.bench.measured, 0)))
     time_s = again.check.predictor.material.time_s
     rng = np.random.default_rng(11)
-    noise, course = rng.normal(size=(2, long_rows.used.size))
-    course *= (time_s > 5.0) & (time_s < 7.5)
-    whole = _seen(long_rows, 0.01 * noise + course, course)
-    assert whole.p_value < 0.005
+    noise, course, other = rng.normal(size=(3, long_rows.used.size))
+    during = (time_s > 5.0) & (time_s < 7.5)
+    course *= during
+    course *= 8.0 / np.linalg.norm(course[long_rows.used])
+    assert _seen(long_rows, noise + course, course).p_value < 0.001
     # Where other things are left there, they may be what the blocks have in common.
-    part = _seen(long_rows, 0.01 * noise + course + np.roll(course, 1), course)
-    assert part.p_value > 0.05
+    assert _seen(long_rows, noise + course + 10.0 * other * during, course).p_value > 0.05
 
 
 def test_rows_that_say_nothing_refuse_nothing(work: Residuals) -> None:
@@ -166,12 +166,9 @@ def test_a_faint_finding_needs_no_more_than_a_true_one_gives() -> None:
 
 
 def test_few_rows_are_cut_into_blocks_enough_for_a_small_chance(rows: HeldOut) -> None:
-    """No flip of fewer than six signs is rarer than 2.5 %; blocks without rows do not count."""
-    count = rows.by_block(np.ones(rows.bench.count)).size
-    assert count >= 10
-    layout = rows.bench.layout
-    early = layout.time_s[rows.bench.rows] < np.median(layout.time_s)
-    assert rows.by_block(early.astype(float)).size < count
+    """No flip of fewer than six signs is rarer than 2.5 %."""
+    assert np.unique(rows.blocks()).size >= 10
+    assert np.unique(rows.blocks(0.2)).size >= np.unique(rows.blocks()).size
 
 
 # Silence --------------------------------------------------------------------------------------

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, linearised
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
+from hydro_ident.mismatch.products import chance_beside, freedom_of
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.training import layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
@@ -31,13 +32,8 @@ WORSE = 1.05
 _ONE_IN_FORTY = 1.96
 #: What a finding has to be able to gain on held-out rows before these can tell: two deviations.
 SHOWN = 4.0
-#: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.
-_FLIPS = 19999
 #: Blocks that a p-value needs, and the shortest that still are independent.
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
-#: Share of the squares on held-out rows that a finding takes away where it acts in a few of their
-#: blocks: within each it then has the right course, too, which the signs of whole blocks ignore.
-_ALL = 0.9
 #: Parts of a recording's time that are looked at for rows.
 _PARTS = 200
 
@@ -125,12 +121,11 @@ class HeldOut:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
         return self.bench.beyond(residual[self.used][:, None])[: self.bench.measured, 0]
 
-    def by_block(self, values: FloatArray, longest_s: float = BLOCK_S) -> FloatArray:
-        """Sums of whitened rows' values (M,) by block of time, (B,); blocks of zeros left out.
+    def blocks(self, longest_s: float = BLOCK_S) -> IndexArray:
+        """The block of time that each whitened row is in, (M,).
 
         Parameters
         ----------
-        values : (M,) array
         longest_s : float
             Length of a block, where there is time for enough of them.
         """
@@ -139,9 +134,7 @@ class HeldOut:
         # So few blocks that no flip could be rare would reject whatever is put to them.
         share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
         block_s = min(longest_s, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
-        block = layout.blocks(block_s)[rows]
-        sums = np.bincount(block, weights=values)
-        return np.asarray(sums[sums != 0.0])
+        return np.asarray(layout.blocks(block_s)[rows])
 
     def rmse(self, residual: FloatArray) -> dict[str, float]:
         """What a refit leaves of a residual (N,) by channel, in its unit."""
@@ -171,14 +164,6 @@ def _parts(layout: Layout) -> IndexArray:
     return np.unique(np.minimum((layout.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
 
 
-def chance(gains: FloatArray) -> float:
-    """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
-    if not gains.size or gains.sum() <= 0.0:
-        return 1.0
-    drawn = signs(gains.size, _FLIPS) @ gains
-    return float((1 + np.sum(drawn >= gains.sum())) / (1 + drawn.size))
-
-
 @dataclass(frozen=True, slots=True)
 class Look:
     """What held-out rows say, seen in one way.
@@ -197,6 +182,8 @@ class Look:
         Rmse by channel without and with it.
     worse : str
         What speaks against it in a channel.
+    freedom : float
+        Degrees of freedom of its chance, as `products.freedom_of`.
     """
 
     p_value: float
@@ -205,6 +192,7 @@ class Look:
     shown: float
     sides: tuple[dict[str, float], dict[str, float]]
     worse: str
+    freedom: float
 
 
 def looked(
@@ -235,15 +223,15 @@ def looked(
     share = float(np.median(shares)) / real if shares and real > 0.0 else 0.0
     # Products with what is left without the finding: those of a false one are as often negative,
     # whereas its gain is negative by itself, and asks twice the size of a true one.
-    all_of_it = real >= _ALL * float(before @ before)
-    block_s = _SHORTEST_BLOCK_S if all_of_it else BLOCK_S
-    p = chance(rows.by_block(before * change, block_s)) if real > 0.0 else 1.0
+    block = rows.blocks(), rows.blocks(_SHORTEST_BLOCK_S)
+    p = chance_beside(change, before, after, *block) if real > 0.0 else 1.0
     p = max(p, _by_error(rows, before, change))
-    against = [chance(rows.by_block(before * (change - other))) for other in others]
+    against = [chance_beside(change - other, before, after, *block) for other in others]
     sides = rows.rmse(plain), rows.rmse(with_it)
     median = float(np.median(against or [0.0]))
     shown = float(change @ change)
-    return Look(p, share, median, shown, sides, _worse(sides, acting))
+    free = freedom_of(change, block[1])
+    return Look(p, share, median, shown, sides, _worse(sides, acting), free)
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
@@ -259,16 +247,16 @@ def _gain(before: FloatArray, change: FloatArray) -> float:
     return float(2.0 * before @ change - change @ change)
 
 
-def missed(shown: float) -> float:
+def missed(shown: float, freedom: float = np.inf) -> float:
     """Chance of held-out rows that a true finding stays above once in forty times.
 
     Parameters
     ----------
-    shown : float
-        As `Look`, over the sums' overdispersion: the mean of its product with what is left, whose
-        deviation is the root.
+    shown, freedom : float
+        As `Look`, the first over the sums' overdispersion: the mean of its product with what is
+        left, whose deviation is the root.
     """
-    return float(norm.sf(np.sqrt(max(shown, 0.0)) - _ONE_IN_FORTY))
+    return float(student.sf(np.sqrt(max(shown, 0.0)) - _ONE_IN_FORTY, freedom))
 
 
 def objection(one: Look, least: float) -> str:

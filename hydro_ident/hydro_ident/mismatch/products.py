@@ -1,0 +1,109 @@
+"""Chance of what held-out rows and a finding have in common.
+
+A finding changes the prediction of held-out rows by c; without it these are off by r, with it by
+``a = r - c``. The product ``c' r`` is what speaks for it. How large it gets by chance follows from
+``c' a``, block by block with random signs: from what is left once the finding has said its part,
+as a search draws chance from the residual without its best candidate (Freedman and Lane, J. Bus.
+Econ. Stat. 1 (1983) 292). Signs of ``c' r`` itself would take a true effect for its own chance:
+where it acts in k blocks they all agree once in 2^k times, whatever it explains there.
+
+A false finding has ``c' a = c' r - c' c``: what it adds counts against it. Where it acts in few
+blocks that bounds its chance by no more than one half; the product has then to stand out from
+noise of the size that is left there, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import t as student
+
+from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.constancy import SHIFTS
+from hydro_ident.mismatch.whitening import IndexArray
+from hydro_model.robot import FloatArray
+
+#: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.
+_FLIPS = 19999
+
+
+def chance(gains: FloatArray) -> float:
+    """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
+    return _reached(float(gains.sum()), gains) if gains.size and gains.sum() > 0.0 else 1.0
+
+
+def chance_beside(
+    change: FloatArray,
+    before: FloatArray,
+    after: FloatArray,
+    block: IndexArray,
+    short: IndexArray,
+) -> float:
+    """Chance that a change goes with what is left without it as far as it does.
+
+    Parameters
+    ----------
+    change, before, after : (M,) array
+        What is put to whitened rows, and what is left of these without the finding and with it.
+    block, short : (M,) int array
+        The block of time that each row is in, and the shortest one that is still independent.
+
+    Returns
+    -------
+    float
+        1 where they do not go together. Otherwise the larger of the share of sign flips of whole
+        blocks of `after` that reach the product, and of Student's law with the variance of
+        `left_variance` and as many short blocks as the change acts in.
+    """
+    product = float(change @ before)
+    if product <= 0.0:
+        return 1.0
+    left = np.bincount(block, weights=change * after)
+    deviation = np.sqrt(left_variance(change, after, block, short))
+    by_noise = float(student.sf(product / deviation, freedom_of(change, short)))
+    return max(_reached(product, left[left != 0.0]), by_noise)
+
+
+def freedom_of(change: FloatArray, short: IndexArray) -> float:
+    """Degrees of freedom of what rows tell of a change: short blocks that it acts in, less one.
+
+    Parameters
+    ----------
+    change, short
+        As `chance_beside`.
+    """
+    energy = np.bincount(short, weights=change**2)
+    squares = float(energy @ energy)
+    return max(float(energy.sum()) ** 2 / squares - 1.0, 1.0) if squares > 0.0 else 1.0
+
+
+def left_variance(
+    change: FloatArray, after: FloatArray, block: IndexArray, short: IndexArray
+) -> float:
+    """Variance of the product of a change with rows like those that are left.
+
+    Never less than white noise of unit variance makes of it. More where what is left is larger in
+    the very rows that change (White, Econometrica 48 (1980) 817), or goes together with them in
+    short blocks, and where sums over blocks of the change at other times, which is not there, are
+    larger than those of independent rows.
+
+    Parameters
+    ----------
+    change, after, block, short
+        As `chance_beside`.
+    """
+    squares = change**2
+    spreads = [
+        float(np.sum(np.bincount(block, weights=moved * after) ** 2)) / whole
+        for shift in SHIFTS
+        for moved in [np.roll(change, round(shift * change.size))]
+        if (whole := float(moved**2 @ after**2)) > 0.0
+    ]
+    spread = max(1.0, float(np.median(spreads or [1.0])))
+    together = float(np.sum(np.bincount(short, weights=change * after) ** 2))
+    return max(spread * max(float(squares.sum()), float(squares @ after**2)), together)
+
+
+def _reached(total: float, sums: FloatArray) -> float:
+    """Share of sign flips of blocks' sums that reach a total, the observed one counted in."""
+    drawn = signs(sums.size, _FLIPS) @ sums
+    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))

@@ -1,0 +1,99 @@
+"""Chance of what a finding and held-out rows have in common: as said, however few blocks it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_ident.mismatch.held_out import STANDS
+from hydro_ident.mismatch.products import chance, chance_beside, left_variance
+
+#: 40 s of rows, in blocks of 1 s and of 0.2 s.
+ROWS, EACH, SHORT = 2000, 50, 10
+BLOCK, SHORT_BLOCK = np.arange(ROWS) // EACH, np.arange(ROWS) // SHORT
+DRAWS = 150
+
+
+def _slow(rng: np.random.Generator, pole: float) -> np.ndarray:
+    """Noise of unit variance that goes together from row to row."""
+    return np.asarray(np.sqrt(1.0 - pole**2) * lfilter([1.0], [1.0, -pole], rng.normal(size=ROWS)))
+
+
+def _change(rng: np.random.Generator, blocks: int, size: float, pole: float) -> np.ndarray:
+    """What a finding does in its first blocks, of a size in deviations of the noise."""
+    course = _slow(rng, pole) * (blocks > BLOCK)
+    return np.asarray(size * course / np.linalg.norm(course))
+
+
+def _chance(change: np.ndarray, before: np.ndarray) -> float:
+    return chance_beside(change, before, before - change, BLOCK, SHORT_BLOCK)
+
+
+def _share(
+    seed: int, blocks: int, size: float, true: float, residual: str = "white", pole: float = 0.9
+) -> float:
+    """How often so much of an effect is confirmed."""
+    rng, confirmed = np.random.default_rng(seed), 0
+    for _ in range(DRAWS):
+        change = _change(rng, blocks, size, pole)
+        left = {
+            "white": lambda: rng.normal(size=ROWS),
+            "slow": lambda: _slow(rng, 0.6),
+            "large there": lambda: rng.normal(size=ROWS) * np.where(blocks > BLOCK, 20.0, 1.0),
+        }[residual]()
+        confirmed += _chance(change, left + true * change) <= STANDS
+    return confirmed / DRAWS
+
+
+@pytest.mark.parametrize("residual", ["white", "slow", "large there"])
+@pytest.mark.parametrize(("blocks", "size"), [(1, 2.0), (1, 30.0), (3, 5.0), (40, 2.0)])
+def test_a_false_effect_is_confirmed_no_more_often_than_said(
+    residual: str, blocks: int, size: float
+) -> None:
+    most = STANDS + 3.0 * np.sqrt(STANDS * (1.0 - STANDS) / DRAWS)
+    assert _share(27, blocks, size, 0.0, residual) <= most
+
+
+@pytest.mark.parametrize(("blocks", "size"), [(1, 10.0), (2, 7.0), (5, 5.0), (40, 5.0)])
+def test_a_true_effect_is_confirmed_however_few_blocks_it_acts_in(
+    blocks: int, size: float
+) -> None:
+    assert _share(22, blocks, size, 1.0) >= 0.85
+
+
+def test_signs_of_what_an_effect_explains_take_it_for_its_own_chance() -> None:
+    """Of three blocks all signs agree once in eight, though 900 variances are explained."""
+    rng = np.random.default_rng(23)
+    change = _change(rng, 3, 30.0, 0.9)
+    before = rng.normal(size=ROWS) + change
+    sums = np.bincount(BLOCK, weights=change * before)
+    assert chance(sums[sums != 0.0]) > 0.1
+    assert _chance(change, before) < 0.001
+
+
+def test_a_size_more_than_twice_too_large_has_to_be_seen_in_many_blocks() -> None:
+    """What such a size leaves has the same blocks as the product, and is larger."""
+    rng = np.random.default_rng(24)
+    few, many = (_change(rng, blocks, 30.0, 0.0) for blocks in (2, 40))
+    noise = rng.normal(size=ROWS)
+    assert _chance(few, noise + 0.4 * few) > STANDS
+    assert _chance(few, noise + 0.8 * few) < STANDS
+    assert _chance(many, noise + 0.4 * many) < STANDS
+
+
+def test_what_does_not_go_together_has_no_chance_of_standing() -> None:
+    rng = np.random.default_rng(25)
+    change = _change(rng, 40, 10.0, 0.0)
+    assert _chance(change, -change) == 1.0
+    assert _chance(change, 0.0 * change) == 1.0
+    assert chance(np.zeros(0)) == 1.0
+
+
+def test_the_variance_is_never_less_than_white_noise_makes() -> None:
+    rng = np.random.default_rng(26)
+    change = _change(rng, 40, 3.0, 0.9)
+    for scale, least, most in ((0.1, 9.0, 9.0), (1.0, 9.0, 16.0), (4.0, 80.0, 300.0)):
+        after = scale * rng.normal(size=ROWS)
+        assert least <= left_variance(change, after, BLOCK, SHORT_BLOCK) * 1.0000001
+        assert left_variance(change, after, BLOCK, SHORT_BLOCK) <= most * 1.0000001
