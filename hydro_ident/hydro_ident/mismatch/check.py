@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,8 +11,13 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.where import VARIABLES
 from hydro_ident.mismatch.whitening import Noise
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
+
+#: Variables of laws that are extrapolated where a joint was never fitted.
+_OF_POSITION = frozenset({"joint_angle", "piston_position"})
 
 
 def noise_there(noise: Noise, names: Sequence[str], there: Sequence[str]) -> Noise:
@@ -40,11 +45,32 @@ class Check:
     mask : (N,) bool array
     moving : (N,) bool array
         Rows on which friction laws can be judged.
+    beyond : (N,) bool array, optional
+        Rows that took no part, either, but lie where their joint was never fitted.
     """
 
     predictor: Predictor
     mask: BoolArray
     moving: BoolArray
+    beyond: BoolArray | None = None
+
+    def reaching(self, term: ActiveEffect) -> Check:
+        """The rows that can be asked about an effect.
+
+        Beyond the positions that were fitted gravity and laws of the position are extrapolated. In
+        a mass balance the position is but the volume, which is known: what leaks, lags or opens is
+        the same there, and a second work cycle may have nine tenths of its rows there.
+
+        Parameters
+        ----------
+        term : ActiveEffect
+        """
+        if self.beyond is None or VARIABLES.get(term.effect.name, "") in _OF_POSITION:
+            return self
+        material = self.predictor.material
+        flows = [k for k in range(len(material.channels)) if material.is_flow(k)]
+        further = self.beyond & np.isin(material.channel, flows)
+        return replace(self, mask=self.mask | further)
 
     def known(self, training: Training) -> Prior | None:
         """What the training's fits know of the base beforehand, by these rows' parameters."""

@@ -181,10 +181,11 @@ def residuals(
         if not there.size:
             return None
         known = within(material, training.mask, there)
-        check = Check(Predictor(there), known, telling(there, signals))
+        own = np.isin(np.array(there.channels)[there.channel], material.channels)
+        check = Check(Predictor(there), known, telling(there, signals), own & ~known)
     else:
         known = within(material, training.mask, material)
-        check = Check(predictor, check_rows & known, moving)
+        check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
 

@@ -115,7 +115,7 @@ def verify(
     passes : int
         Of the fit without the finding.
     """
-    mine = named.term
+    mine, narrow, check = named.term, check, check.reaching(named.term)
     rest = tuple(t for t in whole.model.terms if not same(t, mine))
     terms = [t for t in whole.model.terms if same(t, mine)]
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
@@ -146,7 +146,7 @@ def verify(
     agreement = () if silent else agreements(whole, there, terms)
     reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
     if not silent and there is not None:
-        alien = not all(alike(check, there, term, prior) for term in terms)
+        alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
     going = "" if reason else _comes_and_goes(training, without, whole, terms)
     reason = reason or going

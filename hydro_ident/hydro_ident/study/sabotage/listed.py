@@ -177,8 +177,8 @@ SABOTAGES = (
         "verified_on_training_rows",
         "a finding is confirmed on the rows that it was fitted to",
         "mismatch/residuals.py",
-        "check = Check(predictor, check_rows & known, moving)",
-        "check = Check(predictor, fit_rows & known, moving)",
+        "check = Check(predictor, check_rows & known, moving, check_rows & ~known)",
+        "check = Check(predictor, fit_rows & known, moving, check_rows & ~known)",
         f"{_GUARDS}::test_what_held_for_the_training_blocks_alone_does_not_stand",
     ),
     Sabotage(
