@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
-from scipy.stats import t as student
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
@@ -15,7 +14,7 @@ from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, linearised
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
-from hydro_ident.mismatch.products import chance_beside, freedom_of
+from hydro_ident.mismatch.products import chance_beside
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.training import layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
@@ -182,8 +181,6 @@ class Look:
         Rmse by channel without and with it.
     worse : str
         What speaks against it in a channel.
-    freedom : float
-        Degrees of freedom of its chance, as `products.freedom_of`.
     """
 
     p_value: float
@@ -192,7 +189,6 @@ class Look:
     shown: float
     sides: tuple[dict[str, float], dict[str, float]]
     worse: str
-    freedom: float
 
 
 def looked(
@@ -230,8 +226,7 @@ def looked(
     sides = rows.rmse(plain), rows.rmse(with_it)
     median = float(np.median(against or [0.0]))
     shown = float(change @ change)
-    free = freedom_of(change, block[1])
-    return Look(p, share, median, shown, sides, _worse(sides, acting), free)
+    return Look(p, share, median, shown, sides, _worse(sides, acting))
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
@@ -247,16 +242,16 @@ def _gain(before: FloatArray, change: FloatArray) -> float:
     return float(2.0 * before @ change - change @ change)
 
 
-def missed(shown: float, freedom: float = np.inf) -> float:
+def missed(shown: float) -> float:
     """Chance of held-out rows that a true finding stays above once in forty times.
 
     Parameters
     ----------
-    shown, freedom : float
-        As `Look`, the first over the sums' overdispersion: the mean of its product with what is
-        left, whose deviation is the root.
+    shown : float
+        As `Look`, over the sums' overdispersion: the mean of its product with what is left, whose
+        deviation is the root.
     """
-    return float(student.sf(np.sqrt(max(shown, 0.0)) - _ONE_IN_FORTY, freedom))
+    return float(norm.sf(np.sqrt(max(shown, 0.0)) - _ONE_IN_FORTY))
 
 
 def objection(one: Look, least: float) -> str:

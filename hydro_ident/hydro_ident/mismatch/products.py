@@ -59,11 +59,11 @@ def chance_beside(
         return 1.0
     left = np.bincount(block, weights=change * after)
     deviation = np.sqrt(left_variance(change, after, block, short))
-    by_noise = float(student.sf(product / deviation, freedom_of(change, short)))
+    by_noise = float(student.sf(product / deviation, _freedom(change, short)))
     return max(_reached(product, left[left != 0.0]), by_noise)
 
 
-def freedom_of(change: FloatArray, short: IndexArray) -> float:
+def _freedom(change: FloatArray, short: IndexArray) -> float:
     """Degrees of freedom of what rows tell of a change: short blocks that it acts in, less one.
 
     Parameters

@@ -185,8 +185,7 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
         # unless more of it is there, and plainly: its size came out too small, or acts more.
         return best, False, against or "held-out rows exercise it and cannot tell it from nothing"
     denied = any(one.shown >= _PLAINLY * spread and one.p_value > _NEVER for one in looks)
-    faintly = missed(best.shown / spread, best.freedom)
-    faint = against and not objection(best, max(least, faintly))
+    faint = against and not objection(best, max(least, missed(best.shown / spread)))
     silent = not met or (bool(faint) and not denied)
     return best, silent, _unexercised(best, named) if silent else against
 
