@@ -20,6 +20,7 @@ from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 LEAK = EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 3.0e-13})
+FLOWS = ["lift/flow_a", "lift/flow_b"]
 SECONDS = 18.0
 
 
@@ -60,13 +61,14 @@ def test_rows_beyond_are_those_of_balances_and_of_laws_that_are_the_same_there(
     assert check.beyond is not None
     assert not (check.beyond & check.mask).any()
     flow = np.isin(material.channel, [k for k in range(6) if material.is_flow(k)])
-    reached = check.reaching(_term(LEAK)).mask
+    reached = check.reaching(_term(LEAK), FLOWS).mask
     assert np.array_equal(reached, check.mask | (check.beyond & flow))
     assert np.count_nonzero(reached & flow) > 1.3 * np.count_nonzero(check.mask & flow)
     spring = EffectSpec(
         "counterbalance_spring", "lift_cylinder", {"force": 100.0, "stiffness": 1.0e4}
     )
-    assert check.reaching(_term(spring)) is check
+    assert check.reaching(_term(spring), FLOWS) is check
+    assert check.reaching(_term(LEAK), [*FLOWS, "lift/force"]) is check
 
 
 def test_a_leak_is_confirmed_by_rows_beyond(leaking: Residuals) -> None:

@@ -54,7 +54,7 @@ class Check:
     moving: BoolArray
     beyond: BoolArray | None = None
 
-    def reaching(self, term: ActiveEffect) -> Check:
+    def reaching(self, term: ActiveEffect, acting: Sequence[str]) -> Check:
         """The rows that can be asked about an effect.
 
         Beyond the positions that were fitted gravity and laws of the position are extrapolated. In
@@ -64,11 +64,16 @@ class Check:
         Parameters
         ----------
         term : ActiveEffect
+        acting : sequence of str
+            Channels that it acts on. Where forces are among them, balances beyond would only add
+            to what the model is off by.
         """
-        if self.beyond is None or VARIABLES.get(term.effect.name, "") in _OF_POSITION:
-            return self
         material = self.predictor.material
         flows = [k for k in range(len(material.channels)) if material.is_flow(k)]
+        of_flow = {material.channels[k] for k in flows}.issuperset(acting)
+        of_position = VARIABLES.get(term.effect.name, "") in _OF_POSITION
+        if self.beyond is None or of_position or not of_flow:
+            return self
         further = self.beyond & np.isin(material.channel, flows)
         return replace(self, mask=self.mask | further)
 

@@ -115,9 +115,11 @@ def verify(
     passes : int
         Of the fit without the finding.
     """
-    mine, narrow, check = named.term, check, check.reaching(named.term)
+    mine, narrow = named.term, check
     rest = tuple(t for t in whole.model.terms if not same(t, mine))
     terms = [t for t in whole.model.terms if same(t, mine)]
+    acting = shown or _acting(check.predictor, whole.model, terms)
+    check = narrow.reaching(mine, acting)
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
     material = training.predictor.material
     noise = noise_there(whole.bench.noise, material.channels, check.predictor.material.channels)
@@ -125,7 +127,6 @@ def verify(
     lacking = replace(without, model=at_own_instants(training, check, without.model)[0])
     plain, with_it = check.residual(lacking.model), check.residual(model)
     placebos = _placebos(training, without, check, plain, whole.model, terms)
-    acting = shown or _acting(check.predictor, model, terms)
     prior = check.known(training)
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
