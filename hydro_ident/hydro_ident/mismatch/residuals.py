@@ -157,7 +157,7 @@ def residuals(
         )
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole)
-    if not (torque or settings.fixed_base):
+    if not torque:
         choices = settled(robot, forces, looked_at, choices, still, signals)
     laid = _Laid(robot, forces, choices, still)
     material = laid.material(traces)
