@@ -35,7 +35,13 @@ _MOST_S = 1.0e-3
 
 
 def skew_name(cylinder: str, side: str) -> str:
-    """What the skew of a chamber's pressure is called; in s."""
+    """What the skew of a chamber's pressure is called; in s.
+
+    Parameters
+    ----------
+    cylinder, side : str
+        Name of the cylinder, and `a` or `b`.
+    """
     return f"{cylinder}.pressure_skew_{side}"
 
 

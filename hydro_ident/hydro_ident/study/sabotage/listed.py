@@ -61,9 +61,9 @@ SABOTAGES = (
     Sabotage(
         "beta_scaled",
         "oil is half as stiff as the fitted modulus says",
-        "mismatch/prediction.py",
-        "steps = np.stack([np.diff(volume), -squeezed, *now, *slopes], axis=1)",
-        "steps = np.stack([np.diff(volume), -2.0 * squeezed, *now, *slopes], axis=1)",
+        "mismatch/balance_steps.py",
+        "np.stack([np.diff(volume), -squeezed, *now, *by_delay, *by_skew], axis=1)",
+        "np.stack([np.diff(volume), -2.0 * squeezed, *now, *by_delay, *by_skew], axis=1)",
         f"{_GUARDS}::test_the_refitted_base_is_the_machines",
     ),
     Sabotage(
