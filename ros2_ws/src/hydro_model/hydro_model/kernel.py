@@ -21,6 +21,9 @@ kernel = njit(cache=True, error_model="numpy", _nrt=False)
 #: The same for one that is copied into its callers: a call that passes a model costs as much as
 #: a hundred multiplications.
 inlined = njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+#: The same for one that is large and has one caller: put into it before it is compiled. A kernel
+#: is compiled with all that it calls, so that each of a chain of four would compile all again.
+merged = njit(cache=True, error_model="numpy", _nrt=False, inline="always")
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 from hydro_model.command_kernels import look_ahead
 from hydro_model.dormand_prince import STAGES as EXPLICIT_STAGES
 from hydro_model.explicit_kernels import IMPLICIT_STEPS, try_explicit, watch_stiffness
-from hydro_model.kernel import copy, inlined, kernel
+from hydro_model.kernel import copy, kernel, merged
 from hydro_model.rosenbrock_kernels import jacobian, try_step
 from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
 from hydro_model.simulate_arrays import RATES, REST, STROKE
@@ -40,7 +40,7 @@ def _outside(model: Any, work: Any) -> bool:
     return False
 
 
-@inlined
+@merged
 def _accepted_step(
     model: Any,
     work: Any,
@@ -74,7 +74,7 @@ def _accepted_step(
     return 0.0, h
 
 
-@inlined
+@merged
 def _advance(
     model: Any,
     work: Any,
@@ -132,7 +132,7 @@ def _held(times: Array, delay: float, now: float, held: int, last: int) -> int:
     return held
 
 
-@inlined
+@merged
 def _to_sample(
     model: Any,
     work: Any,
@@ -160,7 +160,7 @@ def _to_sample(
     return status, time, held, h
 
 
-@inlined
+@merged
 def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> None:
     states, rails, openings, friction = results
     m = model.joint.shape[0]
