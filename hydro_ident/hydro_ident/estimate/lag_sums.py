@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +50,17 @@ NODES = np.array([k << n for n in range(_OCTAVES + 1) for k in _lags(n)], dtype=
 
 
 @lru_cache(maxsize=1)
-def _hats() -> FloatArray:
-    """How lags (columns) are shared out to nodes (rows), as means over each node's lags."""
+def _hats() -> Any:
+    """How lags (columns) are shared out to nodes (rows), as means over each node's lags.
+
+    Sparse: a lag falls to no more than two nodes.
+    """
+    from scipy.sparse import csr_array
+
     lags = np.arange(float(LONGEST))
     ends = np.append(NODES, LONGEST)
     hats = np.array([np.interp(lags, ends, row) for row in np.eye(NODES.size, ends.size)])
-    means: FloatArray = hats / hats.sum(axis=1, keepdims=True)
-    means.flags.writeable = False
-    return means
+    return csr_array(hats / hats.sum(axis=1, keepdims=True))
 
 
 def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
@@ -77,14 +81,16 @@ def autocovariance(phi: FloatArray, shift: int = 0) -> FloatArray:
     (nodes,) array
         The Yule-Walker equations give the first, the recursion itself the others.
     """
-    series, at = _series(tuple(phi.tolist())), np.arange(LONGEST)
-    return np.asarray(0.5 * _hats() @ (series[at + shift] + series[np.abs(at - shift)]))
+    series = _series(tuple(phi.tolist()))
+    further, nearer = series[shift : shift + LONGEST], series[: LONGEST - shift]
+    mirrored = series[shift:0:-1]
+    return np.asarray(_hats() @ (0.5 * (further + np.concatenate([mirrored, nearer]))))
 
 
 @lru_cache(maxsize=64)
 def _series(phi: tuple[float, ...]) -> FloatArray:
     """Autocovariance at every lag, and at as many beyond the longest as there are coefficients."""
-    from scipy.signal import lfilter, lfiltic
+    from scipy.signal import lfilter
 
     order = len(phi)
     matrix = np.zeros((order + 1, order + 1))
@@ -98,7 +104,9 @@ def _series(phi: tuple[float, ...]) -> FloatArray:
     rest = np.zeros(LONGEST - 1)
     if order:
         filter_ = np.array([1.0, *(-one for one in phi)])
-        memory = lfiltic([1.0], filter_, first[::-1][:order])
+        # What `scipy.signal.lfiltic` makes of the past, which takes as long as all else here.
+        past = first[::-1][:order]
+        memory = np.array([-filter_[m + 1 :] @ past[: order - m] for m in range(order)])
         rest, _ = lfilter([1.0], filter_, rest, zi=memory)
     series = np.concatenate([first, rest])
     series.flags.writeable = False

@@ -99,6 +99,8 @@ class Noise:
         for k, phi in enumerate(self.phi):
             own = slice(int(ends[k]), int(ends[k + 1]))
             plain, mine = values[own], result[own]
+            if not plain.any():
+                continue  # an effect acts on few of the channels
             for lag, weight in enumerate(phi, 1):
                 mine[lag:] -= weight * plain[:-lag]
             mine /= self.std[k]
