@@ -27,8 +27,9 @@ __all__ = ["hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs"]
 _MARKED = re.compile(r"pytest\.mark\.(ros|processes)\b")
 #: What a file says that is long by itself.
 _LONG = re.compile(r"pytest\.mark\.long\b")
-#: What all other tests add to their niceness, so that processes run in time beside them.
-_NICER = 5
+#: What all other tests add to their niceness, so that processes run in time beside them: several
+#: together weigh less than a tenth of a process.
+_NICER = 15
 
 # An example that has to wait for its processor is no failure.
 hypothesis.settings.register_profile("hydro", deadline=None)

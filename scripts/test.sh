@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs every test: linters, types, then pytest over all packages (arguments go to pytest).
-#   scripts/test.sh                 everything, in as many processes as there are cores (at most 4)
+#   scripts/test.sh                 everything, in one process more than there are cores (at most 4)
 #   scripts/test.sh -m 'not ros'    without the tests that start ROS processes
 #   scripts/test.sh -n 0 FILE       in one process, whose output is seen (-s) and debugged (--pdb)
 set -euo pipefail
@@ -25,9 +25,9 @@ checking=$!
 failed=0
 # Once, where every worker would do it at the same time.
 python tests/compile_kernels.py
-# Tests with processes on buses share one worker and come first (conftest.py).
-python -m pytest -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder "$@" ||
-  failed=$?
+# Tests with processes on buses share one worker and come first (conftest.py); it mostly waits.
+workers=$(($(nproc) < 3 ? $(nproc) + 1 : 4))
+python -m pytest -n "$workers" --dist loadfile --no-loadscope-reorder "$@" || failed=$?
 wait "$checking" || failed=1
 cat "$types"
 exit "$failed"

@@ -143,7 +143,7 @@ def test_a_chain_answers_the_rig(chain: AbstractContextManager[Running]) -> None
 @pytest.mark.ros
 def test_a_soak_counts_every_cycle_and_watches_every_process() -> None:
     with unless_too_busy():
-        one = soak(0.1, LARGEST_AGE_MS)
+        one = soak(0.05, LARGEST_AGE_MS)
     assert sum(one.histogram) + one.lost <= one.cycles
     assert len(one.histogram) == len(EDGES_MS) + 1
     assert set(one.memory) == {"rig", "bridge", "controller"}
