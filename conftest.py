@@ -6,6 +6,7 @@ the missing parents itself: a package's folder would then stand for the package 
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import sys
@@ -61,6 +62,14 @@ class _Scheduling(LoadFileScheduling):
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     """Keep files with processes together, unless another way was chosen on the command line."""
     return _Scheduling(config, log) if config.getoption("dist") == "loadfile" else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """Wait for what holds a lock on the file that `scripts/test.sh` names: it compiles kernels."""
+    if name := os.environ.get("HYDRO_TESTS_WAIT_FOR"):
+        with open(name, encoding="utf-8") as held:
+            fcntl.flock(held, fcntl.LOCK_SH)
 
 
 class _Worker:

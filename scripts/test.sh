@@ -18,16 +18,23 @@ for script in scripts/*.sh .ci/run; do bash -n "$script"; done
 ruff check .
 ruff format --check .
 # Types are checked while the first tests run, which have the right of way: told at the end.
-types=$(mktemp)
-trap 'rm -f "$types"' EXIT
+types=$(mktemp) kernels=$(mktemp)
+trap 'rm -f "$types" "$kernels"' EXIT
 nice mypy "${packages[@]}" >"$types" 2>&1 &
 checking=$!
 failed=0
-# Once, where every worker would do it at the same time.
-python tests/compile_kernels.py
+# Once, where every worker would do it at the same time: workers collect the tests meanwhile, and
+# the first test waits until nobody has the file locked any more (conftest.py).
+exec {lock}>"$kernels"
+flock "$lock"
+python tests/compile_kernels.py &
+compiling=$!
+exec {lock}>&-
+export HYDRO_TESTS_WAIT_FOR=$kernels
 # Tests with processes on buses share one worker and come first (conftest.py); it mostly waits.
 workers=$(($(nproc) < 3 ? $(nproc) + 1 : 4))
 python -m pytest -n "$workers" --dist loadfile --no-loadscope-reorder "$@" || failed=$?
+wait "$compiling" || failed=1
 wait "$checking" || failed=1
 cat "$types"
 exit "$failed"
