@@ -32,7 +32,8 @@ compiling=$!
 exec {lock}>&-
 export HYDRO_TESTS_WAIT_FOR=$kernels
 # Tests with processes on buses share one worker and come first (conftest.py); it mostly waits.
-workers=$(($(nproc) < 3 ? $(nproc) + 1 : 4))
+cores=$(env -u OMP_NUM_THREADS nproc)
+workers=$((cores < 3 ? cores + 1 : 4))
 python -m pytest -n "$workers" --dist loadfile --no-loadscope-reorder "$@" || failed=$?
 wait "$compiling" || failed=1
 wait "$checking" || failed=1
