@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -56,11 +56,26 @@ def _drawn(rows: HeldOut, rng: np.random.Generator, size: float) -> tuple[np.nda
     return noise, size * column / np.linalg.norm(column[rows.used])
 
 
-def _seen(rows: HeldOut, plain: np.ndarray, column: np.ndarray) -> Look:
-    return looked(rows, plain, plain - column, [], ["lift/force"])
+def _seen(
+    rows: HeldOut, plain: np.ndarray, column: np.ndarray, acting: Sequence[str] = ()
+) -> Look:
+    channels = acting or rows.check.predictor.material.channels
+    return looked(rows, plain, plain - column, [], channels)
 
 
 # Products -------------------------------------------------------------------------------------
+
+
+def test_what_predicts_nothing_better_does_not_stand(rows: HeldOut) -> None:
+    """In force rows that go with it, and are no better for it as its size is far off."""
+    rng = np.random.default_rng(4)
+    force = rows.used & (rows.check.predictor.material.channel == 0)
+    column, plain = np.zeros(force.size), rng.normal(size=force.size)
+    column[force] = rng.normal(size=int(force.sum()))
+    plain = plain + 0.4 * column
+    right, far = (_seen(rows, plain, size * column, ["lift/force"]) for size in (0.4, 2.0))
+    assert objection(right, STANDS) == ""
+    assert objection(far, STANDS).endswith("lift/force are predicted no better with it")
 
 
 def test_a_true_finding_of_four_deviations_is_confirmed(rows: HeldOut) -> None:

@@ -273,9 +273,12 @@ def objection(one: Look, least: float) -> str:
 
 
 def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:
-    """Whether a channel that a finding acts on is predicted worse with it."""
+    """Whether a channel that a finding acts on is predicted worse with it, or all are."""
     before, after = sides
     known = [n for n in acting if n in before] or list(before)
+    if known and all(after[n] > before[n] for n in known):
+        # Weighed by the noise it may still gain; a fit that nobody can see improve did not.
+        return f"held-out rows of {', '.join(known)} are predicted no better with it"
     worse = max(known, key=lambda n: after[n] / max(before[n], 1e-300))
     if after[worse] <= WORSE * before[worse]:
         return ""
