@@ -114,6 +114,10 @@ def test_what_is_later_than_half_a_cycle_is_the_effect(
     found = _fitted(work, work.base, LATE)
     assert found.gain > 1000.0
     assert resolved(work.training, work.base, found)
+    # Beside skews that something else has pulled the other way it only brings them back.
+    back = replace(found.fitted.model, skews_s=(-most,) * len(skews))
+    pulled = replace(found, fitted=replace(found.fitted, model=back))
+    assert not resolved(work.training, work.base, pulled)
     whole = settled(work.training, fit(work.training, found.fitted.model))
     assert not any(whole.model.skews_s)
     assert whole.model.terms[0].parameters[0] == pytest.approx(STEP_S, rel=0.1)

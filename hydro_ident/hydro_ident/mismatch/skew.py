@@ -59,7 +59,7 @@ def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:
 
 
 def least_skew(term: ActiveEffect, chambers: Iterable[int], skews_s: Iterable[float]) -> float:
-    """The least skew of the chambers that an effect delays, s; not below 0.
+    """The least skew of the chambers that an effect delays, s; 0 of none.
 
     Parameters
     ----------
@@ -68,4 +68,4 @@ def least_skew(term: ActiveEffect, chambers: Iterable[int], skews_s: Iterable[fl
         Chambers, two per cylinder, and their skews.
     """
     own = [s for c, s in zip(chambers, skews_s, strict=False) if is_listed([term], c)]
-    return max(0.0, min(own, default=0.0))
+    return min(own, default=0.0)
