@@ -14,7 +14,7 @@ from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted, linearised
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
-from hydro_ident.mismatch.products import chance_beside
+from hydro_ident.mismatch.products import chance_beside, share_of_time
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.training import layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
@@ -33,6 +33,8 @@ _ONE_IN_FORTY = 1.96
 SHOWN = 4.0
 #: Blocks that a p-value needs, and the shortest that still are independent.
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
+#: Share of the short blocks from which a finding acts all along, not in a few instants.
+_LASTING = 0.25
 #: Parts of a recording's time that are looked at for rows.
 _PARTS = 200
 
@@ -224,9 +226,10 @@ def looked(
     p = max(p, _by_error(rows, before, change))
     against = [chance_beside(change - other, before, after, *block) for other in others]
     sides = rows.rmse(plain), rows.rmse(with_it)
+    lasting = share_of_time(change, block[1]) >= _LASTING
     median = float(np.median(against or [0.0]))
     shown = float(change @ change)
-    return Look(p, share, median, shown, sides, _worse(sides, acting))
+    return Look(p, share, median, shown, sides, _worse(sides, acting, lasting))
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
@@ -272,12 +275,13 @@ def objection(one: Look, least: float) -> str:
     return ""
 
 
-def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str]) -> str:
+def _worse(sides: Sequence[Mapping[str, float]], acting: Sequence[str], lasting: bool) -> str:
     """Whether a channel that a finding acts on is predicted worse with it, or all are."""
     before, after = sides
     known = [n for n in acting if n in before] or list(before)
-    if known and all(after[n] > before[n] for n in known):
+    if lasting and known and all(after[n] > before[n] for n in known):
         # Weighed by the noise it may still gain; a fit that nobody can see improve did not.
+        # What acts in a few instants, such as a play, is not judged by the mean over all rows.
         return f"held-out rows of {', '.join(known)} are predicted no better with it"
     worse = max(known, key=lambda n: after[n] / max(before[n], 1e-300))
     if after[worse] <= WORSE * before[worse]:

@@ -76,6 +76,18 @@ def _freedom(change: FloatArray, short: IndexArray) -> float:
     return max(float(energy.sum()) ** 2 / squares - 1.0, 1.0) if squares > 0.0 else 1.0
 
 
+def share_of_time(change: FloatArray, short: IndexArray) -> float:
+    """Share of the short blocks that a change acts in, by its energy.
+
+    Parameters
+    ----------
+    change, short
+        As `chance_beside`.
+    """
+    blocks = np.unique(short).size
+    return min((_freedom(change, short) + 1.0) / blocks, 1.0) if blocks else 0.0
+
+
 def left_variance(
     change: FloatArray, after: FloatArray, block: IndexArray, short: IndexArray
 ) -> float:
