@@ -70,13 +70,12 @@ def test_a_ramp_that_is_held_swings_the_pressures_by_the_formula(
 def test_the_base_takes_a_ripple_up(
     make_run: tuple[Callable[..., Any], Any], lay_out: Callable[..., Residuals]
 ) -> None:
-    """Force errors as of a ripple are what the base's column says, and nothing of them is left.
+    """Force errors as of a ripple are what the base's column says, and most of them are taken up.
 
-    By which column is another question: a newton of it is hardly told from pressures that are
-    read 0.02 ms late.
+    Not all: this one is larger than what is known beforehand of readings in step with commands.
     """
     true_crane, simulated_run = make_run
-    run = simulated_run(true_crane(), 14.0)
+    run = simulated_run(true_crane(), 14.0, pace=2.5)
     (plain,) = traces_of([run.recording()])
     # Within what readings at any phase may be, beside the model's own (delay, phase) of zero.
     coefficient = 1.4e5
@@ -95,7 +94,7 @@ def test_the_base_takes_a_ripple_up(
         left.append(float(np.std(base.residual[work.training.mask & force])))
     expected = coefficient * columns[force, at]
     assert np.std(measured[1] - measured[0] - expected) < 0.05 * np.std(expected)
-    assert left[1] < 1.05 * left[0]
+    assert left[1] ** 2 - left[0] ** 2 < 0.5 * np.var(expected)
 
 
 def test_a_known_base_knows_no_ripple(make_run: tuple[Callable[..., Any], Any]) -> None:

@@ -36,8 +36,9 @@ from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
 #: What the next effect of a set has to be better by where one was refused: it is another question.
-#: And what goes with rows that it should hardly change: it takes luck, or more of it than found.
 _FURTHER = 0.1
+#: ... and what goes with rows that it should hardly change: that takes luck, or more than found.
+_PLAIN = 0.1
 #: Correlation with the finding from which a shifted one is the same.
 _ALIKE = 0.7
 
@@ -180,7 +181,7 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
     least, spread = STANDS * _FURTHER**named.refused, max(named.spread, 1.0)
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     against = objection(best, least)
-    plain = not against and best.p_value <= _FURTHER * least
+    plain = not against and best.p_value <= _PLAIN * least
     if met and not plain and max(one.shown for one in looks) < SHOWN * spread:
         # It acts there, and as it should: what only its own recording tells was fitted to that,
         # unless more of it is there, and plainly: its size came out too small, or acts more.
