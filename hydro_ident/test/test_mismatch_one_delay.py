@@ -62,12 +62,34 @@ def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> 
     found, after = as_one_delay(contest, lags, whole)
     assert [n.names[0] for n in found] == ["command_delay"]
     assert found[0].term.cylinder is None
-    excess = float(found[0].term.parameters[0]) + min(after.model.delays_s) - CYCLE_S
-    assert excess == pytest.approx(2.0 * CYCLE_S, abs=2.0e-4)
+    assert after.model.delays_s == pytest.approx([CYCLE_S] * 2)
+    assert float(found[0].term.parameters[0]) == pytest.approx(2.0 * CYCLE_S, abs=2.0e-4)
     # The other effect stays as it is.
     kept = [t for t in after.model.terms if t.effect.name == BENT.name]
     assert [t.parameters[0] for t in kept] == pytest.approx([-0.05], abs=0.01)
     assert contest.held_out(after) < contest.held_out(whole)
+
+
+@pytest.mark.parametrize("late_s", [0.7e-3, 1.3e-3])
+def test_a_delay_says_all_that_goes_beyond_a_cycle(
+    late_s: float, make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """The base keeps none of it, though it may have a quarter of a cycle where nothing is named.
+
+    Valves whose spools lag by parts of a millisecond are later by different times.
+    """
+    true_crane, simulated_run = make_run
+    quick = tuple(
+        replace(spec, parameters={"frequency": hz, "damping": 0.8})
+        for spec, hz in zip(LAGS, (900.0, 1400.0), strict=True)
+    )
+    truth = replace(true_crane(), command_delay_s=CYCLE_S + late_s, effects=quick)
+    work = lay_out(simulated_run(truth, 18.0))
+    start = replace(LATE, parameters={"delay": 1.0e-4})
+    assert max(work.base.model.delays_s) == pytest.approx(1.25 * CYCLE_S, rel=1e-3)
+    found = fit(work.training, _with(work, [start]), passes=4).model
+    assert found.delays_s == pytest.approx([CYCLE_S] * 2)
+    assert float(found.terms[0].parameters[0]) == pytest.approx(late_s + 2.3e-4, abs=1.5e-4)
 
 
 def test_spools_that_lag_stay_as_they_are(

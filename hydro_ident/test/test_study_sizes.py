@@ -8,7 +8,7 @@ import pytest
 from hydro_hw_bridge.rig.random_truth import plain_truth
 from hydro_ident.study.hidden import Machine, Scene
 from hydro_ident.study.intervals import Mean, Rate, mean, rate
-from hydro_ident.study.planting import KNOWN
+from hydro_ident.study.planting import KNOWN, usual
 from hydro_ident.study.sizes import READINGS, found_interval, found_size
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.robot import Robot
@@ -24,6 +24,8 @@ AT = {
     "line_volume_m3": 1e-4,
     "coldest_c": 30.0,
     "warmest_c": 38.0,
+    "signal": 0.3,
+    "other_rad_s": 0.5,
 }
 
 
@@ -104,6 +106,36 @@ def test_quadratic_friction_is_stated_where_both_laws_agree(fast: float, robot: 
     found = [{"name": "quadratic_friction.coefficient", "value": coefficient}]
     at = AT | {"fast_m_s": scene.fast_m_s(0)}
     assert found_size("quadratic_friction", found, at) == pytest.approx(300.0, rel=0.02)
+
+
+@pytest.mark.parametrize("largest", [0.1, 0.4, 0.9])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bent_valve_is_stated_where_it_is_seen(largest: float, seed: int, robot: Robot) -> None:
+    """Our form beside a gain, fitted to the truth's up to some signal, has the truth's size."""
+    signal = largest * np.sin(np.linspace(0.0, 2.0 * np.pi, 401))
+    scene = Scene(60.0, *[np.zeros((1, 2))] * 4, np.zeros(1), np.ones(2))
+    plain = Machine(robot, plain_truth(robot, 1), None, True)
+    size = 0.12
+    machine = KNOWN["valve_gain_nonlinearity"].apply(plain, scene, 0, size, seed)
+    bend = machine.truth.extras.axes[0].bend
+    opening = signal * (1.0 + bend) / (1.0 + bend * abs(signal))
+    # Opening = g u + h u |u|: our form, times a gain that the edges take up.
+    g, h = np.linalg.lstsq(np.stack([signal, signal * abs(signal)], 1), opening, rcond=None)[0]
+    found = [{"name": "valve_gain_nonlinearity.progression", "value": float(h / (g + h))}]
+    at = AT | {"signal": usual(signal)}
+    assert found_size("valve_gain_nonlinearity", found, at) == pytest.approx(size, rel=0.03)
+
+
+def test_a_coupling_is_stated_at_the_rate_that_is_seen(robot: Robot) -> None:
+    rate = 0.9 * np.sin(np.linspace(0.0, 2.0 * np.pi, 401))
+    scene = Scene(60.0, *[np.full((1, 2), 0.3)] * 4, np.zeros(1), np.ones(2))
+    plain = Machine(robot, plain_truth(robot, 1), None, True)
+    machine = KNOWN["joint_coupling"].apply(plain, scene, 0, 800.0, 1)
+    torque = machine.truth.extras.axes[0].coupling * rate / np.hypot(1.0, rate)
+    viscous = float(rate @ torque / (rate @ rate))
+    found = [{"name": "joint_coupling.viscous", "value": viscous}]
+    at = AT | {"lever": 0.3, "other_rad_s": usual(rate)}
+    assert found_size("joint_coupling", found, at) == pytest.approx(800.0, rel=0.02)
 
 
 def test_every_name_of_the_catalogue_has_a_truth() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.stepping import (
     given_steps,
@@ -90,6 +91,7 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     -------
     Fitted
     """
+    model = handed_over(training.predictor, model, training.cycle_s)
     current = _at(training, model, noise)
     for _ in range(passes):
         step, factor, better = _within_range(training, current), 1.0, False

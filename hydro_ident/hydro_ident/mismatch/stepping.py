@@ -76,8 +76,8 @@ def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, .
     """How late pressures are read after a step; none beside an effect that says so."""
     most, now = largest_skew(training.cycle_s), training.predictor.parameters(model)
     return tuple(
-        float(np.clip(now[at] + step[at], -most, most))
-        for at in training.predictor.skew_columns.values()
+        0.0 if is_listed(model.terms, chamber) else float(np.clip(now[at] + step[at], -most, most))
+        for chamber, at in training.predictor.skew_columns.items()
     )
 
 
@@ -86,8 +86,6 @@ def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, 
     result = list(model.delays_s)
     for index, at in training.predictor.delay_columns.items():
         fresh = min(max(result[index] + float(step[at]), 0.0), _CYCLES * training.cycle_s)
-        if _listed_delay(model):
-            fresh = training.cycle_s  # The effect is what goes beyond one cycle.
         if abs(fresh - result[index]) >= _LEAST_DELAY_S:
             result[index] = fresh
     return tuple(result)
@@ -148,8 +146,7 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
 def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
     """Columns whose step is not free, and that step.
 
-    Delays and skews go no further than their range, and a skew goes over to an effect that says
-    the same of the pressures.
+    Delays and skews go no further than their range.
     """
     longest, result = _CYCLES * training.cycle_s, dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
@@ -158,10 +155,10 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
     most, values = largest_skew(training.cycle_s), training.predictor.parameters(model)
-    for chamber, at in training.predictor.skew_columns.items():
+    for at in training.predictor.skew_columns.values():
         now = float(values[at])
-        fresh = 0.0 if is_listed(model.terms, chamber) else now + float(step[at])
-        if fresh == 0.0 or abs(fresh) > most:
+        fresh = now + float(step[at])
+        if abs(fresh) > most:
             result[at] = min(max(fresh, -most), most) - now
     return result
 
@@ -180,7 +177,7 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     held += [
         at
         for chamber, at in predictor.skew_columns.items()
-        if now[at] == 0.0 and is_listed(model.terms, chamber)
+        if is_listed(model.terms, chamber)
     ]
     for columns, most in (
         (predictor.ripple_columns, largest_ripple(cycle_s)),

@@ -20,6 +20,7 @@ from hydro_ident.study.hidden_flow import FLOW_EFFECTS
 from hydro_ident.study.hidden_force import FORCE_EFFECTS
 from hydro_ident.study.hidden_readings import OUTSIDE_EFFECTS, READING_EFFECTS
 from hydro_ident.study.traces import Drive, drive
+from hydro_model.robot import FloatArray
 
 CaseKind = Literal["clean", "single", "double", "triple", "outside"]
 COUNTS: dict[CaseKind, int] = {"clean": 0, "single": 1, "double": 2, "triple": 3, "outside": 1}
@@ -151,6 +152,7 @@ def operating_point(one: Planted, machine: Machine, scene: Scene, run: Drive) ->
     axes = machine.truth.extras.axes
     volume = axes[one.index].line_volume if axes else 0.0
     temperature = oil_temperature(machine, one.index, np.array([0.0, scene.duration_s]))
+    other = int(axes[one.index].coupling_joint) if axes else 0
     return {
         "lever": float(np.median(np.abs(scene.lever[:, one.index]))),
         "inertia_kg_m2": float(scene.inertia[joint]),
@@ -162,7 +164,26 @@ def operating_point(one: Planted, machine: Machine, scene: Scene, run: Drive) ->
         "line_volume_m3": float(volume),
         "coldest_c": float(temperature[0]),
         "warmest_c": float(temperature[1]),
+        "signal": usual(run.track.commands[:, one.index]),
+        "other_rad_s": usual(run.track.states[:, machine.robot.dof + other]),
     }
+
+
+def usual(values: FloatArray) -> float:
+    """The size at which a line through 0, fitted to what bends, meets it.
+
+    Parameters
+    ----------
+    values : (N,) array
+        Of what the bent quantity depends on, in any unit.
+
+    Returns
+    -------
+    float
+        Root of the mean fourth power over the mean square: exact for what bends by the cube.
+    """
+    square = np.square(values)
+    return float(np.sqrt(np.sum(square * square) / max(np.sum(square), 1e-300)))
 
 
 def oil_temperature(machine: Machine, index: int, time_s: Any) -> Any:

@@ -16,6 +16,9 @@ from hydro_ident.study.hidden import FLOW_M3_S, LOAD_N, PRESSURE_PA, RATE_RAD_S,
 Numbers = Mapping[str, float]
 Reading = Callable[[Numbers, Numbers], float]
 _ABSOLUTE_PA = 1.0e6 + 101325.0
+#: Between which shares of the usual signal a bent gain is compared: there a parabola and the
+#: truth's form, fitted to each other, change alike (within 5 % up to signals of 0.9).
+_SEEN = 0.6, 1.0
 #: Step of a slope, as a share of a parameter's size or deviation.
 _STEP = 1.0e-4
 
@@ -50,7 +53,9 @@ def _drift(p: Numbers, at: Numbers) -> float:
 
 
 def _coupling(p: Numbers, at: Numbers) -> float:
-    return abs(p.get("viscous", 0.0)) * RATE_RAD_S / at["lever"]
+    """The truth's torque levels off with the rate; ours is a line: alike at the usual rate."""
+    line = abs(p.get("viscous", 0.0)) * RATE_RAD_S / at["lever"]
+    return line * math.hypot(1.0, at["other_rad_s"]) / math.hypot(1.0, RATE_RAD_S)
 
 
 def _contact(p: Numbers, at: Numbers) -> float:
@@ -65,10 +70,22 @@ def _air(p: Numbers, at: Numbers) -> float:
 
 
 def _gain(p: Numbers, at: Numbers) -> float:
+    """How far off the opening is at half signal, of the truth's form that is found here.
+
+    Openings are seen up to the usual signal alone, and edges take up any gain: what is compared
+    is how the gain, ``1 / (1 + b |u|)`` in the truth, changes over what counts in a fit.
+    """
+    low, high = (share * at["signal"] for share in _SEEN)
+    ratio = _bent_gain(p, high) / _bent_gain(p, low)
+    truth = (1.0 - ratio) / (ratio * high - low)
+    return abs(truth) / (2.0 + truth)
+
+
+def _bent_gain(p: Numbers, signal: float) -> float:
     bend, knee = p["progression"], p.get("knee", 0.0)
-    if knee <= 0.0:
-        return 0.5 * bend
-    return bend * min(knee, 1.0 - knee) / (1.0 + bend * (1.0 - knee))
+    if knee > 0.0:
+        return 1.0 + bend * max(signal - knee, 0.0) / signal
+    return 1.0 + bend * (signal - 1.0)
 
 
 #: By the effect's name: parameters found and the case's operating point to the size.

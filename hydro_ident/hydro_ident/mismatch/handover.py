@@ -1,0 +1,65 @@
+"""What base and effect both say, said by the effect alone.
+
+A base has a delay per valve, of up to a cycle and what is no finding yet, and a skew per pressure.
+Where the model has the effect that is the same thing, the base keeps one cycle, or no skew, and
+the effect has the whole of what goes beyond it. A fit has to begin there: from a base at the end
+of its range, what one effect says of all valves fits worse than an own delay for each of them, so
+that no step towards it would be taken, and the effect would lack what the base has kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.skew import PRESSURE_DELAY, is_listed
+from hydro_model.effects.targets import ActiveEffect
+
+
+def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
+    """A model whose delays beyond a cycle, and whose skews, are in their effects.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+    cycle_s : float
+        The recordings' interval, s.
+
+    Returns
+    -------
+    Model
+        The same one where it has no such effect, or nothing to hand over.
+    """
+    delays_s, skews_s, terms = list(model.delays_s), list(model.skews_s), list(model.terms)
+    chambers = list(predictor.skew_columns)[: len(skews_s)]
+    for k, term in enumerate(terms):
+        if term.effect.name == DELAY:
+            own = [delays_s[index] - cycle_s for index in predictor.delay_columns]
+            for index in predictor.delay_columns:
+                delays_s[index] = cycle_s
+        elif term.effect.name == PRESSURE_DELAY:
+            at = [i for i, chamber in enumerate(chambers) if is_listed([term], chamber)]
+            own = [skews_s[i] for i in at]
+            for i in at:
+                skews_s[i] = 0.0
+        else:
+            continue
+        terms[k] = _later(term, own)
+    if all(fresh is term for fresh, term in zip(terms, model.terms, strict=True)):
+        return model
+    return replace(model, delays_s=tuple(delays_s), skews_s=tuple(skews_s), terms=tuple(terms))
+
+
+def _later(term: ActiveEffect, own: Sequence[float]) -> ActiveEffect:
+    """An effect later by the mean of what it takes over, within its bounds."""
+    more = float(np.mean(own)) if own else 0.0
+    if more == 0.0:
+        return term
+    (at,) = (i for i, spec in enumerate(term.effect.parameters) if spec.name == "delay")
+    spec, parameters = term.effect.parameters[at], term.parameters.copy()
+    parameters[at] = min(max(float(parameters[at]) + more, spec.lower), spec.upper)
+    return replace(term, parameters=parameters)
