@@ -175,9 +175,7 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     predictor, cycle_s = training.predictor, training.cycle_s
     now = predictor.parameters(model)
     held += [
-        at
-        for chamber, at in predictor.skew_columns.items()
-        if is_listed(model.terms, chamber)
+        at for chamber, at in predictor.skew_columns.items() if is_listed(model.terms, chamber)
     ]
     for columns, most in (
         (predictor.ripple_columns, largest_ripple(cycle_s)),
