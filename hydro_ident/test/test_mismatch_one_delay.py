@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.named import Named
-from hydro_ident.mismatch.one_delay import as_one_delay
+from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_model.effects.catalogue import resolve
@@ -108,3 +109,29 @@ def test_one_lag_is_never_made_a_delay(late: Residuals) -> None:
     found, after = as_one_delay(contest, lags[:1], whole)
     assert found == lags[:1]
     assert after is whole
+
+
+def test_a_lag_is_told_from_its_valves_delay(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """From beside the valley a fit stays halfway; from the other valve's delay it arrives."""
+    true_crane, simulated_run = make_run
+    work = lay_out(simulated_run(replace(true_crane(), effects=LAGS[:1]), 18.0))
+    noise = fit(work.training, _with(work, LAGS[:1]), passes=8).bench.noise
+    quick = replace(LAGS[0], parameters={"frequency": 140.0, "damping": 1.95})
+    beside = _with(work, [quick])
+    beside = replace(beside, delays_s=(1.25 * CYCLE_S, beside.delays_s[1]))
+    stuck = fit(work.training, beside, noise, passes=12)
+    anew = from_one_delay(work.training, stuck)
+    true_s = 0.8 / (np.pi * 60.0)
+    assert abs(_lag_s(anew) - true_s) < abs(_lag_s(stuck) - true_s) / 3.0
+    # What both come to is told well, however they share it.
+    both_s = true_s + true_crane().command_delay_s
+    assert _lag_s(anew) + anew.model.delays_s[0] == pytest.approx(both_s, abs=1.0e-4)
+    # Once there, it is no better from elsewhere; and without a lag there is nothing to begin.
+    assert from_one_delay(work.training, work.base) is work.base
+
+
+def _lag_s(one: Fitted) -> float:
+    frequency, damping = one.model.terms[0].parameters[:2]
+    return float(damping / (np.pi * frequency))

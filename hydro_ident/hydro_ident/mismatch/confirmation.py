@@ -16,6 +16,7 @@ from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.one_delay import from_one_delay
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
@@ -58,7 +59,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         whole = fit(work.training, model, passes=4)
     rejected: list[Finding] = []
     while named:
-        whole = settled(work.training, whole)
+        whole = from_one_delay(work.training, settled(work.training, whole))
         there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]

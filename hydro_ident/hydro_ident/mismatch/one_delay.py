@@ -2,6 +2,10 @@
 
 Which of them fits better is first asked where other effects are still missing, and whatever has
 more numbers then takes up a part of those. With the others in place it is asked again.
+
+A lag and its valve's own delay go together along a bent valley, and a fit that starts beside it
+stays where it comes down to the floor. As all valves hear one bus, the delay of those that do not
+lag is a better place to start from.
 """
 
 from __future__ import annotations
@@ -13,12 +17,17 @@ import numpy as np
 
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import PASSES, Contest
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.fitting import Fitted, fit, fitted, settled
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.prediction import DELAY
+from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.worth import LAGS, resolved
+from hydro_model.effects.targets import ActiveEffect
+
+#: The lag that is begun anew, and passes of the fit from there: the valley is long.
+SPOOL = "valve_spool_lag"
+_ANEW = 12
 
 
 def as_one_delay(
@@ -50,6 +59,51 @@ def as_one_delay(
     return result, current
 
 
+def from_one_delay(training: Training, current: Fitted) -> Fitted:
+    """A fit with the lags of spools begun anew from the delay of the other valves.
+
+    Parameters
+    ----------
+    training : Training
+    current : Fitted
+
+    Returns
+    -------
+    Fitted
+        The one given where the other valley is no deeper, or no spool lags.
+    """
+    model, columns = current.model, training.predictor.delay_columns
+    lagging = [t for t in model.terms if t.effect.name == SPOOL and t.cylinder in columns]
+    if not lagging:
+        return current
+    own = {t.cylinder for t in lagging}
+    others = [model.delays_s[i] for i in columns if i not in own]
+    delay_s = float(np.median(others)) if others else min(model.delays_s[i] for i in columns)
+    terms = tuple(
+        _longer(t, model, delay_s) if any(t is one for one in lagging) else t for t in model.terms
+    )
+    delays_s = tuple(delay_s if i in own else d for i, d in enumerate(model.delays_s))
+    start = replace(model, terms=terms, delays_s=delays_s)
+    fresh = fit(training, start, current.bench.noise, _ANEW)
+    if fresh.start_squares >= current.start_squares:
+        return current
+    return settled(training, fit(training, fresh.model, passes=2))
+
+
+def _longer(term: ActiveEffect, model: Model, delay_s: float) -> ActiveEffect:
+    """A spool's lag with what its valve is later than a delay."""
+    names = [spec.name for spec in term.effect.parameters]
+    at, damped = names.index("frequency"), names.index("damping")
+    parameters = term.parameters.copy()
+    lag_s = parameters[damped] / (np.pi * parameters[at])
+    lag_s += model.delays_s[int(term.cylinder or 0)] - delay_s
+    parameters[damped] = term.effect.parameters[damped].typical
+    spec = term.effect.parameters[at]
+    hz = parameters[damped] / (np.pi * max(lag_s, 1.0e-6))
+    parameters[at] = min(max(hz, spec.lower), spec.upper)
+    return replace(term, parameters=parameters)
+
+
 def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named | None:
     """The delay as a finding; None where the lags say more."""
     training, noise = contest.training, current.bench.noise
@@ -77,12 +131,7 @@ def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named
 
 def _whole(contest: Contest, without: Fitted, own: Contender) -> Contender:
     """The delay with what all bases have beyond a cycle: that is its own, too."""
-    training, model = contest.training, own.fitted.model
-    late_s = max(min(model.delays_s) - training.cycle_s, 0.0)
-    term = replace(own.term, parameters=own.term.parameters + late_s)
-    delays = tuple(d - late_s for d in model.delays_s)
-    model = replace(model, terms=(*model.terms[:-1], term), delays_s=delays)
-    whole = fit(training, model, without.bench.noise, PASSES)
+    whole = fit(contest.training, own.fitted.model, without.bench.noise, PASSES)
     gain = without.squares - whole.squares
     held = contest.held_out(without) - contest.held_out(whole)
     return replace(own, term=whole.model.terms[-1], fitted=whole, gain=gain, held_out=held)
