@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.named import Named
@@ -29,13 +30,16 @@ LAGS = tuple(
 
 
 def _lagging(
-    work: Residuals, truth: Sequence[EffectSpec], *others: EffectSpec
+    work: Residuals,
+    truth: Sequence[EffectSpec],
+    *others: EffectSpec,
+    lags: Sequence[EffectSpec] = LAGS,
 ) -> tuple[Contest, list[Named], Fitted]:
     """A lag at every spool as findings, `others` beside them, weighed by what the truth leaves."""
     noise = fit(work.training, _with(work, truth), passes=8).bench.noise
-    whole = fit(work.training, _with(work, (*LAGS, *others)), noise, passes=12)
+    whole = fit(work.training, _with(work, (*lags, *others)), noise, passes=12)
     contest, named = Contest(work.training, 1.0), []
-    for lag in whole.model.terms[: len(LAGS)]:
+    for lag in whole.model.terms[: len(lags)]:
         gone = (lag.effect, lag.target)
         rest = tuple(t for t in whole.model.terms if (t.effect, t.target) != gone)
         without = fit(work.training, replace(whole.model, terms=rest), noise, passes=2)
@@ -63,12 +67,36 @@ def test_one_delay_takes_the_place_of_lags_that_say_no_more(late: Residuals) -> 
     found, after = as_one_delay(contest, lags, whole)
     assert [n.names[0] for n in found] == ["command_delay"]
     assert found[0].term.cylinder is None
-    assert after.model.delays_s == pytest.approx([CYCLE_S] * 2)
+    assert after.model.delays_s == pytest.approx([CYCLE_S] * 2, abs=1.0e-5)
     assert float(found[0].term.parameters[0]) == pytest.approx(2.0 * CYCLE_S, abs=2.0e-4)
     # The other effect stays as it is.
     kept = [t for t in after.model.terms if t.effect.name == BENT.name]
     assert [t.parameters[0] for t in kept] == pytest.approx([-0.05], abs=0.01)
     assert contest.held_out(after) < contest.held_out(whole)
+
+
+def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
+    """What the one spool's lag says as well as the other's slew limit may be said by one delay."""
+    slow = EffectSpec("valve_rate_limit", "tilt_valve", {"rate": 8.0})
+    contest, lags, whole = _lagging(late, (LATE, BENT), BENT, lags=(LAGS[0], slow))
+    assert len({n.names[0] for n in lags}) == 2
+    found, after = as_one_delay(contest, lags, whole)
+    assert [n.names[0] for n in found] == ["command_delay"]
+    assert contest.held_out(after) < contest.held_out(whole)
+
+
+def test_a_delay_shows_at_every_valve_though_they_differ(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """The base's own delays take up none of what a delay says, not even where they are free."""
+    true_crane, simulated_run = make_run
+    slower = replace(LAGS[0], parameters={"frequency": 900.0, "damping": 0.8})
+    truth = replace(true_crane(), command_delay_s=1.8 * CYCLE_S, effects=(slower,))
+    work = lay_out(simulated_run(truth, 18.0), [simulated_run(truth, 12.0, seed=5)])
+    _, _, (found,), _ = searched(work, work.base)
+    assert found.named.term.effect.name == "command_delay"
+    flows = {f"{joint}/flow_{side}" for joint in ("lift", "tilt") for side in "ab"}
+    assert set(found.channels) == flows
 
 
 @pytest.mark.parametrize("late_s", [0.7e-3, 1.3e-3])
@@ -77,20 +105,25 @@ def test_a_delay_says_all_that_goes_beyond_a_cycle(
 ) -> None:
     """The base keeps none of it, though it may have a quarter of a cycle where nothing is named.
 
-    Valves whose spools lag by parts of a millisecond are later by different times.
+    Valves whose spools lag by parts of a millisecond, 2 zeta / w each, are later by different
+    times: the slower keeps what it is later than the other.
     """
     true_crane, simulated_run = make_run
+    hz = 900.0, 1400.0
     quick = tuple(
-        replace(spec, parameters={"frequency": hz, "damping": 0.8})
-        for spec, hz in zip(LAGS, (900.0, 1400.0), strict=True)
+        replace(spec, parameters={"frequency": f, "damping": 0.8})
+        for spec, f in zip(LAGS, hz, strict=True)
     )
+    lag_s = [2.0 * 0.8 / (2.0 * np.pi * f) for f in hz]
     truth = replace(true_crane(), command_delay_s=CYCLE_S + late_s, effects=quick)
     work = lay_out(simulated_run(truth, 18.0))
     start = replace(LATE, parameters={"delay": 1.0e-4})
     assert max(work.base.model.delays_s) == pytest.approx(1.25 * CYCLE_S, rel=1e-3)
     found = fit(work.training, _with(work, [start]), passes=4).model
-    assert found.delays_s == pytest.approx([CYCLE_S] * 2)
-    assert float(found.terms[0].parameters[0]) == pytest.approx(late_s + 2.3e-4, abs=1.5e-4)
+    expected = [CYCLE_S + lag_s[0] - lag_s[1], CYCLE_S]
+    assert found.delays_s == pytest.approx(expected, abs=1.5e-5)
+    assert found.delays_s[1] == pytest.approx(CYCLE_S, abs=1.0e-9)
+    assert float(found.terms[0].parameters[0]) == pytest.approx(late_s + lag_s[1], abs=5.0e-5)
 
 
 def test_spools_that_lag_stay_as_they_are(

@@ -18,6 +18,7 @@ from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.one_delay import from_one_delay
 from hydro_ident.mismatch.outcome import Finding
+from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
@@ -286,7 +287,10 @@ def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
     """What a finding explains beyond a refit of the base, by channel of the training rows."""
     training = work.training
     terms = [t for t in whole.model.terms if _is_of(named, t.effect.name, t.target)]
-    base = whole.columns[:, : len(training.predictor.names)]
+    base = whole.columns[:, : len(training.predictor.names)].copy()
+    if named.term.effect.name == DELAY:
+        # Of what is beyond a cycle a base's own delays may have next to nothing.
+        base[:, list(training.predictor.delay_columns.values())] = 0.0
     alone = training.bench(whole.bench.noise, whole.residual, base, whole.offset)
     column = np.zeros(training.mask.size)
     for term in terms:

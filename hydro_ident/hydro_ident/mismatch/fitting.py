@@ -91,12 +91,11 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     -------
     Fitted
     """
-    model = handed_over(training.predictor, model, training.cycle_s)
-    current = _at(training, model, noise)
+    current = _at(training, _owned(training, model), noise)
     for _ in range(passes):
         step, factor, better = _within_range(training, current), 1.0, False
         for _ in range(_HALVINGS):
-            further = moved(training, current.model, factor * step)
+            further = _owned(training, moved(training, current.model, factor * step))
             # A step is judged by the weights that it was found with.
             fresh = _at(training, further, current.bench.noise)
             better = fresh.start_squares <= current.start_squares
@@ -110,6 +109,11 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
         if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
             break
     return current
+
+
+def _owned(training: Training, model: Model) -> Model:
+    """A model in which what base and effect both say is the effect's."""
+    return handed_over(training.predictor, model, training.cycle_s)
 
 
 def settled(training: Training, current: Fitted) -> Fitted:

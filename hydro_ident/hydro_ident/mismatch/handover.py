@@ -1,10 +1,11 @@
 """What base and effect both say, said by the effect alone.
 
 A base has a delay per valve, of up to a cycle and what is no finding yet, and a skew per pressure.
-Where the model has the effect that is the same thing, the base keeps one cycle, or no skew, and
-the effect has the whole of what goes beyond it. A fit has to begin there: from a base at the end
-of its range, what one effect says of all valves fits worse than an own delay for each of them, so
-that no step towards it would be taken, and the effect would lack what the base has kept.
+Where the model has the effect that is the same thing, the effect has what all valves have beyond
+one cycle, and what pressures are late: the quickest valve keeps one cycle, the others what they
+are later than that, and no skew is left. A fit has to begin there. From a base at the end of its
+range what one effect says of all valves fits worse than an own delay for each of them, so that no
+step towards it would be taken, and the effect would lack what the base has kept.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
     delays_s, skews_s, terms = list(model.delays_s), list(model.skews_s), list(model.terms)
     chambers = list(predictor.skew_columns)[: len(skews_s)]
     for k, term in enumerate(terms):
-        if term.effect.name == DELAY:
-            own = [delays_s[index] - cycle_s for index in predictor.delay_columns]
+        if term.effect.name == DELAY and predictor.delay_columns:
+            own = [min(delays_s[index] for index in predictor.delay_columns) - cycle_s]
             for index in predictor.delay_columns:
-                delays_s[index] = cycle_s
+                delays_s[index] -= own[0]
         elif term.effect.name == PRESSURE_DELAY:
             at = [i for i, chamber in enumerate(chambers) if is_listed([term], chamber)]
             own = [skews_s[i] for i in at]

@@ -33,7 +33,7 @@ _ANEW = 12
 def as_one_delay(
     contest: Contest, named: Sequence[Named], current: Fitted
 ) -> tuple[list[Named], Fitted]:
-    """Findings with one delay in the place of lags of one name that say no more than it.
+    """Findings with one delay in the place of several valves' lags that say no more than it.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ def as_one_delay(
     named : list of Named
     current : Fitted
     """
-    result = list(named)
-    for name in LAGS:
-        lags = [n for n in result if n.term.effect.name == name]
-        if len(lags) < 2 or any(t.effect.name == DELAY for t in current.model.terms):
+    result, listed = list(named), any(t.effect.name == DELAY for t in current.model.terms)
+    for names in (LAGS, *((name,) for name in LAGS)):
+        lags = [n for n in result if n.term.effect.name in names]
+        if listed or len({n.term.target for n in lags}) < 2:
             continue
         delay = _in_place(contest, lags, current)
         if delay is not None:
             result = [delay if n is lags[0] else n for n in result if n not in lags[1:]]
-            current = fit(contest.training, delay.modelled.fitted.model, passes=2)
+            current, listed = fit(contest.training, delay.modelled.fitted.model, passes=2), True
     return result, current
 
 

@@ -168,7 +168,7 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     held = [
         at
         for index, at in training.predictor.delay_columns.items()
-        if _listed_delay(model)
+        if _is_quickest(training, model, index)
         or (step[at] > 0.0 and at_longest_delay(training, model, index))
         or (step[at] < 0.0 and model.delays_s[index] < _NO_DELAY * training.cycle_s)
     ]
@@ -192,8 +192,12 @@ def at_longest_delay(training: Training, model: Model, index: int) -> bool:
     return bool(model.delays_s[index] >= longest)
 
 
-def _listed_delay(model: Model) -> bool:
-    return any(t.effect.name == DELAY for t in model.terms)
+def _is_quickest(training: Training, model: Model, index: int) -> bool:
+    """Whether a valve is the one that the effect of the same name leaves at its delay."""
+    if not any(t.effect.name == DELAY for t in model.terms):
+        return False
+    columns = training.predictor.delay_columns
+    return index == min(columns, key=lambda one: model.delays_s[one])
 
 
 def is_free(term: ActiveEffect, index: int) -> bool:
