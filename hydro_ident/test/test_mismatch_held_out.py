@@ -132,6 +132,30 @@ def test_what_the_models_own_error_makes_is_not_confirmed(rows: HeldOut) -> None
     assert not objection(_seen(doubting, noise + other, other), STANDS)
 
 
+def test_what_no_error_of_the_model_makes_is_told_beside_what_it_may_be_off_by(
+    rows: HeldOut,
+) -> None:
+    """A finding most of whose change is what a hardly known base may be off by, too.
+
+    By products on the rows alone it stands out by two deviations of that error; its other part,
+    of six deviations, is neither noise nor the base's. One draw of the base's error in six makes
+    the whole prediction worse with it: then it does not stand.
+    """
+    rng, stands, wrong, draws = np.random.default_rng(8), 0, 0, 60
+    direction, own = rng.normal(size=(2, rows.used.size))
+    direction /= np.linalg.norm(direction[rows.used])
+    own *= 6.0 / np.linalg.norm(own[rows.used])
+    doubting = replace(rows, doubt=rows.left(20.0 * direction)[:, None])
+    column = 40.0 * direction + own
+    for _ in range(draws):
+        off = rng.normal(size=rows.used.size) + 20.0 * rng.normal() * direction
+        stands += not objection(_seen(doubting, off + column, column), STANDS)
+        wrong += not objection(_seen(doubting, off, column), STANDS)
+    assert stands >= 0.75 * draws
+    assert wrong <= STANDS * draws + 3.0 * np.sqrt(STANDS * (1.0 - STANDS) * draws)
+    assert _seen(doubting, off, column).shown == pytest.approx(36.0, rel=0.15)
+
+
 def test_what_acts_in_a_few_blocks_is_confirmed(
     work: Residuals, make_run: Any, lay_out: Callable[..., Residuals]
 ) -> None:

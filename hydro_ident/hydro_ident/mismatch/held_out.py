@@ -122,6 +122,17 @@ class HeldOut:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
         return self.bench.beyond(residual[self.used][:, None])[: self.bench.measured, 0]
 
+    def weighed(self, whitened: FloatArray) -> FloatArray:
+        """Whitened rows (M,) over noise and the model's error: by the inverse of their covariance.
+
+        `(1 + D D')^-1 = 1 - D (1 + D' D)^-1 D'` for the doubt D (Woodbury 1950).
+        """
+        if not self.doubt.size:
+            return whitened
+        inner = np.eye(self.doubt.shape[1]) + self.doubt.T @ self.doubt
+        own = np.linalg.solve(inner, self.doubt.T @ whitened)
+        return np.asarray(whitened - self.doubt @ own)
+
     def blocks(self, longest_s: float = BLOCK_S) -> IndexArray:
         """The block of time that each whitened row is in, (M,).
 
@@ -177,8 +188,8 @@ class Look:
     against : float
         Chance that the finding beats a median placebo.
     shown : float
-        Sum of squares, in units of the noise's variance, of what the finding changes here: what
-        it would gain if it were true.
+        Sum of squares, weighed by noise and the model's error, of what the finding changes here:
+        what it would gain if it were true.
     sides : (dict, dict) of str to float
         Rmse by channel without and with it.
     worse : str
@@ -228,16 +239,21 @@ def looked(
     sides = rows.rmse(plain), rows.rmse(with_it)
     lasting = share_of_time(change, block[1]) >= _LASTING
     median = float(np.median(against or [0.0]))
-    shown = float(change @ change)
+    shown = float(change @ rows.weighed(change))
     return Look(p, share, median, shown, sides, _worse(sides, acting, lasting))
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
-    """Chance that the model's own error goes with a change: one draw for all blocks, no flip's."""
+    """Chance that the model's own error goes with a change: one draw for all blocks, no flip's.
+
+    Weighed by both errors, noise and the model's (generalised least squares): by the rows alone,
+    what a base that is hardly told may be off by drowns what no error of it can do.
+    """
     if not rows.doubt.size:
         return 0.0
-    error = np.hypot(np.linalg.norm(change), np.linalg.norm(rows.doubt.T @ change))
-    return float(norm.sf(float(before @ change) / error)) if error > 0.0 else 1.0
+    weighed = rows.weighed(change)
+    error = np.sqrt(max(float(change @ weighed), 0.0))
+    return float(norm.sf(float(before @ weighed) / error)) if error > 0.0 else 1.0
 
 
 def _gain(before: FloatArray, change: FloatArray) -> float:
