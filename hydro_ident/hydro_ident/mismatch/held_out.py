@@ -29,6 +29,8 @@ VERIFIED = 0.1
 WORSE = 1.05
 #: Deviations that are exceeded on one side once in forty times.
 _ONE_IN_FORTY = 1.96
+#: Deviations at which a true finding stands more often than not, in either of two looks.
+_HALF_TOLD = float(norm.isf(STANDS / 2.0))
 #: What a finding has to be able to gain on held-out rows before these can tell: two deviations.
 SHOWN = 4.0
 #: Blocks that a p-value needs, and the shortest that still are independent.
@@ -122,16 +124,24 @@ class HeldOut:
         """What a refit leaves of a residual (N,), whitened, (M,)."""
         return self.bench.beyond(residual[self.used][:, None])[: self.bench.measured, 0]
 
-    def weighed(self, whitened: FloatArray) -> FloatArray:
-        """Whitened rows (M,) over noise and the model's error: by the inverse of their covariance.
+    def weighed(self, change: FloatArray) -> FloatArray:
+        """What whitened rows (M,) are multiplied by to see whether a change (M,) is in them.
 
-        `(1 + D D')^-1 = 1 - D (1 + D' D)^-1 D'` for the doubt D (Woodbury 1950).
+        The change itself, where a true finding's product would stand out from noise and the
+        model's error more often than not. Elsewhere over the covariance of both (generalised
+        least squares), which tells more but asks for the finding's exact form:
+        `(1 + D D')^-1 = 1 - D (1 + D' D)^-1 D'` for
+        the doubt D (Woodbury 1950).
         """
-        if not self.doubt.size:
-            return whitened
+        if not self.doubt.size or change @ change >= _HALF_TOLD * self.error(change):
+            return change
         inner = np.eye(self.doubt.shape[1]) + self.doubt.T @ self.doubt
-        own = np.linalg.solve(inner, self.doubt.T @ whitened)
-        return np.asarray(whitened - self.doubt @ own)
+        own = np.linalg.solve(inner, self.doubt.T @ change)
+        return np.asarray(change - self.doubt @ own)
+
+    def error(self, weighed: FloatArray) -> float:
+        """Deviation of a product of weights (M,) with noise and the model's error."""
+        return float(np.hypot(np.linalg.norm(weighed), np.linalg.norm(self.doubt.T @ weighed)))
 
     def blocks(self, longest_s: float = BLOCK_S) -> IndexArray:
         """The block of time that each whitened row is in, (M,).
@@ -244,15 +254,11 @@ def looked(
 
 
 def _by_error(rows: HeldOut, before: FloatArray, change: FloatArray) -> float:
-    """Chance that the model's own error goes with a change: one draw for all blocks, no flip's.
-
-    Weighed by both errors, noise and the model's (generalised least squares): by the rows alone,
-    what a base that is hardly told may be off by drowns what no error of it can do.
-    """
+    """Chance that the model's own error goes with a change: one draw for all blocks, no flip's."""
     if not rows.doubt.size:
         return 0.0
     weighed = rows.weighed(change)
-    error = np.sqrt(max(float(change @ weighed), 0.0))
+    error = rows.error(weighed)
     return float(norm.sf(float(before @ weighed) / error)) if error > 0.0 else 1.0
 
 
