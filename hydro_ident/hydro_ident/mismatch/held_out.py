@@ -132,6 +132,10 @@ class HeldOut:
         least squares), which tells more but asks for the finding's exact form:
         `(1 + D D')^-1 = 1 - D (1 + D' D)^-1 D'` for
         the doubt D (Woodbury 1950).
+
+        Parameters
+        ----------
+        change : (M,) array
         """
         if not self.doubt.size or change @ change >= _HALF_TOLD * self.error(change):
             return change
@@ -140,7 +144,13 @@ class HeldOut:
         return np.asarray(change - self.doubt @ own)
 
     def error(self, weighed: FloatArray) -> float:
-        """Deviation of a product of weights (M,) with noise and the model's error."""
+        """Deviation of a product with noise and the model's error.
+
+        Parameters
+        ----------
+        weighed : (M,) array
+            What whitened rows are multiplied by.
+        """
         return float(np.hypot(np.linalg.norm(weighed), np.linalg.norm(self.doubt.T @ weighed)))
 
     def blocks(self, longest_s: float = BLOCK_S) -> IndexArray:
