@@ -60,6 +60,17 @@ def test_the_peer_finds_the_same(task: fit.Task, ours: fit.Fit) -> None:
         fit.compare(ours, replace(theirs, std=3.0 * theirs.std))
 
 
+def test_the_peer_finds_the_same_to_its_digits_where_noise_is_taken_for_white(
+    task: fit.Task, ours: fit.Fit
+) -> None:
+    if reason := fit_jobs.missing_peer():
+        pytest.skip(reason)
+    theirs = fit.fit_theirs(task)
+    fit.compare(fit.fit_ours(task, 0), theirs, 0)
+    with pytest.raises(AssertionError, match="parameters differ"):
+        fit.compare(ours, theirs, 0)
+
+
 def test_memory_is_that_of_processes_which_do_the_fit(tmp_path: Path) -> None:
     if reason := fit_jobs.missing_peer():
         pytest.skip(reason)

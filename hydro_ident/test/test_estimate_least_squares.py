@@ -8,11 +8,15 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.blocks import blocks_of
 from hydro_ident.estimate.least_squares import (
     Rows,
     collinearity,
+    fit_of_solution,
     weighted_least_squares,
 )
+from hydro_ident.estimate.moments import Moments
+from hydro_ident.estimate.regression import solve_ols
 
 THETA = np.array([2.0e3, -3.0e-7])
 
@@ -57,6 +61,32 @@ def test_white_noise_gives_the_textbook_standard_errors() -> None:
     flat = x.reshape(-1, 2)
     textbook = np.sqrt(np.diag(np.linalg.inv(flat.T @ flat)))
     assert fit.std == pytest.approx(textbook, rel=0.25)
+
+
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_noise_taken_for_white_gives_the_textbook_s_own_numbers(pieces: int) -> None:
+    """Gaps and columns that are zero at first take part like others; no row is left out."""
+    rng = np.random.default_rng(4)
+    x = _regressors(rng, 3000, 2)
+    x[:1000, 0, 1] = 0.0
+    y = x @ THETA + rng.normal(size=(3000, 2))
+    y[100:400, 1] = np.nan
+    moments = Moments.like(Rows(y, x, np.arange(3000) * 0.02, "bag#0"), "bag", lags=0)
+    for at in np.array_split(np.arange(3000), pieces):
+        moments.add(Rows(y[at].copy(), x[at].copy(), at * 0.02, "bag#0"))
+    blocks = blocks_of([moments])
+    fit = fit_of_solution(solve_ols(blocks), blocks, int(moments.rows.sum()))
+    known = np.isfinite(y)
+    flat, values = x[known], y[known]
+    theta = np.linalg.lstsq(flat, values, rcond=None)[0]
+    by_channel = np.array([np.mean((y - x @ theta)[known[:, k], k] ** 2) for k in range(2)])
+    inverse = np.linalg.inv(flat.T @ flat)
+    middle = np.einsum("k,tkp,tkq->pq", by_channel, x * known[..., None], x * known[..., None])
+    assert fit.rows == flat.shape[0]
+    np.testing.assert_allclose(fit.theta, theta, rtol=1e-9)
+    textbook = np.sqrt(np.diag(inverse @ middle @ inverse))
+    # What two parameters of 5700 rows took out of the residuals is given back.
+    np.testing.assert_allclose(fit.std, textbook, rtol=2e-3)
 
 
 def test_intervals_hold_where_residuals_are_strongly_autocorrelated() -> None:

@@ -6,10 +6,20 @@ import importlib.metadata
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
-from hydro_ident.bench.fit import compare, fit_ours, fit_theirs, load_task, make_task, save_task
+from hydro_ident.bench.fit import (
+    Task,
+    compare,
+    fit_ours,
+    fit_theirs,
+    load_task,
+    make_task,
+    save_task,
+)
 from hydro_ident.bench.job import Job, Row
+from hydro_ident.estimate.moments import LAGS
 from hydro_ident.study.peak import spent
 
 SAMPLES = 100_000
@@ -25,23 +35,24 @@ def missing_peer() -> str:
 
 
 def fit_jobs(samples: int = SAMPLES) -> Iterator[Job]:
-    """The time.
+    """The time, with intervals for white noise as the peer's, and for autocorrelated noise.
 
     `samples` are those of the recording.
     """
     task = make_task(samples)
+    for noise, lags in (("white", 0), ("autocorrelated", LAGS)):
+        yield Job(
+            f"{_name(samples)} for {noise} noise",
+            _peer(),
+            _TIME_GOAL,
+            partial(fit_ours, task, lags),
+            partial(fit_theirs, task),
+            partial(_check, task, lags),
+        )
 
-    def check() -> None:
-        compare(fit_ours(task), fit_theirs(task))
 
-    yield Job(
-        _name(samples),
-        _peer(),
-        _TIME_GOAL,
-        lambda: fit_ours(task),
-        lambda: fit_theirs(task),
-        check,
-    )
+def _check(task: Task, lags: int) -> None:
+    compare(fit_ours(task, lags), fit_theirs(task), lags)
 
 
 def memory_row(folder: Path, samples: int = SAMPLES) -> Row:

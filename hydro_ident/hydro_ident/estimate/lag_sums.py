@@ -123,17 +123,24 @@ class LagSums:
         Shape of a row of regressors.
     stride : int
         Rows from one node of the noise model to the next (`Rows.stride`).
+    white : bool
+        Noise is taken for white: products with rows further back are not gathered.
     """
 
     channels: int
     width: int
     stride: int = 1
+    white: bool = False
     _by_channel: tuple[_ChannelSums, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        self._by_channel = tuple(_ChannelSums(self.stride) for _ in range(self.channels))
+        self._by_channel = tuple(
+            _ChannelSums(self.stride, self.white) for _ in range(self.channels)
+        )
 
-    def add(self, x: FloatArray, skipped: int, known: BoolArray) -> None:
+    def add(
+        self, x: FloatArray, skipped: int, known: BoolArray, nonzero: BoolArray | None = None
+    ) -> None:
         """Take in rows that follow each other.
 
         Parameters
@@ -143,9 +150,12 @@ class LagSums:
             Rows that are missing between the last call's and these.
         known : (T, k) bool array
             Which rows take part.
+        nonzero : (k, p) bool array, optional
+            Columns that may be other than zero, where the caller has looked already.
         """
         values = x if known.all() else np.where(known[..., None], x, 0.0)
-        nonzero = nonzero_columns(values)
+        if nonzero is None:
+            nonzero = nonzero_columns(values)
         gap = min(skipped, LONGEST * self.stride)
         for k, one in enumerate(self._by_channel):
             one.widen(nonzero[k])
@@ -168,6 +178,7 @@ class _ChannelSums:
     """
 
     stride: int
+    white: bool
     used: NDArray[np.intp] = field(init=False)
     _sums: FloatArray = field(init=False)
     _before: list[FloatArray] = field(init=False)
@@ -197,6 +208,9 @@ class _ChannelSums:
 
     def add(self, rows: FloatArray, gap: int) -> None:
         """Take in rows (T, p) of the used columns, so many behind those before."""
+        if self.white:
+            self._sums[0] += 0.5 * (rows.T @ rows)
+            return
         if gap and (self._held or self.used.size):
             self._waiting.append(np.zeros((gap, self.used.size)))
             self._held += gap

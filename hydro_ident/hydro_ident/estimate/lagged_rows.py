@@ -9,7 +9,8 @@ of rows V' turns it,
     [B; V'] = [K; Q'] B',   q -> q K,   M -> K' M K + products of Q' with its predecessors
 
 with K, part of an orthonormal matrix, enlarging nothing. Factors of the rows with their
-predecessors in place of sums are as accurate, at four times as many columns.
+predecessors in place of sums are as accurate, at four times as many columns. Without predecessors
+(noise taken for white) B alone is the answer.
 """
 
 from __future__ import annotations
@@ -86,6 +87,11 @@ class LaggedRows:
         width = self._used.size
         if not width:
             return
+        if not self.lags:
+            taken = rows[:, self._used] if chosen.all() else rows[chosen][:, self._used]
+            factor = np.linalg.qr(np.concatenate([self._basis, taken]), mode="r")
+            self._basis = np.asarray(factor)
+            return
         q, self._basis = np.linalg.qr(np.concatenate([self._basis, rows[:, self._used]]))
         turn = q[:width]
         half = (self._sums @ turn).reshape(self.lags + 1, width, -1)
@@ -99,6 +105,10 @@ class LaggedRows:
         """Rows with the same products, blocks of columns by lag: (m, m), m = (lags + 1) width."""
         lags = self.lags + 1
         size = lags * self._used.size
+        if not self.lags:
+            alone = np.zeros((self.width, self.width))
+            alone[:size, self._used] = self._basis
+            return alone
         root = _root(self._sums.reshape(size, size))
         result = np.zeros((lags * self.width, lags, self.width))
         by_lag = root.reshape(size, lags, self._used.size)

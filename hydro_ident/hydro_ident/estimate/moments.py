@@ -40,6 +40,8 @@ class Moments:
         Entries of a row: instruments (where there are any), regressors, 1 for y.
     instruments : bool
     lags : int
+        Order of the noise model; 0 takes the noise for white, whose intervals need no products
+        with other rows.
     stride : int
         Rows from one lag to the next (`Rows.stride`).
     rows : (k,) int array
@@ -81,9 +83,9 @@ class Moments:
         self.rows = np.zeros(self.channels, dtype=np.intp)
         self.lagged, self.effective = np.zeros(self.channels), np.zeros(self.channels)
         size = (self.width - 1) // (2 if self.instruments else 1)
-        self.far = LagSums(self.channels, size, self.stride)
+        self.far = LagSums(self.channels, size, self.stride, white=not self.lags)
         if self.instruments:
-            self.far_z = LagSums(self.channels, size, self.stride)
+            self.far_z = LagSums(self.channels, size, self.stride, white=not self.lags)
         self._tail = np.zeros((self.lags * self.stride, self.channels, self.width))
         self._tail_run = np.zeros(self.channels, dtype=np.intp)
 
@@ -124,7 +126,8 @@ class Moments:
                 self._take(
                     joined[begin : begin + before + _BATCH, k], weight[batch, k], k, weights
                 )
-        self._take_far(values if weights is None else values * weight[..., None], weight, rows)
+        weighted = values if weights is None else values * weight[..., None]
+        self._take_far(weighted, weight, rows, nonzero)
         self._tail = joined[len(values) :].copy()
         self._tail_run = run[-1].copy()
         self._tail_s = float(rows.time_s[-1]) if rows.step_s else -np.inf
@@ -158,9 +161,12 @@ class Moments:
         self.lagged[channel] += float(chosen.sum())
         self.effective[channel] += float(weight.sum())
 
-    def _take_far(self, values: FloatArray, weight: FloatArray, rows: Rows) -> None:
+    def _take_far(
+        self, values: FloatArray, weight: FloatArray, rows: Rows, nonzero: BoolArray
+    ) -> None:
         """The same rows, weighted alike, for the sums by lag; gaps keep their length."""
         size = rows.x.shape[2]
+        own = slice(-1 - size, -1)
         before = np.concatenate([[self._tail_s], rows.time_s[:-1]])
         missing = np.zeros(rows.time_s.size)
         if rows.step_s:
@@ -170,9 +176,9 @@ class Moments:
         for begin, end in zip(starts, [*starts[1:], rows.time_s.size], strict=True):
             part, skipped = values[begin:end], int(min(missing[begin], 1e9))
             known = weight[begin:end] > 0.0
-            self.far.add(part[..., -1 - size : -1], skipped, known)
+            self.far.add(part[..., own], skipped, known, nonzero[:, own])
             if self.far_z is not None:
-                self.far_z.add(part[..., :size], skipped, known)
+                self.far_z.add(part[..., :size], skipped, known, nonzero[:, :size])
 
 
 def _known(values: FloatArray) -> BoolArray:

@@ -214,7 +214,7 @@ def _degrees_of_freedom(
                 shifted = _covariance_by_group(unit, estimator, far, moved, variance)
                 sides.append(np.diagonal(shifted.sum(axis=0)))
             slopes.append((sides[0] - sides[1]) / (2.0 * step))
-        slope = np.array(slopes).reshape(phi.shape[1], -1)
+        slope = np.array(slopes).reshape(phi.shape[1], own.shape[1])
         uncertain += np.einsum("li,lj,ji->i", slope, precision, slope)
     size = np.sum(own, axis=0) ** 2
     share = uncertain / np.where(size > 0.0, size, 1.0)
