@@ -134,3 +134,23 @@ def test_a_law_that_predicts_far_worse_is_not_in_the_set(laws: list[ActiveEffect
     told = named_of([_contender(law, held) for law, held in pairs], 0.001, 1.0)
     assert told.names == (laws[0].effect.name,)
     assert told.probability[0] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "names"),
+    [
+        (3e-4, ("presliding_friction",)),
+        (8e-5, ("coulomb_friction", "presliding_friction")),
+        (3e-5, ("coulomb_friction",)),
+    ],
+)
+def test_a_bristle_near_the_limit_of_its_name_bears_both(
+    robot: Robot, distance_m: float, names: tuple[str, ...]
+) -> None:
+    parameters = {"force": 1500.0, "distance": distance_m}
+    spec = EffectSpec("presliding_friction", "lift_cylinder", parameters)
+    (law,) = resolve(replace(robot, effects=(spec,)))
+    told = named_of([_contender(law, 380.0)], 0.001, 1.0)
+    assert told.names == names
+    assert told.probability == pytest.approx((1.0 / len(names),) * len(names))
+    assert told.beside({"valve_spool_lag": 0.5}).names == (*names, "valve_spool_lag")

@@ -301,6 +301,8 @@ class Searcher:
             shares = one.probability[-len(one.alike) :]
             own = 1.0 - sum(shares)
             odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
+            # A law's own name, near another one's limit, is the fresh set's matter.
+            odds.pop(one.modelled.border_name, None)
             fresh = fresh.beside(odds)
         return without, fresh
 

@@ -18,7 +18,10 @@ LIMITS = {
     "presliding_friction": ("distance", 1.0e-4, np.inf, "coulomb_friction"),
     "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, "coulomb_friction"),
 }
-#: The same on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
+#: Within this factor beyond its limit a law still bears its own name as well: the limit is a
+#: convention, and by what damps a bristle one of 0.15 mm may come out at 0.08.
+_BORDER = 2.0
+#: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
 #: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
@@ -59,13 +62,22 @@ class Contender:
     @property
     def name(self) -> str:
         """The name that it bears: where a law has run to another one's limit, that one's."""
+        return self._named_within(1.0)
+
+    @property
+    def border_name(self) -> str:
+        """The law's own name where it has run to another one's limit but not far; else that."""
+        return self._named_within(_BORDER)
+
+    def _named_within(self, factor: float) -> str:
+        """The name with limits this much wider."""
         effect = self.term.effect
         # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
         limits = LIMITS | DRIVE_LIMITS if self.term.joint else LIMITS
         if effect.name in limits:
             parameter, least, most, other = limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)
-            if not least <= self.term.parameters[at] <= most:
+            if not least / factor <= self.term.parameters[at] <= factor * most:
                 return other
         return effect.name
 
@@ -92,8 +104,8 @@ class Named:
     few, allowance : float
         As `named_of`.
     alike : tuple of str
-        Names of effects that, one at every cylinder, fit as well as one of the whole robot; their
-        probabilities follow those of the contenders' names.
+        Names of effects that, one at every cylinder, fit as well as one of the whole robot, and of
+        a law near another one's limit; their probabilities follow those of the contenders' names.
     """
 
     contenders: tuple[Contender, ...]
@@ -121,7 +133,8 @@ class Named:
             return self
         total = 1.0 + sum(kept.values())
         shares = (*self.probability, *kept.values())
-        return replace(self, probability=tuple(s / total for s in shares), alike=tuple(kept))
+        alike = (*self.alike, *kept)
+        return replace(self, probability=tuple(s / total for s in shares), alike=alike)
 
     @property
     def modelled(self) -> Contender:
@@ -257,7 +270,9 @@ def named_of(
     }
     gain = ranked[0].gain
     shares = tuple(total[n] for n in names)
-    return Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
+    told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
+    # Near a limit either name may be meant.
+    return told.beside({told.modelled.border_name: shares[0]})
 
 
 def _near(one: Contender, other: Contender) -> bool:
