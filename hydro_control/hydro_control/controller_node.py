@@ -7,9 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode
-from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
@@ -22,7 +20,7 @@ from hydro_control.trajectory import Waypoint
 from hydro_model.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
 
 _DIAGNOSTICS_S = 1.0
@@ -50,7 +48,7 @@ class ControllerNode(LifecycleNode):
         self._said = ""
         self._said_s = 0.0
         self._trajectories: list[Any] = []
-        self.add_on_set_parameters_callback(self._on_parameters)
+        fix_parameters(self, lambda: self._hot is not None)
         self._timer = self.create_timer(_LOOK_S, self._look)
         self.create_service(Trigger, "~/reset_adaptation", self._reset_adaptation)
 
@@ -66,14 +64,6 @@ class ControllerNode(LifecycleNode):
             settings.adaptation,
             settings.tip_speed_limit_m_s,
             settings.runaway,
-        )
-
-    def _on_parameters(self, changed: list[Parameter]) -> SetParametersResult:
-        own = {p.name for p in parameters.PARAMETERS}
-        if self._hot is None or not any(p.name in own for p in changed):
-            return SetParametersResult(successful=True)
-        return SetParametersResult(
-            successful=False, reason="parameters are read when configuring: clean up first"
         )
 
     def _configure(self) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy")
 
+from rclpy.lifecycle import TransitionCallbackReturn  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
 from hydro_control import parameters  # noqa: E402
@@ -26,6 +27,8 @@ TEXTS = {
     "adaptation": "payload, friction",
     "cpu_affinity": "0",
 }
+#: Another value for an inherited parameter of a type.
+OTHER: dict[type, Value] = {bool: True, int: 3, str: "best_effort"}
 
 
 @pytest.fixture
@@ -60,6 +63,12 @@ def illegal(rule: parameters.Parameter) -> list[Value]:
     return [*beyond, int(rule.upper), "1"]
 
 
+def inherited(node: Any) -> dict[str, Any]:
+    """Parameters that every node of rclpy has and those of its topics' QoS, by name."""
+    own = {rule.name for rule in PARAMETERS}
+    return {name: value for name, value in node._parameters.items() if name not in own}
+
+
 def taken(node: Any, name: str, value: Value) -> bool:
     """Whether a value was accepted; the node has it then, and what it had before else."""
     before = node.get_parameter(name).value
@@ -87,6 +96,38 @@ def test_every_parameter_is_refused_once_configured_and_taken_again_after_cleanu
     node.trigger_cleanup()
     for rule in PARAMETERS:
         assert taken(node, rule.name, others(rule)[0]), rule.name
+
+
+@pytest.mark.parametrize("active", [False, True])
+def test_what_every_node_has_is_refused_once_configured_too(node: Any, active: bool) -> None:
+    node.trigger_configure()
+    if active:
+        node.trigger_activate()
+    before = inherited(node)
+    assert before["use_sim_time"].value is False
+    assert "start_type_description_service" in before
+    assert any(name.startswith("qos_overrides./joint_trajectory") for name in before)
+    for name, parameter in before.items():
+        for value in (parameter.value, OTHER[type(parameter.value)], None):
+            asked = Parameter(name, value=value)
+            for result in (*node.set_parameters([asked]), node.set_parameters_atomically([asked])):
+                assert not result.successful, (name, value)
+                assert result.reason
+    assert inherited(node) == before
+    together = [Parameter("use_sim_time", value=True), Parameter("k_v", value=1.0)]
+    assert "clean up first" in node.set_parameters_atomically(together).reason
+    assert not node.get_clock().ros_time_is_active
+
+
+def test_use_sim_time_is_taken_while_unconfigured(node: Any) -> None:
+    assert taken(node, "use_sim_time", True)
+    node.trigger_configure()
+    assert not taken(node, "use_sim_time", False)
+    assert node.get_clock().ros_time_is_active
+    node.trigger_cleanup()
+    assert taken(node, "use_sim_time", False)
+    assert not node.get_clock().ros_time_is_active
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
 
 
 def test_before_it_is_configured_every_value_in_range_is_taken_and_no_other(node: Any) -> None:

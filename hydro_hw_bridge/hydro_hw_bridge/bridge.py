@@ -29,7 +29,7 @@ from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
 from hydro_msgs_docs.messages import stamp_ns
-from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, logged_transition
+from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition
 from hydro_msgs_docs.real_time import RealTime
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
 
@@ -106,6 +106,7 @@ class CanBridge(LifecycleNode):
         self._topics: BridgePublishers | None = None
         self._threads: list[threading.Thread] = []
         self._running = threading.Event()
+        fix_parameters(self, self._running.is_set)
         self._heard_at = self._foreign_at = time.monotonic()
         self._summary = ("", "")
         self._state: tuple[object, ...] = ()

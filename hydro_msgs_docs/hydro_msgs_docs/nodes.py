@@ -1,4 +1,4 @@
-"""What the lifecycle nodes share: transitions that log their failures, and diagnostics."""
+"""What the lifecycle nodes share: logged transitions, fixed parameters, diagnostics."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from hydro_model.errors import HydroError
@@ -51,6 +53,34 @@ def logged_transition(body: Callable[[Any], None]) -> Transition:
         return TransitionCallbackReturn.SUCCESS
 
     return transition
+
+
+def fix_parameters(node: Node, configured: Callable[[], bool]) -> None:
+    """Have a node refuse every change of a parameter while it is configured.
+
+    That takes in what rclpy itself declares: `use_sim_time` would put a running node on another
+    clock. What is declared only then, such as the QoS of topics made by `configure`, is no change.
+
+    Parameters
+    ----------
+    node : Node
+    configured : callable
+        Whether it is, at the moment.
+    """
+
+    def judge(asked: list[Parameter]) -> SetParametersResult:
+        # rclpy asks for declarations, too: what is being declared is not there yet.
+        names = [parameter.name for parameter in asked if node.has_parameter(parameter.name)]
+        if not names or not configured():
+            return SetParametersResult(successful=True)
+        return SetParametersResult(
+            successful=False,
+            reason=f"{', '.join(names)}: parameters are read when configuring: clean up first",
+        )
+
+    # rclpy asks the newest callback first and stops at a refusal. Its own for `use_sim_time`
+    # switches the clock while it is asked, so this one, made later, has to come before it.
+    node.add_on_set_parameters_callback(judge)
 
 
 class Diagnostics:
