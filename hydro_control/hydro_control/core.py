@@ -304,7 +304,7 @@ class ControllerCore:
         waypoints : sequence of Waypoint
             Empty: come to rest.
         start_ns : int
-            Stamp to start at; 0 for now.
+            Stamp to start at, up to `reference_run.MOST_AHEAD_S` ahead; 0 for now.
 
         Raises
         ------

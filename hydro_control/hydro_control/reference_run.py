@@ -14,6 +14,11 @@ from hydro_control.trajectory import Waypoint
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
+#: A trajectory may ask to begin this long after the newest sample, s: long enough for several
+#: machines to begin together. More is a stamp of another clock, or of one that was put forward:
+#: the arm would begin by itself when everybody has forgotten.
+MOST_AHEAD_S = 10.0
+
 _SECOND_NS = 1_000_000_000
 
 
@@ -115,7 +120,7 @@ class ReferenceRun:
         names : sequence of str
         waypoints : sequence of Waypoint
         start_ns : int
-            Stamp to start at; 0 for now.
+            Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now.
 
         Raises
         ------
@@ -127,6 +132,11 @@ class ReferenceRun:
         wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
         if wait_s < 0.0:
             raise ControlError(f"it should start now or later, found {-wait_s:.3f} s ago")
+        if wait_s > MOST_AHEAD_S:
+            raise ControlError(
+                f"it should start within {MOST_AHEAD_S:g} s of the newest sample, found"
+                f" {wait_s:.3f} s ahead: give the time of a sample's stamp, or 0 for now"
+            )
         self.pending = self.player.plan_trajectory(
             space, names, waypoints, self.now_s, self.q, wait_s
         )
