@@ -26,6 +26,7 @@ from hydro_control.required_motion import Reference
 from hydro_control.runaway import RunawayLimits, RunawayWatch
 from hydro_control.sample import Sample
 from hydro_control.sensor_correction import SensorCorrection
+from hydro_control.stamps import StampWatch
 from hydro_control.trajectory import Waypoint
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
@@ -85,6 +86,7 @@ class ControllerCore:
             adaptation=self.adaptation,
             tip_speed_m_s=self.tip_speed_m_s,
         )
+        self._stamps = StampWatch(self.law.dt_s)
         self._sensors = SensorCorrection(self.robot, self.law.plan.active)
         self._run: ReferenceRun | None = None
         self._last: Answer | None = None
@@ -120,6 +122,7 @@ class ControllerCore:
         self._adaptation_reset = False
         self._watch.clear()
         self._runaway.forget()
+        self._stamps.forget()
         self.message = ""
 
     @property
@@ -133,10 +136,15 @@ class ControllerCore:
         return self._last
 
     @property
+    def silent(self) -> str:
+        """Why no sample is answered any more, until `restart`; empty where they are."""
+        return self._stamps.gone_back
+
+    @property
     def moving(self) -> bool:
         """A path or trajectory is being played."""
         run = self._run
-        return run is not None and run.moving
+        return run is not None and run.moving and not self.silent
 
     def answer(self, sample: Sample) -> Answer | None:
         """Answer a sample.
@@ -148,11 +156,14 @@ class ControllerCore:
         Returns
         -------
         Answer or None
-            The same object again for the newest stamp, None for an older one.
+            The same object again for the newest stamp, None for an older one and once `silent`.
         """
+        if self.silent:
+            return None
         if self._last is not None and sample.stamp_ns <= self._last.stamp_ns:
             if sample.stamp_ns < self._last.stamp_ns:
                 self.counts.old += 1
+                self._stamps.older((self._last.stamp_ns - sample.stamp_ns) / _SECOND_NS)
                 return None
             self.counts.repeated += 1
             return self._last
@@ -171,6 +182,8 @@ class ControllerCore:
             output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
         self._count(sample.stamp_ns, output)
         moving = any(reference.velocity.tolist())
+        if self._run is not None:
+            self._run.moved = self._run.moved or moving
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
@@ -220,14 +233,19 @@ class ControllerCore:
                 return Reference("joint", sample.q, still, still)
             run = self._run = self._first(sample)
         run.advance(sample.stamp_ns)
+        since_s = run.now_s
         if finite:
-            run.q = sample.q
+            since_s = run.see(sample.q)
             self._guard(run)
         if self._watch.withheld:
             if run.follow(moved=self._watch.moved):
                 self.message = "the valves do not get the commands: staying with the robot's pose"
         elif run.following:
-            self._resume(run)
+            self.message = ""
+            self._resume(run, "the valves did not get the commands")
+        elif self._stamps.is_gap(run.now_s - since_s):
+            run.follow(moved=run.moved, since_s=since_s)
+            self._resume(run, f"no usable sample came for {run.now_s - since_s:.3f} s")
         return run.reference()
 
     def _first(self, sample: Sample) -> ReferenceRun:
@@ -246,16 +264,13 @@ class ControllerCore:
             self.counts.refused += 1
             self.message = f"path refused, holding: {error}"
 
-    def _resume(self, run: ReferenceRun) -> None:
-        """Commands are applied again: hold here; whoever wants a motion asks for it anew."""
+    def _resume(self, run: ReferenceRun, why: str) -> None:
+        """Commands have an effect again: hold here; who wants a motion asks for it anew."""
         run.following = False
-        self.message = ""
         if run.anew and self.path is not None:
             self._play_path(run)
         elif run.dropped:
-            self.message = (
-                "holding: the motion was dropped, as the valves did not get the commands"
-            )
+            self.message = f"holding: the motion was dropped, as {why}"
 
     def _count(self, stamp_ns: int, output: Output) -> None:
         if self._last is not None:
@@ -317,8 +332,8 @@ class ControllerCore:
         if not waypoints:
             run.stop = True
             return
-        if self._runaway.fault:
-            raise self._refusal(f"the controller stopped: {self._runaway.fault}")
+        if stopped := self.silent or self._runaway.fault:
+            raise self._refusal(f"the controller stopped: {stopped}")
         try:
             run.ask(space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:

@@ -37,6 +37,8 @@ class ReferenceRun:
         Of the newest sample, from the first on.
     q : (n,) array
         Joint positions of the newest sample in which they were finite.
+    seen_s : float
+        Of that sample.
     pending : Plan or None
         To be played from the next sample on.
     stop : bool
@@ -45,18 +47,25 @@ class ReferenceRun:
         Commands are withheld: the reference stays with the robot.
     dropped : bool
         Something was played, or was to be, when that began.
+    of_path : bool
+        What was played last is the controller's own path, and no trajectory.
+    moved : bool
+        The reference has moved since the first sample.
     anew : bool
-        Nothing of what was played had been driven yet: it may start anew.
+        It was the path, and nothing of it had been driven yet: it may start anew.
     """
 
     first_ns: int
     player: ReferencePlayer
     now_s: float
     q: FloatArray
+    seen_s: float = 0.0
     pending: Plan | None = None
     stop: bool = False
     following: bool = False
     dropped: bool = False
+    of_path: bool = False
+    moved: bool = False
     anew: bool = False
 
     @classmethod
@@ -88,6 +97,22 @@ class ReferenceRun:
         """
         self.now_s = (stamp_ns - self.first_ns) / _SECOND_NS
 
+    def see(self, q: FloatArray) -> float:
+        """Take the pose of the newest sample.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Joint positions, finite.
+
+        Returns
+        -------
+        float
+            `now_s` of the sample before it in which they were finite.
+        """
+        before_s, self.seen_s, self.q = self.seen_s, self.now_s, q
+        return before_s
+
     def play_path(self, path: TipPath | JointPath, delay_s: float) -> None:
         """Play a path that has been checked, from now on.
 
@@ -104,6 +129,7 @@ class ReferenceRun:
         """
         plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=True)
         self.player.play(plan, self.now_s)
+        self.of_path = True
 
     def ask(
         self,
@@ -146,13 +172,15 @@ class ReferenceRun:
         self.player.hold(self.q, self.now_s)
         self.stop, self.pending = False, None
 
-    def follow(self, *, moved: bool) -> bool:
-        """Commands are withheld: stay with the robot, wherever it goes.
+    def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
+        """Commands have no effect: stay with the robot, wherever it goes.
 
         Parameters
         ----------
         moved : bool
             Something of what is played was driven.
+        since_s : float, optional
+            `now_s` from which on they have none; by default the present one.
 
         Returns
         -------
@@ -162,8 +190,9 @@ class ReferenceRun:
         begins = not self.following
         if begins:
             self.following = True
-            self.dropped = self.moving or self.pending is not None
-            self.anew = self.moving and not moved
+            moving = self.player.moving(self.now_s if since_s is None else since_s)
+            self.dropped = moving or self.pending is not None
+            self.anew = moving and self.of_path and not moved
         self.hold()
         return begins
 
@@ -177,6 +206,7 @@ class ReferenceRun:
             plan, self.pending = self.pending, None
             if not self.moving:
                 self.player.play(plan, self.now_s)
+                self.of_path = False
         return self.player.sample(self.now_s)
 
     def ahead(self, lead_s: float) -> Reference:

@@ -10,19 +10,24 @@ from hydro_control.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.reference_run import MOST_AHEAD_S
+from hydro_control.stamps import LONGEST_GAP_S
 from hydro_control.trajectory import Waypoint
 from hydro_hw_bridge.sample_clock import SampleClock
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath
+from hydro_model.paths_segments import Quintic
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
 POSE = np.array([0.6, -1.5])
+SUNK = POSE - 0.03
 PERIOD_NS = 2_000_000
 SECOND_NS = 1_000_000_000
 HOUR_NS = 3600 * SECOND_NS
 NOW_NS = 1_700_000_000 * SECOND_NS
+GAP = round(LONGEST_GAP_S * SECOND_NS / PERIOD_NS)
+PATH = JointPath((Quintic.at_rest([0.6], [0.8], 2.0),), joints=("lift",))
 EMPTY = np.array([])
 THERE = [Waypoint(2.0, np.array([0.8]), EMPTY, EMPTY)]
 
@@ -96,3 +101,111 @@ def test_a_start_too_far_ahead_is_refused(space: str) -> None:
     loop.core.request_trajectory(space, names, points, newest_ns + most_ns)  # type: ignore[arg-type]
     loop.run()
     assert loop.core.moving
+
+
+@pytest.mark.parametrize("away_ns", [60_000_000, 5 * SECOND_NS, HOUR_NS])
+@pytest.mark.parametrize("played", ["waits", "runs", "is asked for"])
+def test_a_machine_that_begins_anew_carries_no_motion_on(played: str, away_ns: int) -> None:
+    """It was away, or the ROS clock went forward meanwhile: by either much of a path is over."""
+    loop = Loop()
+    start_ns = loop.stamp_ns + SECOND_NS // 2
+    loop.run()
+    loop.core.request_trajectory("joint", ["lift"], THERE, start_ns)
+    if played != "is asked for":
+        assert np.any(loop.reference(200 if played == "waits" else 600)[1]) == (played == "runs")
+    loop.restart_machine(loop.stamp_ns + away_ns)
+    loop.q = SUNK
+    assert loop.stands(SUNK, 1500)
+    assert not loop.core.moving
+    assert "the motion was dropped, as no usable sample came for" in loop.core.message
+    loop.core.request_trajectory("joint", ["lift"], THERE)
+    assert np.any(loop.reference(100)[1])
+    assert loop.core.message == ""
+
+
+def test_a_hold_is_held_where_the_robot_is_after_a_gap() -> None:
+    loop = Loop()
+    loop.run(10)
+    with pytest.raises(ControlError, match="trajectory refused"):
+        loop.core.request_trajectory("joint", ["boom"], THERE)
+    said = loop.core.message
+    loop.counter += 1000
+    loop.q = SUNK
+    assert loop.stands(SUNK, 100)
+    assert loop.core.message == said
+
+
+@pytest.mark.parametrize("usable", [True, False])
+def test_a_motion_goes_on_over_a_short_gap_and_over_no_longer_one(usable: bool) -> None:
+    for cycles, goes_on in ((GAP, True), (GAP + 1, False)):
+        loop = Loop(PATH)
+        loop.run(300)
+        if usable:
+            loop.counter += cycles - 1
+        else:
+            loop.q = np.array([np.nan, -1.5])
+            loop.run(cycles - 1)
+            loop.q = POSE
+        assert np.any(loop.reference()[1]) == goes_on
+        assert loop.core.moving == goes_on
+
+
+def test_a_path_that_has_not_moved_yet_waits_anew_and_in_full() -> None:
+    loop = Loop(PATH, 0.5)
+    loop.run(200)
+    loop.restart_machine(loop.stamp_ns + HOUR_NS)
+    for k in range(500):
+        expected = PATH.sample(k * 0.002 - 0.5)[0][0]
+        np.testing.assert_allclose(loop.reference()[0], [expected, -1.5], atol=1e-12)
+
+
+def test_a_path_that_has_moved_does_not_begin_again() -> None:
+    loop = Loop(PATH, 0.1)
+    loop.run(300)
+    loop.restart_machine(loop.stamp_ns + HOUR_NS)
+    assert loop.stands(POSE, 1500)
+
+
+def test_no_path_takes_the_place_of_a_trajectory_that_waited() -> None:
+    far = JointPath((Quintic.at_rest([1.0], [1.1], 2.0),), joints=("lift",))
+    loop = Loop(far)
+    loop.run()
+    assert "path refused" in loop.core.message
+    loop.core.request_trajectory("joint", ["lift"], THERE, loop.stamp_ns + SECOND_NS)
+    loop.run(10)
+    loop.counter += 1000
+    loop.q = np.array([0.9, -1.5])  # near enough to the path's start by now
+    assert loop.stands(loop.q, 1500)
+
+
+@pytest.mark.parametrize("back_ns", [60_000_000, HOUR_NS])
+def test_stamps_that_went_back_are_answered_no_more_until_activated_anew(back_ns: int) -> None:
+    """Else the motion went on by itself once the stamps had come to where it was."""
+    loop = Loop(PATH)
+    loop.run(300)
+    went_on_ns = loop.stamp_ns
+    loop.begin(went_on_ns - PERIOD_NS - back_ns)
+    assert loop.run() is None
+    told = loop.core.silent
+    assert f"went back by {back_ns / SECOND_NS:.3f} s" in told
+    assert "activate the controller anew" in told
+    with pytest.raises(ControlError, match="the controller stopped: stamps went back"):
+        loop.core.request_trajectory("joint", ["lift"], THERE)
+    loop.begin(went_on_ns)
+    assert loop.run(100) is None
+    assert loop.core.silent == told
+    assert not loop.core.moving
+    loop.core.restart()
+    assert loop.core.silent == ""
+    assert loop.run() is not None
+
+
+def test_a_sample_that_is_a_little_late_changes_nothing() -> None:
+    loop = Loop(PATH)
+    loop.run(300)
+    loop.counter -= GAP + 1
+    assert loop.run() is None
+    loop.counter += GAP
+    assert np.any(loop.reference()[1])
+    assert loop.core.silent == ""
+    assert loop.core.counts.old == 1
