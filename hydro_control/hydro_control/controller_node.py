@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
@@ -49,7 +50,9 @@ class ControllerNode(LifecycleNode):
         self._said_s = 0.0
         self._trajectories: list[Any] = []
         fix_parameters(self, lambda: self._hot is not None)
-        self._timer = self.create_timer(_LOOK_S, self._look)
+        # Of a clock that never steps: what is wrong is said whatever the ROS clock does.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(_LOOK_S, self._look, clock=steady)
         self.create_service(Trigger, "~/reset_adaptation", self._reset_adaptation)
 
     def _make_core(self) -> ControllerCore:
@@ -183,6 +186,8 @@ class ControllerNode(LifecycleNode):
     def _status(self) -> tuple[bytes, str]:
         if not self._active or self._hot is None:
             return OK, topics.IDLE[0] if self._hot is not None else topics.IDLE[1]
+        if self._core.silent:
+            return ERROR, self._core.silent
         last = self._core.last
         count, lacking = self._hot.malformed
         if last is not None and last.output.fault:
