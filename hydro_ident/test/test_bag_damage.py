@@ -1,8 +1,12 @@
-"""A bag cut at every byte, and with every byte changed: what is read is right, or it is said."""
+"""A bag cut at every byte, and with every byte changed: what is read is right, or it is said.
+
+Whichever way it is read: whole, or in pieces.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +15,22 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from hydro_ident.bag import writer as bag_writer
 from hydro_ident.bag.cdr import JOINT_STATE, encode
-from hydro_ident.bag.reader import Bag, read_bag
+from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.streaming import cut_recording, stream_recordings
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import text_of
 from hydro_ident.errors import BagError
 from hydro_ident.inspection import inspect_bag, robot_of
+from hydro_model.robot_files import load_robot
 
 NAMES = ("lift", "tilt")
 TOPIC = "/joint_states"
 COUNT = 6
 START = 1_700_000_000_000_000_000
 METADATA = {"robot": "xs031", "note": "small"}
+ROBOT = load_robot("xs031")
+#: A bag of a second is no more pieces than this, whatever a changed stamp says.
+MOST_PIECES = 20
 
 
 def _stamp(k: int) -> int:
@@ -83,11 +92,48 @@ def _foreign_bag(path: Path, chunked: bool) -> Path:
     return path
 
 
-def _read(path: Path) -> Bag | None:
-    """The bag, or None where it is refused in one line."""
+@dataclass(frozen=True)
+class Found:
+    """What came of a bag: a row of positions per cycle, and what was said of the others.
+
+    `log_ns` is there where the way of reading gives it.
+    """
+
+    stamp_ns: np.ndarray
+    rows: np.ndarray
+    losses: tuple[str, ...]
+    log_ns: np.ndarray | None = None
+
+
+def _whole(path: Path) -> Found:
+    bag = read_bag(path)
+    series = bag.series.get(TOPIC)
+    if series is None:
+        return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 2)), bag.losses)
+    columns = [series.column(name, "position") for name in NAMES]
+    nothing = np.full(len(series), np.nan)
+    rows = np.column_stack([nothing if c is None else c for c in columns])
+    return Found(series.stamp_ns, rows, bag.losses, series.log_ns)
+
+
+def _in_pieces(path: Path) -> Found:
+    cores = []
+    for piece in stream_recordings(path, ROBOT, piece_s=0.2, overlap_s=0.2):
+        cores.append(cut_recording(piece.recording, piece.core))
+        assert len(cores) <= MOST_PIECES
+    stamp_ns = np.concatenate([core.stamp_ns for core in cores])
+    return Found(stamp_ns, np.concatenate([core.q for core in cores]), cores[-1].notes)
+
+
+WAYS: Mapping[str, Callable[[Path], Found]] = {"whole": _whole, "in pieces": _in_pieces}
+each_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+
+
+def _read(path: Path, way: Callable[[Path], Found] = _whole) -> Found | None:
+    """What came of a bag, or None where it is refused in one line."""
     said = ""
     try:
-        return read_bag(path)
+        return way(path)
     except BagError as error:
         said = str(error)
     assert str(path) in said
@@ -95,58 +141,58 @@ def _read(path: Path) -> Bag | None:
     return None
 
 
-def _right_cycles(bag: Bag) -> list[int]:
-    """Which cycles the bag holds; all its numbers are those that were written."""
-    if TOPIC not in bag.series or not len(bag.series[TOPIC]):
-        return []
-    series = bag.series[TOPIC]
-    cycles = [round((int(stamp) - START) / 150_000_000) for stamp in series.stamp_ns]
-    np.testing.assert_array_equal(series.stamp_ns, [_stamp(k) for k in cycles])
-    np.testing.assert_array_equal(series.log_ns, series.stamp_ns)
-    assert series.names == NAMES
-    np.testing.assert_array_equal(series.fields["position"], [_values(k) for k in cycles])
+def _right_cycles(found: Found) -> list[int]:
+    """Which cycles were found; all numbers are those that were written."""
+    cycles = [round((int(stamp) - START) / 150_000_000) for stamp in found.stamp_ns]
+    np.testing.assert_array_equal(found.stamp_ns, [_stamp(k) for k in cycles])
+    if found.log_ns is not None:
+        np.testing.assert_array_equal(found.log_ns, found.stamp_ns)
+    np.testing.assert_array_equal(found.rows, np.reshape([_values(k) for k in cycles], (-1, 2)))
     return cycles
 
 
+@each_way
 @pytest.mark.parametrize("kind", ["project", "chunks", "no chunks"])
 def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
-    tmp_path: Path, project_bag: Path, kind: str
+    tmp_path: Path, project_bag: Path, kind: str, way: Callable[[Path], Found]
 ) -> None:
     file = project_bag if kind == "project" else _foreign_bag(tmp_path / "f", kind == "chunks")
     whole = file.read_bytes()
     cut, last = tmp_path / "cut.mcap", 0
     for size in range(len(whole)):
         cut.write_bytes(whole[:size])
-        bag = _read(cut)
-        if bag is None:
+        found = _read(cut, way)
+        if found is None:
             assert last == 0, size
             continue
-        assert any("cut off" in loss for loss in bag.losses), size
-        cycles = _right_cycles(bag)
+        assert any("cut off" in loss for loss in found.losses), size
+        cycles = _right_cycles(found)
         assert cycles == list(range(len(cycles))), size
         assert len(cycles) >= last, size
         last = len(cycles)
     assert last == COUNT
 
 
+@each_way
 def test_every_byte_of_a_project_bag_changed_is_right_or_said(
-    tmp_path: Path, project_bag: Path
+    tmp_path: Path, project_bag: Path, way: Callable[[Path], Found]
 ) -> None:
     whole = project_bag.read_bytes()
-    assert _right_cycles(read_bag(project_bag)) == list(range(COUNT))
+    assert _right_cycles(way(project_bag)) == list(range(COUNT))
     changed, silent = tmp_path / "changed.mcap", 0
     for at in range(len(whole)):
         data = bytearray(whole)
         data[at] ^= 1 << at // 2 % 8 if at % 2 else 0xFF
         changed.write_bytes(data)
-        bag = _read(changed)
-        if bag is None:
+        found = _read(changed, way)
+        if found is None:
             continue
-        cycles = _right_cycles(bag)  # what is left beside a loss has to be right all the same
-        if bag.losses:
+        cycles = _right_cycles(found)  # what is left beside a loss has to be right all the same
+        if found.losses:
             continue
         silent += 1
         assert cycles == list(range(COUNT)), at
+        bag = read_bag(changed)
         assert dict(bag.metadata) == METADATA, at
         assert bag.checksummed, at
     # Only the index behind the data may change unnoticed: nothing is read from it.
@@ -164,12 +210,27 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
         data = bytearray(whole)
         data[at] ^= 1 << at % 8
         changed.write_bytes(data)
-        bag = _read(changed)
-        if bag is None:
+        if _read(changed) is None:
             continue
+        bag = read_bag(changed)
         assert not bag.checksummed, at
         inspection = inspect_bag(bag, robot)
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_whatever_byte_changed_a_bag_without_checksums_ends_in_few_pieces(
+    tmp_path: Path, chunked: bool
+) -> None:
+    """Also where a changed stamp is years away: what lies between is no work."""
+    path = _foreign_bag(tmp_path / "foreign.mcap", chunked)
+    whole = path.read_bytes()
+    for at in range(len(whole)):
+        for bit in (at % 8, 7):
+            data = bytearray(whole)
+            data[at] ^= 1 << bit
+            path.write_bytes(data)
+            _read(path, _in_pieces)
 
 
 def test_every_fifth_byte_of_metadata_yaml_changed(project_bag: Path) -> None:
@@ -180,9 +241,9 @@ def test_every_fifth_byte_of_metadata_yaml_changed(project_bag: Path) -> None:
         data = bytearray(whole)
         data[at] ^= 1 << at // 5 % 8
         file.write_bytes(data)
-        bag = _read(project_bag.parent)
-        if bag is not None:
-            assert _right_cycles(bag) == list(range(COUNT)), at
+        found = _read(project_bag.parent)
+        if found is not None:
+            assert _right_cycles(found) == list(range(COUNT)), at
 
 
 def test_every_intact_chunk_of_a_killed_recorders_bag_is_read_alone(killed_bag: Path) -> None:
@@ -195,9 +256,9 @@ def test_every_intact_chunk_of_a_killed_recorders_bag_is_read_alone(killed_bag: 
         for which, at in enumerate(begins):
             damaged[at + 30] ^= 0 if which == kept else 0x55
         killed_bag.write_bytes(damaged)
-        bag = read_bag(killed_bag)
-        assert sum("left out" in loss for loss in bag.losses) == 2
-        assert _right_cycles(bag) == cycles
+        found = _whole(killed_bag)
+        assert sum("left out" in loss for loss in found.losses) == 2
+        assert _right_cycles(found) == cycles
 
 
 def test_no_bit_of_a_killed_recorders_first_chunk_takes_the_others_with_it(
@@ -210,10 +271,10 @@ def test_no_bit_of_a_killed_recorders_first_chunk_takes_the_others_with_it(
         damaged = bytearray(data)
         damaged[at] ^= 1 << at % 8
         killed_bag.write_bytes(damaged)
-        bag = read_bag(killed_bag)
-        cycles = _right_cycles(bag)
+        found = _whole(killed_bag)
+        cycles = _right_cycles(found)
         # A bit that means nothing changes nothing.
-        said = any("left out" in loss for loss in bag.losses)
+        said = any("left out" in loss for loss in found.losses)
         assert cycles == ([2, 3, 4, 5] if said else list(range(COUNT))), at
 
 
@@ -228,10 +289,10 @@ def test_channels_of_a_damaged_first_chunk_come_from_the_end_of_the_file(
     first = data.index(b"zstd")
     data[first + 30] ^= 0x55
     project_bag.write_bytes(data)
-    bag = read_bag(project_bag)
-    assert bag.checksum_failed
-    assert any("left out" in loss for loss in bag.losses)
-    assert _right_cycles(bag) == [2, 3, 4, 5]
+    assert read_bag(project_bag).checksum_failed
+    found = _whole(project_bag)
+    assert any("left out" in loss for loss in found.losses)
+    assert _right_cycles(found) == [2, 3, 4, 5]
 
 
 def test_a_failed_checksum_is_in_the_inspection(project_bag: Path, robot) -> None:

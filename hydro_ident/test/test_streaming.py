@@ -69,6 +69,30 @@ def test_pieces_hold_every_cycle_once_in_order(bag: Path, robot: Robot) -> None:
         assert piece.start_ns == whole.stamp_ns[0]
 
 
+@pytest.mark.parametrize("split_ns", [200_000_000, 10**12])
+@pytest.mark.parametrize("overlap_s", [0.1, 1.0])
+def test_a_pause_of_many_pieces_is_none(
+    write_bag, run_columns, robot: Robot, overlap_s: float, split_ns: int
+) -> None:
+    """Of two minutes, during which the bridge was off; read file by file, or at once."""
+    stamps = 10**18 + 2_000_000 * np.arange(1500)
+    stamps[700:] += 120_000_000_000
+    path = write_bag(run_columns(1500), stamps=stamps, split_ns=split_ns)
+    whole = read_recording(path, robot)
+    assert len(whole) == 1500
+    pieces = list(stream_recordings(path, robot, piece_s=0.5, overlap_s=overlap_s))
+    cores = [cut_recording(p.recording, p.core) for p in pieces]
+    assert all(len(core) for core in cores)
+    digest = Digest()
+    for piece in pieces:
+        digest.add(piece)
+    assert len(whole.gaps) == 1
+    assert digest.recording().gaps == whole.gaps
+    for name in ("stamp_ns", "q", "latched"):
+        joined = np.concatenate([getattr(core, name) for core in cores])
+        assert np.array_equal(joined, getattr(whole, name)), name
+
+
 def test_a_bag_in_pieces_identifies_as_in_memory(bag: Path, robot: Robot) -> None:
     whole = identify(robot, [read_recording(bag, robot)])
     cut = identify(robot, [_Pieces(bag, robot, 9.0)])

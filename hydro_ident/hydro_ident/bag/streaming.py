@@ -114,8 +114,9 @@ class _Reader:
     decoder: Decoder = field(init=False)
     kept: dict[str, Series] = field(default_factory=dict)
     #: First stamp of the recording, of the core to come, and of the median period.
-    start_ns: int = -1
-    core_ns: int = -1
+    start_ns: int = 0
+    core_ns: int = 0
+    begun: bool = False  # these are known; a stamp may be negative
     period_s: float = 0.0
     latched: bool = False
 
@@ -145,7 +146,7 @@ class _Reader:
         first, last = (-1, -1) if builder is None else builder.stamp_span_ns
         if first < 0:
             return False
-        begin = self.core_ns if self.core_ns >= 0 else first
+        begin = self.core_ns if self.begun else first
         late = round(_LATE_S * 1e9)
         return last - begin > self.piece_ns + self.overlap_ns + late
 
@@ -158,10 +159,12 @@ class _Reader:
         recording = self._recording(bag)
         while True:
             stamps = recording.stamp_ns
-            if self.start_ns < 0:
+            if not self.begun:
+                self.begun = True
                 self.start_ns = self.core_ns = int(stamps[0])
-            end_ns = self.core_ns + self.piece_ns
             safe_ns = int(stamps[-1]) - (0 if last else round(_LATE_S * 1e9))
+            self._pass_over(stamps, safe_ns)
+            end_ns = self.core_ns + self.piece_ns
             # What would be left must be longer than the overlap, or the last core takes it.
             final = last and int(stamps[-1]) <= end_ns + self.overlap_ns
             if not final and safe_ns <= end_ns + self.overlap_ns:
@@ -170,7 +173,20 @@ class _Reader:
             if final:
                 return
             self.core_ns = end_ns
-        self._forget(self.core_ns - self.overlap_ns - round(_LATE_S * 1e9))
+        # The last cycle before the core stays however old it is: a gap has two ends.
+        before = int(np.searchsorted(stamps, self.core_ns)) - 1
+        kept_ns = self.core_ns - self.overlap_ns - round(_LATE_S * 1e9)
+        self._forget(min(kept_ns, int(stamps[max(before, 0)])))
+
+    def _pass_over(self, stamp_ns: IntArray, safe_ns: int) -> None:
+        """Begin the core behind the whole pieces in which nothing was recorded.
+
+        A pause may be long, and a stamp that changed on the disk lie years ahead.
+        """
+        following = int(np.searchsorted(stamp_ns, self.core_ns))
+        if following < len(stamp_ns):
+            empty_ns = min(int(stamp_ns[following]), safe_ns) - self.core_ns
+            self.core_ns += max(0, empty_ns) // self.piece_ns * self.piece_ns
 
     def _piece(self, recording: Recording, end_ns: int | None) -> Piece:
         stamps = recording.stamp_ns
