@@ -1,6 +1,6 @@
 """A bag cut at every byte, and with every byte changed: what is read is right, or it is said.
 
-Whichever way it is read: whole, or in pieces.
+Whichever way it is read: whole, in pieces, or message by message as for playing back.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from hydro_ident.bag import writer as bag_writer
 from hydro_ident.bag.cdr import JOINT_STATE, encode
+from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.streaming import cut_recording, stream_recordings
 from hydro_ident.bag.writer import BagWriter
@@ -125,7 +126,24 @@ def _in_pieces(path: Path) -> Found:
     return Found(stamp_ns, np.concatenate([core.q for core in cores]), cores[-1].notes)
 
 
-WAYS: Mapping[str, Callable[[Path], Found]] = {"whole": _whole, "in pieces": _in_pieces}
+def _played(path: Path) -> Found:
+    """Rows are of numbers where the bytes are those that were written, else of NaN."""
+    damage = contents_of(path).damage
+    stamps, rows = [], []
+    for channel, log_ns, data in messages(path):
+        if channel.topic == TOPIC:
+            k = round((log_ns - START) / 150_000_000)
+            same = data == encode(JOINT_STATE, _stamp(k), {"position": _values(k)}, names=NAMES)
+            stamps.append(log_ns)
+            rows.append(_values(k) if same else [np.nan, np.nan])
+    return Found(np.array(stamps, dtype=np.int64), np.reshape(rows, (-1, 2)), damage)
+
+
+WAYS: Mapping[str, Callable[[Path], Found]] = {
+    "whole": _whole,
+    "in pieces": _in_pieces,
+    "played": _played,
+}
 each_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 
 

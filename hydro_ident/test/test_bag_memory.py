@@ -33,10 +33,10 @@ sys.exit(main())
 """
 STREAMED = """
 import os, resource, sys
-from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.bag.playback import contents_of, messages
 used = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGESIZE")
 resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[1]), resource.RLIM_INFINITY))
-print(bag_channels(sys.argv[2])[0].topic, sum(1 for _ in messages(sys.argv[2])))
+print(contents_of(sys.argv[2]).channels[0].topic, sum(1 for _ in messages(sys.argv[2])))
 """
 
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.player import chosen_channels, main
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import BagError
 
 DOMAIN = 10 + (os.getpid() + 30) % 90
@@ -39,7 +40,7 @@ def node(monkeypatch) -> Iterator[Any]:
     rclpy.shutdown(context=context)
 
 
-def _play(path: Path, *arguments: str) -> subprocess.Popen[str]:
+def _play(path: Path, *arguments: str, stderr: int = subprocess.STDOUT) -> subprocess.Popen[str]:
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(DOMAIN),
@@ -50,7 +51,7 @@ def _play(path: Path, *arguments: str) -> subprocess.Popen[str]:
         [sys.executable, "-c", code, str(path), *arguments],
         env=environment,
         stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        stderr=stderr,
         text=True,
     )
 
@@ -103,6 +104,7 @@ def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) 
     data = json.loads(told.read_text())
     assert data["topics"] == dict.fromkeys(types, N)
     assert (data["messages"], data["rate"], data["bag"]) == (2 * N, 2.0, str(path))
+    assert data["damage"] == []
     assert data["seconds"] >= delay_s + 0.399
     # 0.798 s of log time at twice real time: never faster.
     assert elapsed_s >= delay_s + 0.399
@@ -164,9 +166,30 @@ def test_signals_end_it_in_order(write_bag, run_columns, number) -> None:
     assert said.startswith("played ")
 
 
+@pytest.mark.ros
+def test_what_cannot_be_played_is_said(tmp_path, write_bag, run_columns) -> None:
+    """On standard error and to programs, before the first message; what is left is played."""
+    path = write_bag(run_columns(N))
+    file = path / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.index(b"zstd") + 30] ^= 0x55
+    file.write_bytes(data)
+    damage = list(read_bag(path).losses)
+    assert any("left out" in loss for loss in damage)
+    told = tmp_path / "told.json"
+    process = _play(path, "--delay", "0", "--json", str(told), stderr=subprocess.PIPE)
+    out, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, errors
+    assert errors.splitlines() == [f"player: warning: {loss}" for loss in damage]
+    said = json.loads(told.read_text())
+    assert said["damage"] == damage
+    assert 0 < said["messages"] < 6 * N
+    assert f"played {said['messages']} messages" in out
+
+
 def test_what_is_played(write_bag, run_columns) -> None:
     path = write_bag(run_columns(5))
-    channels = bag_channels(path)
+    channels = contents_of(path).channels
     assert len(chosen_channels(channels, None, path)) == 6
     (one,) = chosen_channels(channels, ["/tip_reference"], path)
     assert one.message_type == "geometry_msgs/msg/PointStamped"
@@ -183,10 +206,12 @@ def test_messages_come_in_order_of_reception(write_bag, run_columns) -> None:
 def test_bad_input_is_one_line(tmp_path, write_bag, run_columns, capsys) -> None:
     path = str(write_bag(run_columns(5)))
     (tmp_path / "folder").mkdir()
+    (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n")
     for arguments, text in (
         ([str(tmp_path / "nowhere")], "no bag"),
         ([str(tmp_path / "folder")], "expected a rosbag2 directory"),
         ([path, "--topics", "/tf"], "expected a topic /tf"),
+        ([str(tmp_path / "cut.mcap")], "no message in this bag (cut.mcap: cut off"),
     ):
         assert main(arguments) == 2
         error = capsys.readouterr().err

@@ -10,7 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
+from hydro_ident.commands.compare_tracking import run as compare
 from hydro_ident.commands.tracking import main
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.metrics import moving_span, speed_m_s, tracking
@@ -137,6 +139,7 @@ def test_the_command_from_encoders_and_truth(tmp_path, bag, capsys) -> None:
     assert main([str(bag), "--truth", str(tmp_path / "truth.npz"), "--json", str(out)]) == 0
     data = json.loads(out.read_text())
     assert data["source"] == "truth"
+    assert data["damage"] == []
     assert data["rmse_mm"] == data["truth"]["rmse_mm"] == pytest.approx(2.0, rel=1e-9)
     # 1 mrad at an arm of about 2 m, at right angles to the 2 mm.
     robot = load_robot("xs031")
@@ -150,6 +153,23 @@ def test_the_command_from_encoders_and_truth(tmp_path, bag, capsys) -> None:
     data = json.loads(out.read_text())
     assert data["source"] == "encoders"
     assert "truth" not in data
+
+
+def test_what_could_not_be_read_is_said(tmp_path, bag, capsys) -> None:
+    """By both commands, beside the figures of what is left, and in the JSON of one bag."""
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-2000])
+    damage = list(read_bag(bag).losses)
+    assert any("cut off" in loss for loss in damage)
+    out = tmp_path / "t.json"
+    truth = tmp_path / "truth.npz"
+    assert main([str(bag), "--truth", str(truth), "--json", str(out)]) == 0
+    assert json.loads(out.read_text())["damage"] == damage
+    said = capsys.readouterr().err.splitlines()
+    assert said == [f"tracking: warning: {loss}" for loss in damage]
+    assert compare([f"run={bag},{truth}", "--robot", "xs031"]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said == [f"compare_tracking: warning: run: {loss}" for loss in damage]
 
 
 def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) -> None:

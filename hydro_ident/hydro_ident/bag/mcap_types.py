@@ -95,6 +95,11 @@ class FileHealth:
     losses: list[str] = field(default_factory=list)
     _more: int = 0
 
+    @property
+    def told(self) -> list[str]:
+        """The losses with the file's name."""
+        return [f"{self.path.name}: {loss}" for loss in self.losses]
+
     def lose(self, text: str) -> None:
         """Say a loss; a file made of nothing else does not fill the memory with them."""
         if len(self.losses) < _MOST_LOSSES:

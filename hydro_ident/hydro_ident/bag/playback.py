@@ -3,18 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from hydro_ident.bag.mcap_types import Channel
-from hydro_ident.bag.reader import files_of
-from hydro_ident.errors import BagError
+from hydro_ident.bag.reader import files_of, no_message
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What there is to play of a bag.
+
+    Attributes
+    ----------
+    channels : tuple of Channel
+        Those that carry messages, one per topic.
+    damage : tuple of str
+        Everything that could not be read, in words; empty for a sound bag.
+    """
+
+    channels: tuple[Channel, ...]
+    damage: tuple[str, ...]
+
+
+def contents_of(path: str | Path) -> Contents:
+    """Read a bag through, for what there is to play and what is missing.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Contents
+
+    Raises
+    ------
+    BagError
+        No bag, or not a single message.
+    """
+    files, notes, _ = files_of(Path(path))
+    channels: dict[str, Channel] = {}
+    for file in files:
+        channels.update((block.channel.topic, block.channel) for block in file.blocks())
+        notes += file.health.told
+    if not channels:
+        raise no_message(Path(path), notes)
+    in_order = tuple(channels[topic] for topic in sorted(channels))
+    return Contents(in_order, tuple(dict.fromkeys(notes)))
 
 
 def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
     """The raw messages of a bag, by time of reception within each chunk.
+
+    What cannot be read is left out; `contents_of` says it.
 
     Parameters
     ----------
@@ -40,26 +85,3 @@ def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:
             for at in np.argsort(log_ns, kind="stable"):
                 block = blocks[of_block[at]]
                 yield block.channel, int(log_ns[at]), block.data[begins[at] : ends[at]]
-
-
-def bag_channels(path: str | Path) -> list[Channel]:
-    """The channels of a bag that carry messages, one per topic.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    list of Channel
-
-    Raises
-    ------
-    BagError
-        No bag, or not a single message.
-    """
-    files, _, _ = files_of(Path(path))
-    channels = {b.channel.topic: b.channel for file in files for b in file.blocks()}
-    if not channels:
-        raise BagError(f"{path}: no message in this bag")
-    return [channels[topic] for topic in sorted(channels)]

@@ -14,10 +14,10 @@ from typing import Any
 
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.bag.mcap_types import Channel
-from hydro_ident.bag.playback import bag_channels, messages
+from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.errors import BagError
-from hydro_model.command import run_command
+from hydro_model.command import run_command, warn
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_msgs_docs.local_topics import stay_local
@@ -66,7 +66,8 @@ def _run(arguments: Sequence[str]) -> int:
     from rclpy.utilities import remove_ros_args
 
     options = _parser().parse_args(remove_ros_args(["player", *arguments])[1:])
-    channels = chosen_channels(bag_channels(options.bag), options.topics, options.bag)
+    contents = contents_of(options.bag)
+    channels = chosen_channels(contents.channels, options.topics, options.bag)
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -76,6 +77,7 @@ def _run(arguments: Sequence[str]) -> int:
         rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:
             player = Player(channels)
+            warn("player", contents.damage)
             stream = sys.stderr if options.json == STDOUT else sys.stdout
             print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
             began_s = time.monotonic()
@@ -94,6 +96,7 @@ def _run(arguments: Sequence[str]) -> int:
         "seconds": time.monotonic() - began_s,
         "messages": player.count,
         "topics": player.counts,
+        "damage": list(contents.damage),
     }
     report(options.json, data, f"played {player.count} messages")
     return 0

@@ -7,7 +7,7 @@ words, beside what could be read.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -135,10 +135,9 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
                 decoder.add(block)
         healths.append(file.health)
         metadata.update(file.metadata.get(PROJECT_METADATA, {}))
-        notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
+        notes += file.health.told
     if not infos:
-        why = f" ({'; '.join(notes)})" if notes else ""
-        raise BagError(f"{path}: no message in this bag{why}")
+        raise no_message(path, notes)
     series = decoder.take()
     notes += [
         f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
@@ -155,6 +154,15 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
         unique,
         tuple(decoder.statuses),
     )
+
+
+def no_message(path: Path, notes: Sequence[str]) -> BagError:
+    """The error of a bag without a message.
+
+    `notes` say what could not be read of `path`.
+    """
+    why = f" ({'; '.join(notes)})" if notes else ""
+    return BagError(f"{path}: no message in this bag{why}")
 
 
 def count_block(infos: dict[str, TopicInfo], block: MessageBlock) -> None:

@@ -23,11 +23,11 @@ from hydro_ident.bag.reader import (
     TopicInfo,
     count_block,
     files_of,
+    no_message,
 )
 from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
 from hydro_ident.bag.series import Series
-from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
 
@@ -134,10 +134,9 @@ class _Reader:
                 if block.channel.topic == JOINT_STATES and self._enough():
                     yield from self._cut(last=False)
             self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
-            self.notes += [f"{file.path.name}: {loss}" for loss in file.health.losses]
+            self.notes += file.health.told
         if not self.infos:
-            why = f" ({'; '.join(self.notes)})" if self.notes else ""
-            raise BagError(f"{self.path}: no message in this bag{why}")
+            raise no_message(self.path, self.notes)
         yield from self._cut(last=True)
 
     def _enough(self) -> bool:

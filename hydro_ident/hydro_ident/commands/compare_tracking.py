@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
+from hydro_model.command import run_command, warn
 from hydro_model.output import add_json, report
 
 if TYPE_CHECKING:
@@ -47,10 +47,12 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_model.robot_files import load_robot
 
     robot = load_robot(options.robot)
-    rows = {}
+    rows, warnings = {}, []
     for text in options.runs:
-        name, bag, truth = _parts(text)
-        rows[name] = tracking_of(read_bag(bag, RECORDING_TOPICS), robot, truth)
+        name, path, truth = _parts(text)
+        bag = read_bag(path, RECORDING_TOPICS)
+        rows[name] = tracking_of(bag, robot, truth)
+        warnings += [f"{name}: {loss}" for loss in bag.losses]
     if options.against is not None and options.against not in rows:
         raise IdentError(
             f"--against: expected one of {', '.join(rows)}, found '{options.against}'"
@@ -58,6 +60,7 @@ def run(arguments: Sequence[str]) -> int:
     lines = [table(rows)]
     lines += [] if options.against is None else ratios(rows, options.against)
     report(options.json, as_dict(rows), "\n".join(lines))
+    warn("compare_tracking", warnings)
     void = [name for name, row in rows.items() if is_void(row["truth"])]
     if void:
         print(f"compare_tracking: void: {', '.join(void)}", file=sys.stderr)

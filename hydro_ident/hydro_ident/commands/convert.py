@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_ident.errors import BagError
-from hydro_model.command import printable, run_command
+from hydro_model.command import run_command, warn
 from hydro_model.output import add_json, report, write_text
-from hydro_model.terminal import coloured, progress_bar
+from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.bag.log_convert import Conversion
@@ -82,9 +82,7 @@ def _convert(options: argparse.Namespace) -> int:
     with progress_bar():
         done = convert(log, mapping, options.out, metadata)
     report(options.json, done.as_dict(), summary_text(done))
-    for warning in done.warnings:
-        said = coloured("warning", "yellow", sys.stderr)
-        print(f"convert: {said}: {printable(warning)}", file=sys.stderr)
+    warn("convert", done.warnings)
     return 0
 
 

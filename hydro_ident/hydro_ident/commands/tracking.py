@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydro_model.command import run_command
+from hydro_model.command import run_command, warn
 from hydro_model.output import add_json, report
 
 if TYPE_CHECKING:
@@ -49,7 +49,8 @@ def _run(arguments: Sequence[str]) -> int:
     bag = read_bag(options.bag, RECORDING_TOPICS)
     robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
     rows = tracking_of(bag, robot, options.truth)
-    report(options.json, _as_dict(options.bag, rows), _text(rows))
+    report(options.json, _as_dict(bag, rows), _text(rows))
+    warn("tracking", bag.losses)
     return 0
 
 
@@ -108,12 +109,13 @@ def _reference(recording: Recording) -> FloatArray:
     return recording.tip_ref
 
 
-def _as_dict(path: Path, rows: dict[str, Tracking]) -> dict[str, Any]:
+def _as_dict(bag: Bag, rows: dict[str, Tracking]) -> dict[str, Any]:
     """The best known tip at the top level, the encoders' beside it."""
     best = rows.get("truth", rows["encoders"])
     return {
         "schema": "hydro_ident/tracking/1",
-        "bag": str(path),
+        "bag": str(bag.path),
+        "damage": list(bag.losses),
         "source": "truth" if "truth" in rows else "encoders",
         **asdict(best),
         **{name: asdict(row) for name, row in rows.items()},

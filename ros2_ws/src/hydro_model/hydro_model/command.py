@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from hydro_model.errors import HydroError
@@ -30,6 +30,20 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text
     )
+
+
+def warn(name: str, warnings: Iterable[str]) -> None:
+    """Say on standard error what a result is to be read with, a line for each.
+
+    Parameters
+    ----------
+    name : str
+        The command's.
+    warnings : iterable of str
+    """
+    for warning in warnings:
+        said = coloured("warning", "yellow", sys.stderr)
+        print(f"{name}: {said}: {printable(warning)}", file=sys.stderr, flush=True)
 
 
 def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -> int:
