@@ -5,6 +5,7 @@ Whichever way it is read: whole, in pieces, or message by message as for playing
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,6 +68,27 @@ def killed_bag(tmp_path: Path) -> Path:
     return tmp_path / "killed" / "killed_0.mcap"
 
 
+def _rosbag2_bag(path: Path) -> Path:
+    """A file whose chunks carry checksums, but not its data section: what rosbag2 writes."""
+    with open(path, "wb") as stream:
+        writer = Writer(stream, chunk_size=300)
+        writer.start(profile="ros2", library="other")
+        _fill(writer)
+    return path
+
+
+def _fill(writer: Writer) -> None:
+    schema = writer.register_schema(JOINT_STATE, "ros2msg", b"x")
+    channel = writer.register_channel(TOPIC, "cdr", schema)
+    for k in range(COUNT):
+        writer.add_message(channel, _stamp(k), _message(k), _stamp(k), k)
+    writer.finish()
+
+
+def _message(k: int) -> bytes:
+    return encode(JOINT_STATE, _stamp(k), {"position": _values(k)}, names=NAMES)
+
+
 def _foreign_bag(path: Path, chunked: bool) -> Path:
     """A file without any checksum."""
     with open(path, "wb") as stream:
@@ -84,12 +106,7 @@ def _foreign_bag(path: Path, chunked: bool) -> Path:
             enable_data_crcs=False,
         )
         writer.start(profile="ros2", library="other")
-        schema = writer.register_schema(JOINT_STATE, "ros2msg", b"x")
-        channel = writer.register_channel(TOPIC, "cdr", schema)
-        for k in range(COUNT):
-            data = encode(JOINT_STATE, _stamp(k), {"position": _values(k)}, names=NAMES)
-            writer.add_message(channel, _stamp(k), data, _stamp(k), k)
-        writer.finish()
+        _fill(writer)
     return path
 
 
@@ -133,9 +150,8 @@ def _played(path: Path) -> Found:
     for channel, log_ns, data in messages(path):
         if channel.topic == TOPIC:
             k = round((log_ns - START) / 150_000_000)
-            same = data == encode(JOINT_STATE, _stamp(k), {"position": _values(k)}, names=NAMES)
             stamps.append(log_ns)
-            rows.append(_values(k) if same else [np.nan, np.nan])
+            rows.append(_values(k) if data == _message(k) else [np.nan, np.nan])
     return Found(np.array(stamps, dtype=np.int64), np.reshape(rows, (-1, 2)), damage)
 
 
@@ -217,6 +233,44 @@ def test_every_byte_of_a_project_bag_changed_is_right_or_said(
     assert silent < len(whole) - whole.index(b"\x0f\x04\0\0\0\0\0\0\0")
 
 
+@each_way
+def test_no_message_of_a_bag_with_checksums_on_chunks_alone_is_lost_in_silence(
+    tmp_path: Path, way: Callable[[Path], Found]
+) -> None:
+    """A chunk whose kind changed is a record that is skipped: the end of the file counts it."""
+    path = _rosbag2_bag(tmp_path / "rosbag2.mcap")
+    assert way(path).losses == ()
+    assert read_bag(path).checksummed
+    whole = path.read_bytes()
+    for at in range(len(whole)):
+        for bit in (at % 8, (at + 3) % 8):
+            data = bytearray(whole)
+            data[at] ^= 1 << bit
+            path.write_bytes(data)
+            found = _read(path, way)
+            if found is not None and not found.losses:
+                assert _right_cycles(found) == list(range(COUNT)), (at, bit)
+
+
+def test_what_is_under_no_checksum_is_counted(tmp_path: Path, killed_bag: Path) -> None:
+    """Chunks that were cut cannot be checked, messages outside chunks have no checksum."""
+    assert read_bag(killed_bag).unchecked == ()
+    whole = killed_bag.read_bytes()
+    killed_bag.write_bytes(whole[: whole.rindex(b"zstd") + 80])
+    (said,) = read_bag(killed_bag).unchecked
+    assert said.startswith("not checksummed: 1 of 3 chunks;")
+    (killed_bag.parent / "killed_1.mcap").write_bytes(whole[:8])
+    assert read_bag(killed_bag.parent).unchecked == (said,)
+    path = _rosbag2_bag(tmp_path / "mixed.mcap")
+    data = path.read_bytes()
+    end = data.index(b"\x0f\x04\0\0\0\0\0\0\0")
+    body = struct.pack("<HIQQ", 1, 0, _stamp(9), _stamp(9)) + _message(9)
+    loose = struct.pack("<BQ", 5, len(body)) + body
+    path.write_bytes(data[:end] + loose + data[end:])
+    (said,) = read_bag(path).unchecked
+    assert said.startswith("not checksummed: 1 message outside chunks;")
+
+
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
     tmp_path: Path, chunked: bool, robot
@@ -231,7 +285,9 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
         if _read(changed) is None:
             continue
         bag = read_bag(changed)
+        assert bag.unchecked, at
         assert not bag.checksummed, at
+        assert contents_of(changed).unchecked == bag.unchecked, at
         inspection = inspect_bag(bag, robot)
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
 

@@ -18,7 +18,7 @@ from typing import IO
 from hydro_ident.bag import memory
 from hydro_ident.bag.chunks import ChunkError, declared_bytes, decompress_chunk
 from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, MESSAGE_HEAD, Gatherer
-from hydro_ident.bag.mcap_summary import summary_records
+from hydro_ident.bag.mcap_summary import counted_messages, summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
 from hydro_ident.errors import BagError
 
@@ -87,8 +87,21 @@ class McapFile:
                 self.health.size_bytes = os.fstat(stream.fileno()).st_size
                 if self._read_magic(stream):
                     yield from self._records(stream)
+                    self._compare_counts()
         except OSError as error:
             raise BagError(f"{self.path}: cannot be read: {error.strerror}") from error
+
+    def _compare_counts(self) -> None:
+        """Hold the messages found against the file's own count.
+
+        A record whose kind changed is skipped as one that is not known: no checksum but that of
+        the data section notices it, which few writers give.
+        """
+        health = self.health
+        if health.complete and not health.data_checksum:
+            counted = counted_messages(self.path)
+            if counted is not None and counted != health.messages:
+                health.lose(f"its end counts {counted} messages, {health.messages} were found")
 
     def _read_magic(self, stream: IO[bytes]) -> bool:
         """False for a file that its writer had only just begun: a loss, no error."""
@@ -133,6 +146,7 @@ class McapFile:
             self._data_crc = zlib.crc32(body, zlib.crc32(head, self._data_crc))
             if opcode == MESSAGE:
                 loose += head + body
+                health.loose_messages += 1
                 if len(loose) >= BLOCK_BYTES:
                     yield from self._messages(bytes(loose))
                     loose.clear()
@@ -258,6 +272,7 @@ class McapFile:
     def _handed_on(self) -> Iterator[MessageBlock]:
         """What was gathered of channels that a record describes."""
         for found in self._gathered.take():
+            self.health.messages += len(found.offset)
             if found.channel not in self.channels:
                 self._note_summary()
             if found.channel not in self.channels:

@@ -1,6 +1,7 @@
-"""What a complete MCAP file repeats behind its data: its schemas and channels.
+"""What a complete MCAP file says behind its data: its schemas and channels again, and counts.
 
-Read only where a message's channel is not described in front of it, as after a damaged chunk.
+Read only where a message's channel is not described in front of it, as after a damaged chunk, and
+where no checksum of the data section tells that every record is there.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 _MAGIC_BYTES = 8
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of summary and of its offsets, crc
 _HEAD = struct.Struct("<BQ")
-_FOOTER_OPCODE, _FOOTER_LENGTH = 0x02, 20
+_FOOTER_OPCODE, _FOOTER_LENGTH, _STATISTICS_OPCODE = 0x02, 20, 0x0B
 _MOST_BYTES = 1 << 24
 
 
@@ -47,6 +48,19 @@ def summary_records(path: Path) -> list[tuple[int, bytes]]:
     if crc and zlib.crc32(footer[:-4], zlib.crc32(data)) != crc:
         return []
     return _records(data)
+
+
+def counted_messages(path: Path) -> int | None:
+    """How many messages a file says that it holds; None where it does not say.
+
+    Parameters
+    ----------
+    path : Path
+    """
+    for opcode, body in summary_records(path):
+        if opcode == _STATISTICS_OPCODE and len(body) >= 8:
+            return int.from_bytes(body[:8], "little")
+    return None
 
 
 def _records(data: bytes) -> list[tuple[int, bytes]]:

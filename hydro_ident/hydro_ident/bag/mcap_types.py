@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -77,6 +78,8 @@ class FileHealth:
         The data section carried a checksum, and it held.
     checksum_failed : bool
         A checksum was there and did not hold.
+    messages, loose_messages : int
+        Messages found, and how many of them outside chunks.
     losses : list of str
         Each loss in words, the first hundred of them and how many more there are.
     """
@@ -92,6 +95,8 @@ class FileHealth:
     complete: bool = False
     data_checksum: bool = False
     checksum_failed: bool = False
+    messages: int = 0
+    loose_messages: int = 0
     losses: list[str] = field(default_factory=list)
     _more: int = 0
 
@@ -107,3 +112,27 @@ class FileHealth:
             return
         self._more += 1
         self.losses[_MOST_LOSSES:] = [f"and {self._more} more losses"]
+
+
+def unchecked(files: Sequence[FileHealth]) -> tuple[str, ...]:
+    """What of a bag lies under no checksum that held.
+
+    Parameters
+    ----------
+    files : sequence of FileHealth
+        Of the bag, read to their ends.
+
+    Returns
+    -------
+    tuple of str
+        One line; none where every message is under a checksum.
+    """
+    bare = [f for f in files if not f.data_checksum]
+    chunks = sum(f.chunks - f.checked_chunks for f in bare)
+    loose = sum(f.loose_messages for f in bare)
+    where = [f"{chunks} of {sum(f.chunks for f in files)} chunks"] if chunks else []
+    where += [f"{loose} message{'s' if loose > 1 else ''} outside chunks"] if loose else []
+    if not where:
+        return ()
+    said = f"not checksummed: {' and '.join(where)}; bytes that changed there go unnoticed"
+    return (said,)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.mcap_types import Channel
+from hydro_ident.bag.mcap_types import Channel, unchecked
 from hydro_ident.bag.reader import files_of, no_message
 
 
@@ -23,10 +23,13 @@ class Contents:
         Those that carry messages, one per topic.
     damage : tuple of str
         Everything that could not be read, in words; empty for a sound bag.
+    unchecked : tuple of str
+        What is under no checksum, in a line; empty where every message is under one.
     """
 
     channels: tuple[Channel, ...]
     damage: tuple[str, ...]
+    unchecked: tuple[str, ...]
 
 
 def contents_of(path: str | Path) -> Contents:
@@ -53,7 +56,8 @@ def contents_of(path: str | Path) -> Contents:
     if not channels:
         raise no_message(Path(path), notes)
     in_order = tuple(channels[topic] for topic in sorted(channels))
-    return Contents(in_order, tuple(dict.fromkeys(notes)))
+    healths = [file.health for file in files]
+    return Contents(in_order, tuple(dict.fromkeys(notes)), unchecked(healths))
 
 
 def messages(path: str | Path) -> Iterator[tuple[Channel, int, bytes]]:

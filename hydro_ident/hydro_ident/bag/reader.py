@@ -17,7 +17,7 @@ import numpy as np
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.mcap_records import McapFile
-from hydro_ident.bag.mcap_types import FileHealth, MessageBlock
+from hydro_ident.bag.mcap_types import FileHealth, MessageBlock, unchecked
 from hydro_ident.bag.nearby import bags_beside
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
@@ -90,11 +90,14 @@ class Bag:
         return sum(info.count for info in self.topics.values())
 
     @property
+    def unchecked(self) -> tuple[str, ...]:
+        """What of it is under no checksum, in a line; none where every message is under one."""
+        return unchecked(self.files)
+
+    @property
     def checksummed(self) -> bool:
-        """Every byte of data was under a checksum that held."""
-        return all(
-            f.data_checksum or (f.chunks > 0 and f.checked_chunks == f.chunks) for f in self.files
-        )
+        """Every message was under a checksum that held."""
+        return not self.unchecked
 
     @property
     def checksum_failed(self) -> bool:
