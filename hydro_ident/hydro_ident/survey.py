@@ -76,6 +76,11 @@ class _Found:
     usable_s: float = 0.0
 
 
+def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
+    """What is to be said of recordings themselves, each time with the recording's name."""
+    return tuple(f"{s.name}: {note}" for s in surveys for note in s.recording.notes)
+
+
 def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
     """Signals of several recordings together."""
     merged = SignalSurvey(robot)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -67,6 +68,25 @@ def write_bag(tmp_path: Path) -> WriteBag:
         return tmp_path / name
 
     return write
+
+
+@pytest.fixture
+def without_checksums() -> Callable[[Path], Path]:
+    """Takes the checksums out of a bag's files, which other writers may leave out."""
+
+    def strip(path: Path) -> Path:
+        for file in path.glob("*.mcap"):
+            data, at = bytearray(file.read_bytes()), 8
+            while at < len(data) - 8:
+                opcode, length = struct.unpack_from("<BQ", data, at)
+                field = {0x06: at + 9 + 24, 0x0F: at + 9}.get(opcode)  # of a chunk, of all data
+                if field is not None:
+                    data[field : field + 4] = bytes(4)
+                at += 9 + length
+            file.write_bytes(data)
+        return path
+
+    return strip
 
 
 @pytest.fixture

@@ -104,7 +104,7 @@ def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) 
     data = json.loads(told.read_text())
     assert data["topics"] == dict.fromkeys(types, N)
     assert (data["messages"], data["rate"], data["bag"]) == (2 * N, 2.0, str(path))
-    assert data["damage"] == []
+    assert (data["damage"], data["checksummed"]) == ([], True)
     assert data["seconds"] >= delay_s + 0.399
     # 0.798 s of log time at twice real time: never faster.
     assert elapsed_s >= delay_s + 0.399
@@ -167,22 +167,28 @@ def test_signals_end_it_in_order(write_bag, run_columns, number) -> None:
 
 
 @pytest.mark.ros
-def test_what_cannot_be_played_is_said(tmp_path, write_bag, run_columns) -> None:
+def test_what_cannot_be_played_is_said(
+    tmp_path, write_bag, run_columns, without_checksums
+) -> None:
     """On standard error and to programs, before the first message; what is left is played."""
-    path = write_bag(run_columns(N))
+    path = write_bag(run_columns(N), compression="lz4")
+    without_checksums(path)
     file = path / "bag_0.mcap"
     data = bytearray(file.read_bytes())
-    data[data.index(b"zstd") + 30] ^= 0x55
+    data[data.index(b"lz4") + 4] ^= 0x55
     file.write_bytes(data)
-    damage = list(read_bag(path).losses)
+    bag = read_bag(path)
+    damage = list(bag.losses)
+    assert len(bag.unchecked) == 1
     assert any("left out" in loss for loss in damage)
     told = tmp_path / "told.json"
     process = _play(path, "--delay", "0", "--json", str(told), stderr=subprocess.PIPE)
     out, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, errors
-    assert errors.splitlines() == [f"player: warning: {loss}" for loss in damage]
+    expected = [*damage, *bag.unchecked]
+    assert errors.splitlines() == [f"player: warning: {said}" for said in expected]
     said = json.loads(told.read_text())
-    assert said["damage"] == damage
+    assert (said["damage"], said["checksummed"]) == (damage, False)
     assert 0 < said["messages"] < 6 * N
     assert f"played {said['messages']} messages" in out
 

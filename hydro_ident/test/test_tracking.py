@@ -155,21 +155,26 @@ def test_the_command_from_encoders_and_truth(tmp_path, bag, capsys) -> None:
     assert "truth" not in data
 
 
-def test_what_could_not_be_read_is_said(tmp_path, bag, capsys) -> None:
+def test_what_could_not_be_read_or_checked_is_said(
+    tmp_path, bag, capsys, without_checksums
+) -> None:
     """By both commands, beside the figures of what is left, and in the JSON of one bag."""
-    (file,) = bag.glob("*.mcap")
+    (file,) = without_checksums(bag).glob("*.mcap")
     file.write_bytes(file.read_bytes()[:-2000])
-    damage = list(read_bag(bag).losses)
+    read = read_bag(bag)
+    damage, warnings = list(read.losses), [*read.losses, *read.unchecked]
     assert any("cut off" in loss for loss in damage)
+    assert warnings[-1].startswith("not checksummed")
     out = tmp_path / "t.json"
     truth = tmp_path / "truth.npz"
     assert main([str(bag), "--truth", str(truth), "--json", str(out)]) == 0
-    assert json.loads(out.read_text())["damage"] == damage
+    data = json.loads(out.read_text())
+    assert (data["damage"], data["checksummed"]) == (damage, False)
     said = capsys.readouterr().err.splitlines()
-    assert said == [f"tracking: warning: {loss}" for loss in damage]
+    assert said == [f"tracking: warning: {warning}" for warning in warnings]
     assert compare([f"run={bag},{truth}", "--robot", "xs031"]) == 0
     said = capsys.readouterr().err.splitlines()
-    assert said == [f"compare_tracking: warning: run: {loss}" for loss in damage]
+    assert said == [f"compare_tracking: warning: run: {warning}" for warning in warnings]
 
 
 def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) -> None:

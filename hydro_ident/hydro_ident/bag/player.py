@@ -77,7 +77,7 @@ def _run(arguments: Sequence[str]) -> int:
         rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:
             player = Player(channels)
-            warn("player", contents.damage)
+            warn("player", (*contents.damage, *contents.unchecked))
             stream = sys.stderr if options.json == STDOUT else sys.stdout
             print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
             began_s = time.monotonic()
@@ -97,6 +97,7 @@ def _run(arguments: Sequence[str]) -> int:
         "messages": player.count,
         "topics": player.counts,
         "damage": list(contents.damage),
+        "checksummed": not contents.unchecked,
     }
     report(options.json, data, f"played {player.count} messages")
     return 0

@@ -67,7 +67,7 @@ class Recording:
     duplicates : mapping of str to int
         Messages dropped per topic because their stamp had been there before.
     notes : tuple of str
-        Damage and irregularities, in words.
+        Damage, what is under no checksum and irregularities, in words.
     metadata : mapping of str to str
         The project's own metadata of the bag.
     """

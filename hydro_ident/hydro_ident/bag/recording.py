@@ -98,7 +98,7 @@ def recording_of(bag: Bag, robot: Robot) -> Recording:
         losses=(),
         gaps=find_gaps(grid, period_s),
         duplicates={n: t.duplicates for n, t in topics.items() if t is not None and t.duplicates},
-        notes=(*bag.losses, *_irregular(topics), *notes),
+        notes=(*bag.losses, *bag.unchecked, *_irregular(topics), *notes),
         metadata=bag.metadata,
     )
     return _with_losses(recording)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hydro_ident.bag.cdr import IntArray
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.grid import runs
+from hydro_ident.bag.mcap_types import FileHealth
 from hydro_ident.bag.reader import (
     PROJECT_METADATA,
     Bag,
@@ -110,6 +111,7 @@ class _Reader:
     overlap_ns: int
     infos: dict[str, TopicInfo] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    healths: list[FileHealth] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     decoder: Decoder = field(init=False)
     kept: dict[str, Series] = field(default_factory=dict)
@@ -135,6 +137,7 @@ class _Reader:
                     yield from self._cut(last=False)
             self.metadata.update(file.metadata.get(PROJECT_METADATA, {}))
             self.notes += file.health.told
+            self.healths.append(file.health)
         if not self.infos:
             raise no_message(self.path, self.notes)
         yield from self._cut(last=True)
@@ -227,7 +230,7 @@ class _Reader:
         ]
         notes = tuple(dict.fromkeys([*self.notes, *malformed]))
         infos = dict(sorted(self.infos.items()))
-        return Bag(self.path, (), infos, self.kept, self.metadata, notes)
+        return Bag(self.path, tuple(self.healths), infos, self.kept, self.metadata, notes)
 
 
 def cut_recording(recording: Recording, part: slice) -> Recording:

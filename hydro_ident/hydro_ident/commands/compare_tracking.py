@@ -52,7 +52,7 @@ def run(arguments: Sequence[str]) -> int:
         name, path, truth = _parts(text)
         bag = read_bag(path, RECORDING_TOPICS)
         rows[name] = tracking_of(bag, robot, truth)
-        warnings += [f"{name}: {loss}" for loss in bag.losses]
+        warnings += [f"{name}: {loss}" for loss in (*bag.losses, *bag.unchecked)]
     if options.against is not None and options.against not in rows:
         raise IdentError(
             f"--against: expected one of {', '.join(rows)}, found '{options.against}'"

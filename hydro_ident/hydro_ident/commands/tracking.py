@@ -50,7 +50,7 @@ def _run(arguments: Sequence[str]) -> int:
     robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
     rows = tracking_of(bag, robot, options.truth)
     report(options.json, _as_dict(bag, rows), _text(rows))
-    warn("tracking", bag.losses)
+    warn("tracking", (*bag.losses, *bag.unchecked))
     return 0
 
 
@@ -116,6 +116,7 @@ def _as_dict(bag: Bag, rows: dict[str, Tracking]) -> dict[str, Any]:
         "schema": "hydro_ident/tracking/1",
         "bag": str(bag.path),
         "damage": list(bag.losses),
+        "checksummed": bag.checksummed,
         "source": "truth" if "truth" in rows else "encoders",
         **asdict(best),
         **{name: asdict(row) for name, row in rows.items()},

@@ -50,7 +50,7 @@ from hydro_ident.mismatch.settings import (
 from hydro_ident.mismatch.unknown import Unexplained, not_testable, unexplained
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, sources_of
-from hydro_ident.survey import Survey, survey_source
+from hydro_ident.survey import Survey, recorded_notes, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
@@ -106,7 +106,13 @@ def diagnose(
     if work is None:
         problems = tuple(wrong) or (_too_little(robot, surveys),)
         return Diagnosis(
-            NOT_ENOUGH, robot, None, problems=problems, losses=losses, recordings=recordings
+            NOT_ENOUGH,
+            robot,
+            None,
+            problems=problems,
+            losses=losses,
+            recordings=recordings,
+            notes=recorded_notes(surveys),
         )
     return replace(_diagnosed(work, settings, losses), recordings=recordings)
 

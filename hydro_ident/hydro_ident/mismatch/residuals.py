@@ -29,7 +29,13 @@ from hydro_ident.mismatch.slowness import settled
 from hydro_ident.mismatch.telling import telling, within
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
-from hydro_ident.survey import Survey, merged_signals, still_joints_of, still_positions
+from hydro_ident.survey import (
+    Survey,
+    merged_signals,
+    recorded_notes,
+    still_joints_of,
+    still_positions,
+)
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import Robot
 
@@ -240,8 +246,7 @@ def _notes(
     """What was found about the recordings on the way, each once."""
     outliers = [f"{count} readings of {name} are outliers: left out" for name, count in
                 cleaned.items()]  # fmt: skip
-    recorded = [note for survey in surveys for note in survey.recording.notes]
-    return tuple(dict.fromkeys((*recorded, *choices.notes, *outliers)))
+    return tuple(dict.fromkeys((*recorded_notes(surveys), *choices.notes, *outliers)))
 
 
 def _enough(material: Material, rows: BoolArray, parameters: int) -> bool:
