@@ -43,9 +43,9 @@ def _values(k: int) -> list[float]:
     return [k + 0.25, -k / 7.0]
 
 
-def _written(folder: Path) -> BagWriter:
-    """A bag of three chunks that is not closed yet."""
-    writer = BagWriter(folder, METADATA)
+def _written(folder: Path, split_ns: int = 10**12) -> BagWriter:
+    """A bag of three chunks, or of two files of two, that is not closed yet."""
+    writer = BagWriter(folder, METADATA, split_ns=split_ns)
     writer.add_topic(TOPIC, JOINT_STATE, text="x")
     for k in range(COUNT):
         writer.write_stamped(TOPIC, _stamp(k), {"position": _values(k)}, names=NAMES)
@@ -186,11 +186,12 @@ def _right_cycles(found: Found) -> list[int]:
 
 
 @each_way
-@pytest.mark.parametrize("kind", ["project", "chunks", "no chunks"])
+@pytest.mark.parametrize("kind", ["project", "killed", "chunks", "no chunks"])
 def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
-    tmp_path: Path, project_bag: Path, kind: str, way: Callable[[Path], Found]
+    tmp_path: Path, project_bag: Path, killed_bag: Path, kind: str, way: Callable[[Path], Found]
 ) -> None:
-    file = project_bag if kind == "project" else _foreign_bag(tmp_path / "f", kind == "chunks")
+    own = {"project": project_bag, "killed": killed_bag}
+    file = own.get(kind) or _foreign_bag(tmp_path / "f", kind == "chunks")
     whole = file.read_bytes()
     cut, last = tmp_path / "cut.mcap", 0
     for size in range(len(whole)):
@@ -307,17 +308,36 @@ def test_whatever_byte_changed_a_bag_without_checksums_ends_in_few_pieces(
             _read(path, _in_pieces)
 
 
-def test_every_fifth_byte_of_metadata_yaml_changed(project_bag: Path) -> None:
-    """Its directory is read, or refused in one line; numbers come from the messages alone."""
-    file = project_bag.with_name("metadata.yaml")
+def test_every_byte_of_metadata_yaml_changed(tmp_path: Path) -> None:
+    """Of a bag of two files: read whole, or what is missing is said, or refused in one line.
+
+    Numbers come from the messages alone.
+    """
+    _written(tmp_path / "bag", split_ns=400_000_000).close()
+    file = tmp_path / "bag/metadata.yaml"
     whole = file.read_bytes()
-    for at in range(0, len(whole), 5):
+    for at in range(len(whole)):
         data = bytearray(whole)
-        data[at] ^= 1 << at // 5 % 8
+        data[at] ^= 1 << at % 8
         file.write_bytes(data)
-        found = _read(project_bag.parent)
+        found = _read(tmp_path / "bag")
         if found is not None:
-            assert _right_cycles(found) == list(range(COUNT)), at
+            cycles = _right_cycles(found)
+            assert cycles == list(range(COUNT)) or found.losses, at
+            assert cycles == sorted(set(cycles)), at
+
+
+@each_way
+def test_a_file_that_metadata_yaml_names_twice_for_another_is_read_once(
+    tmp_path: Path, way: Callable[[Path], Found]
+) -> None:
+    """One changed bit makes a 0 of a 1."""
+    _written(tmp_path / "bag", split_ns=400_000_000).close()
+    file = tmp_path / "bag/metadata.yaml"
+    file.write_text(file.read_text().replace("- bag_1.mcap", "- bag_0.mcap"))
+    found = way(tmp_path / "bag")
+    assert "bag_1.mcap: not named by metadata.yaml, left out" in found.losses
+    assert _right_cycles(found) == [0, 1, 2]
 
 
 def test_every_intact_chunk_of_a_killed_recorders_bag_is_read_alone(killed_bag: Path) -> None:
@@ -350,6 +370,23 @@ def test_no_bit_of_a_killed_recorders_first_chunk_takes_the_others_with_it(
         # A bit that means nothing changes nothing.
         said = any("left out" in loss for loss in found.losses)
         assert cycles == ([2, 3, 4, 5] if said else list(range(COUNT))), at
+
+
+@each_way
+def test_every_byte_of_a_killed_recorders_bag_changed_leaves_right_numbers(
+    killed_bag: Path, way: Callable[[Path], Found]
+) -> None:
+    """It has no end that a count could stand in: that it has none is said in any case."""
+    whole = killed_bag.read_bytes()
+    for at in range(len(whole)):
+        data = bytearray(whole)
+        data[at] ^= 1 << at % 8
+        killed_bag.write_bytes(data)
+        found = _read(killed_bag, way)
+        if found is not None:
+            cycles = _right_cycles(found)
+            assert found.losses, at
+            assert cycles == sorted(set(cycles)), at
 
 
 def test_channels_of_a_damaged_first_chunk_come_from_the_end_of_the_file(

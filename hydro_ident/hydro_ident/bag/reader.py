@@ -216,8 +216,12 @@ def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
         names = there
         if there:
             notes.append(f"no {METADATA_FILE} (a recording that was not closed)")
+    names = list(dict.fromkeys(names))
     missing = [name for name in names if not (path / name).is_file()]
     notes += [f"{name}: named by {METADATA_FILE}, not there" for name in missing]
+    # No error of its own: but a changed byte of one name makes it another's.
+    left_out = [name for name in there if name not in names]
+    notes += [f"{name}: not named by {METADATA_FILE}, left out" for name in left_out]
     present = [name for name in names if name not in missing]
     if not present:
         raise BagError(f"{path}: expected a rosbag2 directory with .mcap files, found none")
