@@ -99,11 +99,17 @@ def _unbroken(path: Path) -> np.ndarray:
     return cycles
 
 
-def _private_mount(folder: Path, options: str, command: Sequence[str]) -> list[str]:
-    """A command that sees a small disk of its own in `folder`, copied out at its end."""
+def _private_mount(
+    folder: Path, options: str, command: Sequence[str], meanwhile: str = ":"
+) -> list[str]:
+    """A command that sees a small disk of its own in `folder`, copied out at its end.
+
+    `meanwhile` is done beside it, in the shell that knows its process as `$command`.
+    """
     words = " ".join(f"'{word}'" for word in command)
-    script = f"mount -t tmpfs -o {options} none '{folder}' || exit 77; {words}; code=$?;"
-    return ["unshare", "-rm", "sh", "-c", f"{script} cp -r '{folder}' '{folder}.kept'; exit $code"]
+    script = f"mount -t tmpfs -o {options} none '{folder}' || exit 77; {words} & command=$!;"
+    script += f" {meanwhile}; wait $command; code=$?; cp -r '{folder}' '{folder}.kept'; exit $code"
+    return ["unshare", "-rm", "sh", "-c", script]
 
 
 def _skip_without_mounts(tmp_path: Path) -> None:
@@ -157,6 +163,32 @@ def test_a_full_disk_ends_in_one_line_and_a_readable_bag(
     (path,) = (tmp_path / "disk.kept").glob("*_t")
     assert len(_unbroken(path)) > 100
     assert not list(path.glob("*.part"))
+
+
+@pytest.mark.ros
+def test_a_disk_that_is_full_when_it_closes_the_bag_ends_it_in_one_line(
+    tmp_path: Path, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    """What came before had its place; the end of the file and metadata.yaml have none."""
+    _skip_without_mounts(tmp_path)
+    disk, now = tmp_path / "disk", tmp_path / "now"
+    disk.mkdir()
+    wait = f"while [ ! -e '{now}' ]; do sleep 0.05; done"
+    fill = f"cat /dev/zero >'{disk}/other' 2>/dev/null; kill -TERM $command"
+    with publishing() as publisher:
+        process = record(_private_mount(disk, "size=4M", _command(disk), f"{wait}; {fill}"))
+        _wait_for(lambda: (tmp_path / "said.txt").read_text().count("receiving") == 4)
+        seen = len(publisher.times)
+        _wait_for(lambda: len(publisher.times) > seen + 150)
+    time.sleep(1.0)  # the last chunk is closed after 0.2 s
+    now.touch()
+    assert process.wait(timeout=PATIENCE_S) == 1
+    (line,) = _errors(tmp_path)
+    assert "No space left on device; what was written before is readable" in line
+    (path,) = (tmp_path / "disk.kept").glob("*_t")
+    assert len(_unbroken(path)) > 100
+    assert [file.suffix for file in path.iterdir()] == [".mcap"]
+    assert any("cut off" in loss for loss in read_bag(path).losses)
 
 
 def test_a_read_only_disk_is_refused_in_one_line(tmp_path: Path) -> None:
