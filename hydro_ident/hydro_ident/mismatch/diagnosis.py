@@ -18,6 +18,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
+from hydro_ident.mismatch.minor import minor_notes, parted
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import (
     data_notes,
@@ -158,7 +159,8 @@ def _diagnosed(
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(modelled.robot, there.terms)
     run = free_run(before.robot, seen, work.check_traces, work.split, filters)
-    notes = [*data_notes(work), *modelled.notes, *run.rejected]
+    findings, minor = parted(work.robot, findings)
+    notes = [*data_notes(work), *modelled.notes, *run.rejected, *minor_notes(minor)]
     notes += [refined.note] if refined is not None else []
     channels = _channels(work, whole, work.check)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)

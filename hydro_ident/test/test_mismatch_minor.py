@@ -1,0 +1,74 @@
+"""What is within every machine's tolerances is told in a note, and no finding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hydro_ident.mismatch.minor import is_minor, minor_notes, parted
+from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.outcome import Finding
+from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import EffectSpec, Robot
+
+LIFT = "lift_cylinder"
+
+
+def _term(robot: Robot, name: str, target: str, parameters: dict[str, float]) -> ActiveEffect:
+    (term,) = resolve(replace(robot, effects=(EffectSpec(name, target, parameters),)))
+    return term
+
+
+def _push(robot: Robot) -> float:
+    return robot.cylinders[0].area_a_m2 * robot.supply_pressure_pa
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "small", "large"),
+    [
+        ("pressure_sensor_gain", f"{LIFT}/a", {"error": -5e-4}, {"error": -2e-3}),
+        ("pressure_sensor_bias", f"{LIFT}/b", {"bias": 4e3}, {"bias": -2e4}),
+        ("encoder_offset", "lift", {"offset": -3e-4}, {"offset": 1e-3}),
+        (
+            "dead_volume",
+            LIFT,
+            {"volume_a": 8e-6, "volume_b": 9e-6},
+            {"volume_a": 8e-6, "volume_b": 2e-4},
+        ),
+    ],
+)
+def test_sizes_within_data_sheets_are_minor(
+    robot: Robot, name: str, target: str, small: dict[str, float], large: dict[str, float]
+) -> None:
+    assert is_minor(robot, _term(robot, name, target, small))
+    assert not is_minor(robot, _term(robot, name, target, large))
+
+
+def test_friction_is_minor_by_what_the_cylinder_can_push(robot: Robot) -> None:
+    for share, minor in ((1e-4, True), (1e-3, False)):
+        force = {"force": share * _push(robot)}
+        assert is_minor(robot, _term(robot, "coulomb_friction", LIFT, force)) is minor
+
+
+def test_an_effect_without_tolerance_is_never_minor(robot: Robot) -> None:
+    tiny = _term(robot, "valve_null_bias", "lift_valve", {"bias": 1e-6})
+    assert not is_minor(robot, tiny)
+
+
+def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
+    terms = [
+        _term(robot, "pressure_sensor_gain", f"{LIFT}/a", {"error": 5e-4}),
+        _term(robot, "coulomb_friction", LIFT, {"force": 0.01 * _push(robot)}),
+    ]
+    found = []
+    for term in terms:
+        one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
+        found.append(Finding(named_of([one], 0.001, 1.0), None, ("lift/force",)))  # type: ignore[arg-type]
+    findings, minor = parted(robot, found)
+    assert [f.named.names for f in findings] == [("coulomb_friction",)]
+    assert [f.named.names for f in minor] == [("pressure_sensor_gain",)]
+    (note,) = minor_notes(minor)
+    assert f"pressure_sensor_gain of {LIFT}/a" in note
+    assert "(error 0.0005)" in note
