@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,9 +23,16 @@ Outcome = tuple[int, dict]
 def identify_bag(write_bag: Callable[..., Path], tmp_path: Path) -> Callable[..., Outcome]:
     """Writes a bag, runs the command, returns its exit code and result."""
 
-    def run_it(columns: dict, robot: str = "xs031", **options: object) -> Outcome:
-        path, out = write_bag(columns, **options), tmp_path / "out"
-        code = run([str(path), "--robot", robot, "--out", str(out)])
+    def run_it(
+        columns: dict,
+        robot: str = "xs031",
+        estimator: str = "auto",
+        also: Sequence[Path] = (),
+        **options: object,
+    ) -> Outcome:
+        paths, out = [write_bag(columns, **options), *also], tmp_path / "out"
+        given = ["--robot", robot, "--estimator", estimator, "--out", str(out)]
+        code = run([*map(str, paths), *given])
         result = json.loads((out / "result.json").read_text())
         assert (out / "model.yaml").exists() == (code == 0)
         report = (out / "report.html").read_text()
@@ -95,6 +102,50 @@ def test_one_chamber_missing_loses_that_force_and_that_flow(crane_run, identify_
     assert "lift/force was not measured" in text
     assert "lift_link.iyy" in text
     assert "hydraulics of lift_cylinder rejected" in text
+
+
+@pytest.mark.parametrize(("cylinder", "sides"), [("lift", "b"), ("tilt", "ab")])
+def test_robust_weights_do_without_lost_pressures(
+    crane_run, identify_bag, cylinder: str, sides: str
+) -> None:
+    """A channel without a row has no residuals to be weighted by; the others are as good."""
+    gone = [f"{cylinder}_cylinder/{side}" for side in sides]
+    columns = without(crane_run.columns(), "/chamber_pressures", *gone)
+    code, result = identify_bag(columns, estimator="robust")
+    assert set(lost(result)) == {f"{cylinder}/force", *(f"{cylinder}/flow_{s}" for s in sides)}
+    assert (code, result["verdict"]) == (0, "partly_identified")
+    assert result["estimator"]["name"] == "robust"
+    other = {"lift": "tilt", "tilt": "lift"}[cylinder]
+    truth = {"lift": 8.2e8, "tilt": 7.4e8}[other]
+    assert values(result)[f"{other}_cylinder.bulk_modulus"] == pytest.approx(truth, rel=0.02)
+    assert f"{cylinder}_cylinder.viscous_friction" not in values(result)
+
+
+def test_robust_weights_do_without_a_joint_torque(crane_run, identify_bag) -> None:
+    """Torques of the first joint alone; the weights are chosen because its samples stand out."""
+    cylinder = crane_run.robot.cylinders[0]
+    columns = without(crane_run.columns(), "/chamber_pressures")
+    force = piston_force(cylinder, crane_run.p_a[:, 0], crane_run.p_b[:, 0])
+    torque = np.full_like(crane_run.q, np.nan)
+    torque[:, 0] = lever(cylinder, crane_run.q[:, 0]) * force
+    torque[::40, 0] *= 3.0
+    columns["/joint_states"][1]["effort"] = torque
+    code, result = identify_bag(columns)
+    assert (code, result["verdict"]) == (0, "partly_identified")
+    assert result["estimator"]["name"] == "robust"
+    assert set(result["channels"]) == {"lift/torque"}
+
+
+def test_robust_weights_do_with_a_channel_of_one_bag_alone(
+    crane_run, identify_bag, write_bag
+) -> None:
+    whole = write_bag(crane_run.columns(), name="whole")
+    columns = without(crane_run.columns(), "/chamber_pressures", "tilt_cylinder/b")
+    code, result = identify_bag(columns, estimator="robust", also=[whole])
+    assert (code, result["estimator"]["name"]) == (0, "robust")
+    assert "tilt/force" in result["channels"]
+    known = values(result)
+    assert known["tilt_cylinder.viscous_friction"] == pytest.approx(4.1e4, rel=0.05)
 
 
 def test_no_supply_and_no_tank_use_the_robot_files(crane_run, identify_bag) -> None:

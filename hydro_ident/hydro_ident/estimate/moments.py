@@ -148,7 +148,8 @@ class Moments:
     ) -> None:
         """Take in rows of a channel where `weight` is 1; it becomes their robust weight."""
         chosen = weight > 0.0
-        if weights is not None:
+        # Weights know no scale of a channel that gave the fit before not one row.
+        if weights is not None and chosen.any():
             at = np.flatnonzero(chosen) + self.lags * self.stride  # `joined` begins with the tail
             block = np.stack([joined[at - n * self.stride] for n in range(self.lags + 1)], axis=1)
             weight[chosen], kept = weights.of(channel, self.label, block)
