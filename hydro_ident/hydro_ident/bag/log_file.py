@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.log_kinds import TEXT, instead_of_log, is_text
 from hydro_ident.errors import BagError
 
 _MAX_NAMES = 12
@@ -19,7 +20,6 @@ _MAX_NAMES = 12
 SHOWN = 60
 #: What a packed log may unfold to: so much, and so many times its size.
 _FREE_BYTES, LARGEST_RATIO = 1 << 26, 100
-_TEXT = (".csv", ".txt", ".tsv", ".lvm", ".asc")
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,19 +160,19 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
         No file, a type that is not known, or content that is not what its type says.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         raise BagError(f"no log '{path}': expected a CSV, LVM, MAT or Parquet file")
-    kind = path.suffix.lower()
-    inner = Path(path.stem).suffix.lower() if kind == ".gz" else kind
-    if inner in _TEXT:
+    kind = path.suffix.lower() if path.is_file() else ""
+    if is_text(path) and path.is_file():
         from hydro_ident.bag.log_text import read_text_log
 
         return read_text_log(path, layout or CsvLayout())
     reader = _READERS.get(kind)
     if reader is None:
+        found = "a folder" if path.is_dir() else f"'{kind}'"
         raise BagError(
-            f"{path}: expected {', '.join(_TEXT)} (or these with .gz), .mat or .parquet,"
-            f" found '{kind}'"
+            f"{path}: expected {', '.join(TEXT)} (or these with .gz), .mat or .parquet,"
+            f" found {found}; {instead_of_log(path)}"
         )
     log = reader(path)
     if not log.columns:

@@ -17,6 +17,7 @@ from typing import IO
 
 from hydro_ident.bag import memory
 from hydro_ident.bag.chunks import ChunkError, declared_bytes, decompress_chunk
+from hydro_ident.bag.log_kinds import instead_of_bag
 from hydro_ident.bag.mcap_gather import BLOCK_BYTES, BLOCK_ROWS, MESSAGE_HEAD, Gatherer
 from hydro_ident.bag.mcap_summary import counted_messages, summary_records
 from hydro_ident.bag.mcap_types import Channel, FileHealth, MessageBlock
@@ -109,7 +110,8 @@ class McapFile:
         if magic != MAGIC:
             what = "an empty file" if not magic else f"bytes {magic.hex(' ')}"
             if not MAGIC.startswith(magic):
-                raise BagError(f"{self.path}: expected an MCAP file, found {what}")
+                other = instead_of_bag(self.path)
+                raise BagError(f"{self.path}: expected an MCAP file, found {what}{other}")
             self.health.lose(f"expected an MCAP file, found {what}")
             return False
         self._data_crc = zlib.crc32(magic)

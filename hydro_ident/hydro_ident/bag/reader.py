@@ -16,6 +16,7 @@ import numpy as np
 
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.diagnostics import Status
+from hydro_ident.bag.log_kinds import instead_of_bag, instead_of_storage
 from hydro_ident.bag.mcap_records import McapFile
 from hydro_ident.bag.mcap_types import FileHealth, MessageBlock, unchecked
 from hydro_ident.bag.nearby import bags_beside
@@ -224,7 +225,8 @@ def files_of(path: Path) -> tuple[list[McapFile], list[str], dict[str, str]]:
     notes += [f"{name}: not named by {METADATA_FILE}, left out" for name in left_out]
     present = [name for name in names if name not in missing]
     if not present:
-        raise BagError(f"{path}: expected a rosbag2 directory with .mcap files, found none")
+        expected = "expected a rosbag2 directory with .mcap files, found none"
+        raise BagError(f"{path}: {expected}{instead_of_bag(path)}")
     return [McapFile(path / name) for name in present], notes, metadata
 
 
@@ -243,7 +245,8 @@ def _listed(path: Path, notes: list[str]) -> tuple[list[str] | None, dict[str, s
         return None, {}
     storage = information.get("storage_identifier", "mcap")
     if storage != "mcap":
-        raise BagError(f"{path}: expected MCAP storage, found '{storage}'")
+        other = instead_of_storage(path, str(storage))
+        raise BagError(f"{path}: expected MCAP storage, found '{storage}'{other}")
     if information.get("compression_mode"):
         raise BagError(
             f"{path}: expected chunk compression, found whole {information['compression_mode']}"
