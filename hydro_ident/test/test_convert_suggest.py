@@ -57,11 +57,70 @@ def test_units_are_told_however_they_are_spelt(text, quantity, unit, reference) 
         ("U1_V", "V", ("u", "1")),
         ("p_a", "", ("p", "a")),
         ("LiftCylPressureB", "", ("lift", "cyl", "pressure", "b")),
+        ("Systemdruck [bar]", "bar", ("system", "druck")),
+        ("SYSTEMDRUCK", "", ("system", "druck")),
+        ("Versorgungsdruck", "", ("versorgung", "druck")),
+        ("Pumpendruck", "", ("pumpe", "druck")),
+        ("Rücklaufleitungsdruck", "", ("rücklauf", "druck")),
+        ("supplypressure", "", ("supply", "pressure")),
+        ("Hub_Kolbenstangenseitendruck_2", "", ("hub", "stange", "druck", "2")),
+        ("p_Ringraum_1", "", ("p", "ring", "1")),
+        ("Sollwinkel2", "", ("soll", "winkel", "2")),
     ],
 )
 def test_names_hold_words_numbers_and_units(name, unit, words) -> None:
     assert unit_in(name) == unit
     assert words_of(name) == words
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Differenzdruck",
+        "Lastdruck",
+        "Steuerdruck",
+        "Speicherdruck",
+        "Solldruck",
+        "Umgebungsdruck",
+        "Ringleitungsdruck",
+        "Systemrücklaufdruck",
+        "Systemkolbendruck",
+        "Kolbenringdruck",
+        "Tankraum",
+        "Ventilweg",
+        "Pumpenwinkel",
+        "Gelenkmoment",
+        "Druckluft",
+    ],
+)
+def test_compounds_that_say_something_else_stay_whole(name: str) -> None:
+    """Of `Ringleitung`, a supply, `Ring` alone would make a rod's side."""
+    assert words_of(name) == (name.lower(),)
+
+
+def test_german_compounds_are_the_lines_and_chambers_that_they_name() -> None:
+    names = ["Systemdruck", "Tankdruck", "Kolbendruck_1", "Stangendruck_1", "Ringraumdruck_2"]
+    p = {name: 50.0 + k + T for k, name in enumerate(names)}
+    log = log_of(dict.fromkeys(names, "bar"), t=T, Gelenkwinkel_1=0.5 + T, Sollwinkel_1=T, **p)
+    found = made(suggest(log, load_robot("xs031")))
+    assert found["Systemdruck"] == ("pressures", "supply", "open")  # gauge or absolute
+    assert found["Tankdruck"][:2] == ("pressures", "tank")
+    assert found["Kolbendruck_1"][:2] == ("pressures", "lift_cylinder/a")
+    assert found["Stangendruck_1"][:2] == ("pressures", "lift_cylinder/b")
+    assert found["Ringraumdruck_2"][:2] == ("pressures", "tilt_cylinder/b")
+    assert found["Gelenkwinkel_1"][:2] == ("joints", "lift")
+    assert found["Sollwinkel_1"][:2] == ("references", "lift")
+    without = made(suggest(log))
+    assert without["Systemdruck"][:2] == ("pressures", "supply")
+    assert without["Tankdruck"][:2] == ("pressures", "tank")
+    assert without["Kolbendruck_1"][:2] == ("pressures", "cylinder1/a")
+
+
+@pytest.mark.parametrize("name", ["Versorgungsdruck", "Pumpendruck", "Systemdruck"])
+def test_a_supply_of_any_german_name_is_the_supply(name: str) -> None:
+    log = log_of({name: "barg"}, t=T, **{name: 180.0 + T})
+    found = {g.column: g for g in suggest(log, load_robot("xs031")).guesses}
+    assert (found[name].name, found[name].level) == ("supply", "sure")
 
 
 def test_what_the_names_do_not_tell_is_told_by_numbers_and_the_robot() -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
+from hydro_ident.bag.log_words import parts_of
 
 #: How sure a guess is, most sure first.
 LEVELS = ("sure", "likely", "guess", "open")
@@ -113,13 +114,13 @@ def words_of(name: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        `pA_lift [bar]` gives p, a, lift; `q12` gives q, 12.
+        `pA_lift [bar]` gives p, a, lift; `q12` gives q, 12; `Tankdruck` gives tank, druck.
     """
     unit = unit_in(name)
     bare = name[: name.rfind(unit)] if unit else name
     bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
     parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", bare)
-    return tuple(part.lower() for part in parts)
+    return tuple(word for part in parts for word in parts_of(part.lower()))
 
 
 def read_columns(log: Log) -> list[Reading]:

@@ -1,7 +1,4 @@
-"""Words that columns' names have for chambers and lines, and names made of them.
-
-Where no robot says which names there are, they are made of the columns' own.
-"""
+"""What columns become; where no robot says which names there are, made of the columns' own."""
 
 from __future__ import annotations
 
@@ -9,13 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hydro_ident.bag.log_guess import Reading
-
-CHAMBER_A = frozenset(["a", "piston", "kolben", "bore", "head", "cap", "ks"])
-CHAMBER_B = frozenset(["b", "rod", "stange", "annulus", "ring", "rs"])
-SUPPLY = frozenset(["s", "supply", "pump", "pumpe", "sys", "system", "versorgung", "ps", "pp"])
-TANK = frozenset(["t", "tank", "return", "ruecklauf", "rücklauf", "pt"])
-#: Words of every name of their kind: they tell nothing apart.
-COMMON = frozenset(["cylinder", "cyl", "zylinder", "valve", "ventil", "joint", "link", "gelenk"])
+from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, SUPPLY, TANK
 
 
 @dataclass(frozen=True, slots=True)

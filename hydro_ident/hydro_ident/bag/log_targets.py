@@ -9,16 +9,9 @@ import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_guess import Reading, words_of
-from hydro_ident.bag.log_names import (
-    CHAMBER_A,
-    CHAMBER_B,
-    COMMON,
-    SUPPLY,
-    TANK,
-    Target,
-    made_up,
-)
+from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
+from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, COMMON, SUPPLY, TANK
 from hydro_model.robot import Robot
 
 _NAME, _NUMBER, _CHAMBER = 4.0, 2.0, 1.0
