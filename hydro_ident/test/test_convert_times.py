@@ -227,6 +227,80 @@ def test_dates_that_may_be_two_are_not_guessed(pattern, said, tmp_path: Path, ca
     assert said in capsys.readouterr().out
 
 
+def apart(folder: Path, head: str, *lines: str) -> Path:
+    """A log whose dates stand in a column of their own."""
+    file = folder / "log.csv"
+    file.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("head", "date"),
+    [
+        ("Date;Time;q_rad", "2026-03-12"),
+        ("Datum;Uhrzeit;q_rad", "12.03.2026"),
+        ("Datum;Uhrzeit;q_rad", "12.3.26"),
+        ("Tag;Zeit;q_rad", "12.03.2026"),
+        ("date;time;q_rad", "03/13/2026"),
+    ],
+)
+def test_dates_in_a_column_of_their_own_belong_to_the_times(head, date, tmp_path: Path) -> None:
+    rows = [f"{date};09:30:{k:02d}.5;{k / 9}" for k in range(20)]
+    log = read_log(apart(tmp_path, head, *rows))
+    day = "13" if "/13/" in date else "12"
+    assert log.start == f"2026-03-{day}T09:30:00.500"
+    names = head.split(";")
+    np.testing.assert_array_equal(log.columns[names[1]], np.arange(20.0))
+    assert any(f"dates of '{names[0]}'" in note for note in log.notes)
+    file, mapping = suggested(log.path, tmp_path)
+    assert mapping["time"] == {"signal": names[1], "unit": "s"}
+    assert mapping["start"] == log.start
+    assert converted(log.path, file, tmp_path) == 0
+    joints = read_bag(tmp_path / "bag", ["/joint_states"]).series["/joint_states"]
+    assert joints.stamp_ns[0] == np.datetime64(log.start, "ns").astype(int)
+
+
+def test_dates_of_their_own_tell_days_that_times_of_day_do_not(tmp_path: Path) -> None:
+    """A logger that waited over a whole day: times of day alone would make it a second."""
+    lines = ["31.01.2026;23:59:59,5;1", "01.02.2026;00:00:00,5;2", "02.02.2026;00:00:01,5;3"]
+    log = read_log(apart(tmp_path, "Datum;Zeit;q", *lines))
+    np.testing.assert_allclose(log.columns["Zeit"], [0.0, 1.0, 86402.0])
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["03/04/2026;09:30:00;1", "03/04/2026;09:30:01;2"], "may be day/month or month/day"),
+        (["30.02.2026;09:30:00;1", "30.02.2026;09:30:01;2"], "day is out of range for month"),
+        (["12.03.2026;09:30:00;1", ";09:30:01;2"], "a time without a date in line 3"),
+    ],
+)
+def test_dates_of_their_own_that_do_not_tell_are_left_out_and_said(
+    rows, said, tmp_path: Path, capsys
+) -> None:
+    log = read_log(apart(tmp_path, "Date;Time;q_rad", *rows))
+    assert log.start == ""
+    np.testing.assert_array_equal(log.columns["Time"], [0.0, 1.0])
+    assert any("column 'Date' left out" in note and said in note for note in log.notes)
+    suggested(log.path, tmp_path)
+    assert said in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("Firmware;Time;q_rad", "1.12.20;09:30:{0:02d};{0}"),
+        ("Date;Time;Time 2;q_rad", "2026-03-12;09:30:{0:02d};09:31:{0:02d};{0}"),
+        ("Date;Until;Time;q_rad;p_bar", "2026-03-12;2026-03-13;09:30:{0:02d};{0};{0}"),
+    ],
+)
+def test_what_may_be_no_date_of_the_times_gives_none(head, row, tmp_path: Path) -> None:
+    log = read_log(apart(tmp_path, head, *(row.format(k) for k in range(20))))
+    assert log.start == ""
+    np.testing.assert_array_equal(log.columns["Time"], np.arange(20.0))
+    assert any("left out" in note for note in log.notes) == ("Firmware" not in head)
+
+
 def test_a_date_above_the_names_is_no_line_of_numbers(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("12.03.2026 09:30:00\nt;q\n0,5;1,5\n0,6;1,6\n", encoding="utf-8")

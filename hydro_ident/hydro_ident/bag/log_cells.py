@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray, IntArray
-from hydro_ident.bag.log_dates import dated, why_unread
+from hydro_ident.bag.log_dates import Dated, dated, why_unread
+from hydro_ident.bag.log_dates_apart import dates_apart
 from hydro_ident.bag.log_file import SHOWN
 from hydro_ident.errors import BagError
 
@@ -42,6 +43,8 @@ class Cells:
         What was assumed and what was left out.
     unread : mapping of str to str
         Why a column holds no number, where that can be told.
+    units : mapping of str to str
+        `s` of columns of dates and times of day.
     """
 
     columns: Mapping[str, FloatArray]
@@ -49,6 +52,7 @@ class Cells:
     start: str = ""
     notes: tuple[str, ...] = ()
     unread: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 def check_names(names: Sequence[str], path: Path) -> None:
@@ -101,19 +105,25 @@ def columns_of(
     at = [number for number, _ in rows]
     columns: dict[str, FloatArray] = {}
     unread: dict[str, str] = {}
-    start = ""
+    moments: dict[str, Dated] = {}
     for i, name in enumerate(names):
         cells = [row[i] for _, row in rows]
-        dates = dated(cells)
-        if dates is not None:
-            columns[name] = dates.seconds
-            start = start or dates.start
-            notes += [f"column '{name[:SHOWN]}': {dates.note}"] if dates.note else []
+        if (dates := dated(cells)) is not None:
+            moments[name], columns[name] = dates, dates.seconds
             continue
         columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
         if why := why_unread(cells):
             unread[name] = why
-    return Cells(columns, np.array(at, dtype=np.int64), start, tuple(notes), unread)
+    apart = dates_apart(names, rows, [n for n, m in moments.items() if not m.start])
+    if apart is not None:
+        unread[apart.date] = apart.why
+        notes.append(apart.note)
+        if apart.both is not None:
+            moments[apart.time], columns[apart.time] = apart.both, apart.both.seconds
+    notes += [f"column '{name[:SHOWN]}': {m.note}" for name, m in moments.items() if m.note]
+    start = next((m.start for m in moments.values() if m.start), "")
+    lines, units = np.array(at, dtype=np.int64), dict.fromkeys(moments, "s")
+    return Cells(columns, lines, start, tuple(notes), unread, units)
 
 
 def _whole(

@@ -18,6 +18,9 @@ from hydro_ident.bag.cdr import FloatArray
 _CLOCK = r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(Z?)"
 _TIME_OF_DAY = re.compile(_CLOCK)
 _DATED = re.compile(r"(\d{1,4})([-/.])(\d\d?)\2(\d{1,4})(?:T|,? +)" + _CLOCK)
+_DATE = re.compile(r"(\d{1,4})([-/.])\d\d?\2(\d{1,4})")
+#: Names of columns in which `1.12.20` is a date and no version.
+_DATE_NAME = re.compile(r"\b(?:date|datum)\b", re.IGNORECASE)
 #: What a person would take for a date with a time, whether it is read or not.
 _LOOKS_SO = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[T ,]+\d\d?:\d\d.*")
 _TRY = "write them as 2026-03-12T09:30:00.002 or 12.03.2026 09:30:00.002, or as seconds"
@@ -64,6 +67,21 @@ def is_moment(cell: str) -> bool:
     cell : str
     """
     return _moment(cell) is not None or _LOOKS_SO.fullmatch(cell.strip()) is not None
+
+
+def is_date(name: str, cell: str) -> bool:
+    """Whether a cell is a date without a time.
+
+    Parameters
+    ----------
+    name : str
+        Of its column: years of two digits are told by it alone.
+    cell : str
+    """
+    match = _DATE.fullmatch(cell.strip())
+    if match is None:
+        return False
+    return 4 in (len(match[1]), len(match[3])) or _DATE_NAME.search(name) is not None
 
 
 def dated(cells: Sequence[str]) -> Dated | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,8 +134,12 @@ def read_columns(log: Log) -> list[Reading]:
     -------
     list of Reading
     """
-    return [
+    readings = [
         reading_of(name, values, log.units.get(name, "")) for name, values in log.columns.items()
+    ]
+    unread = log.unread
+    return [
+        replace(r, why=(*r.why, unread[r.column])) if r.column in unread else r for r in readings
     ]
 
 

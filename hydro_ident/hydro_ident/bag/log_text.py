@@ -125,7 +125,7 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
     return Log(
         path,
         cells.columns,
-        units=units,
+        units={**units, **cells.units},
         start=cells.start,
         notes=(*notes, *cells.notes),
         lines=dict.fromkeys(names, cells.lines),
