@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
@@ -43,3 +44,30 @@ def test_a_unit_that_was_mistaken_is_corrected_by_force(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "crane: 1 joint, 1 cylinder (" in done.stdout
     assert "ERROR" not in done.stdout
+
+
+def test_programs_get_the_check_and_nothing_else(tmp_path: Path) -> None:
+    urdf = tmp_path / "crane.urdf"
+    urdf.write_text(URDF, encoding="utf-8")
+    right = [*PINS, "0.080", "0.045", *SIZES]
+    done = run(urdf, *right, "--json", "-")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["schema"] == "hydro_ident/robot_check/1"
+    assert [one["name"] for one in found["cylinders"]] == ["lift_cylinder"]
+    file = tmp_path / "its check.json"
+    wrong = run(urdf, *PINS, "80", "45", *SIZES, "--force", f"--json={file}")
+    assert wrong.returncode == 1
+    assert json.loads(file.read_text())["schema"] == found["schema"]
+    assert "crane: 1 joint, 1 cylinder (" in wrong.stdout
+    page = (tmp_path / "crane.html").read_text(encoding="utf-8")
+    assert str(tmp_path) not in page
+
+
+def test_json_without_a_file_is_bad_usage(tmp_path: Path) -> None:
+    urdf = tmp_path / "crane.urdf"
+    urdf.write_text(URDF, encoding="utf-8")
+    done = run(urdf, *PINS, "0.080", "0.045", *SIZES, "--json")
+    assert done.returncode == 2
+    assert "--json" in done.stderr
+    assert not urdf.with_suffix(".hydraulics.yaml").exists()

@@ -248,6 +248,9 @@ def test_the_command_writes_one_file_that_fetches_nothing(
     assert len(html.encode()) < LARGEST_BYTES
     assert not re.search(r'(src|href)="(?!#)', html.split("<script>", 1)[0])
     assert html.count('class="canvas"') == len(POSES) + 1 + 2
+    # A page that is passed on says nothing of the computer that it was made on.
+    assert str(crane.file.parent) not in html
+    assert f"<code>{crane.file.name}</code>, <code>{crane.urdf.name}</code>" in html
     data = json.loads(found.read_text(encoding="utf-8"))
     assert data["schema"] == "hydro_ident/robot_check/1"
     assert [c["name"] for c in data["cylinders"]] == ["lift_cylinder", "tilt_cylinder"]

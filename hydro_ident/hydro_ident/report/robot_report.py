@@ -122,5 +122,7 @@ def _bodies(robot: Robot) -> Section:
         )
     ]
     lead = "Of the URDF, fixed attachments included; moments and inertias in the joint's frame."
-    files = f"Files: `{robot.source}`, `{robot.urdf}`."
+    # Names alone: the page is passed on, and paths are of the computer that it was made on.
+    names = [f"`{file.name}`" for file in (robot.source, robot.urdf) if file is not None]
+    files = f"Files: {', '.join(names)}."
     return Section("bodies", "Bodies", lead, table(head, rows) + paragraph(files))

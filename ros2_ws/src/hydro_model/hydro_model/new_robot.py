@@ -80,7 +80,7 @@ def hydraulics_text(
     urdf: Path,
     tip_link: str,
     cylinders: Sequence[MeasuredCylinder],
-    valve: tuple[float, float],
+    valves: Sequence[tuple[float, float]],
     supply_bar: float,
 ) -> str:
     """A hydraulics file.
@@ -91,8 +91,8 @@ def hydraulics_text(
         Beside the file; its name becomes the robot's.
     tip_link : str
     cylinders : sequence of MeasuredCylinder
-    valve : (float, float)
-        Nominal flow in l/min at a drop in bar over one edge, of every valve.
+    valves : sequence of (float, float)
+        Of each cylinder's valve: nominal flow in l/min at a drop in bar over one edge.
     supply_bar : float
         Gauge.
 
@@ -100,16 +100,17 @@ def hydraulics_text(
     -------
     str
     """
-    edge = edge_coefficient(*valve)
-    edges = ", ".join(f"{name}: {edge:.3e}" for name in ("c_pa", "c_at", "c_pb", "c_bt"))
     lines = [f"robot: {urdf.stem}", f"urdf: {urdf.name}", f"tip_link: {tip_link}", "cylinders:"]
     lines += [line for one in cylinders for line in one.lines()]
-    lines += ["valves:", f"  # {valve[0]:g} l/min at {valve[1]:g} bar over one edge"]
-    lines += [
-        f"  - {{name: {one.joint}_valve, cylinder: {one.joint}_cylinder,"
-        f" rated_voltage_v: 10.0, {edges}}}"
-        for one in cylinders
-    ]
+    lines.append("valves:")
+    for one, (flow, drop) in zip(cylinders, valves, strict=True):
+        edge = edge_coefficient(flow, drop)
+        edges = ", ".join(f"{name}: {edge:.3e}" for name in ("c_pa", "c_at", "c_pb", "c_bt"))
+        lines += [
+            f"  # {flow:g} l/min at {drop:g} bar over one edge",
+            f"  - {{name: {one.joint}_valve, cylinder: {one.joint}_cylinder,"
+            f" rated_voltage_v: 10.0, {edges}}}",
+        ]
     lines += [f"supply: {{pressure_pa: {supply_bar * 1e5:.4e}}}", "sensors:", "  rate_hz: 500"]
     return "\n".join(lines) + "\n"
 
@@ -140,10 +141,12 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--valve",
         required=True,
+        action="append",
         nargs=2,
         type=float,
         metavar=("L_MIN", "BAR"),
-        help="nominal flow at a drop over one edge",
+        help="nominal flow at a drop over one edge; once for all cylinders, or once for each of"
+        " them in their order",
     )
     p.add_argument("--supply", required=True, type=float, metavar="BAR", help="gauge")
     p.add_argument("--force", action="store_true", help="replace a file that is there already")
@@ -158,6 +161,21 @@ def _measured(words: Sequence[str]) -> MeasuredCylinder:
     return MeasuredCylinder(words[0], (px, py), (cx, cy), bore, rod, stroke, closed)
 
 
+def _valves(given: Sequence[Sequence[float]], cylinders: int) -> list[tuple[float, float]]:
+    """The valve of each cylinder: one that was given serves all."""
+    for valve in given:
+        if min(valve) <= 0.0:
+            found = " ".join(f"{number:g}" for number in valve)
+            raise RobotError(f"--valve: expected numbers above 0, found {found}")
+    if len(given) not in (1, cylinders):
+        raise RobotError(
+            f"--valve: expected one for all or one for each of the {cylinders} cylinders, found"
+            f" {len(given)}"
+        )
+    valves = [(flow, drop) for flow, drop in given]
+    return valves * cylinders if len(valves) == 1 else valves
+
+
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_model.robot_files import load_robot
@@ -167,10 +185,9 @@ def _run(arguments: Sequence[str]) -> int:
         raise RobotError(f"no URDF '{options.urdf}'")
     if out.exists() and not options.force:
         raise RobotError(f"{out} is there already: move it away, or replace it with --force")
-    if min(options.valve) <= 0.0:
-        raise RobotError(f"--valve: expected numbers above 0, found {options.valve}")
     cylinders = [_measured(words) for words in options.cylinder]
-    text = hydraulics_text(options.urdf, options.tip, cylinders, options.valve, options.supply)
+    valves = _valves(options.valve, len(cylinders))
+    text = hydraulics_text(options.urdf, options.tip, cylinders, valves, options.supply)
     # Read under another name: what does not fit leaves no file, and one that is there as it was.
     fresh = out.with_name(f".{out.name}.new")
     fresh.write_text(text, encoding="utf-8")

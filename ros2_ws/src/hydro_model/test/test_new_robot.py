@@ -80,3 +80,49 @@ def test_force_replaces_the_file(urdf: Path) -> None:
     assert run(urdf, *CYLINDER[:5], "0.08", "0.04", *CYLINDER[7:]) == 0
     assert main([str(urdf), *REST, "--force", "--cylinder", *CYLINDER]) == 0
     assert load_robot(urdf.with_suffix(".hydraulics.yaml")).cylinders[0].rod_m == 0.045
+
+
+TWO = URDF.replace(
+    '<joint name="end" type="fixed"><parent link="boom"/>',
+    """<joint name="tilt" type="revolute">
+    <parent link="boom"/><child link="arm"/><origin xyz="2 0 0"/><axis xyz="0 -1 0"/>
+    <limit lower="-0.2" upper="1.0" effort="40000" velocity="0.8"/>
+  </joint>
+  <link name="arm"><inertial><mass value="80"/><origin xyz="0.6 0 0"/>
+    <inertia ixx="1" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="end" type="fixed"><parent link="arm"/>""",
+)
+BOTH = ["--cylinder", *CYLINDER, "--cylinder", "tilt", *CYLINDER[1:]]
+
+
+@pytest.mark.parametrize(
+    ("valves", "flows_l_min"),
+    [([("60", "35")], (60, 60)), ([("60", "35"), ("40", "35")], (60, 40))],
+)
+def test_valves_are_one_for_all_or_one_for_each(
+    urdf: Path, valves: list[tuple[str, str]], flows_l_min: tuple[float, float]
+) -> None:
+    urdf.write_text(TWO, encoding="utf-8")
+    given = [word for valve in valves for word in ("--valve", *valve)]
+    assert main([str(urdf), "--tip", "tip", "--supply", "180", *given, *BOTH]) == 0
+    robot = load_robot(urdf.with_suffix(".hydraulics.yaml"))
+    assert [v.name for v in robot.valves] == ["lift_valve", "tilt_valve"]
+    for valve, flow in zip(robot.valves, flows_l_min, strict=True):
+        assert valve.c_bt == pytest.approx(flow * 1e-3 / 60 / np.sqrt(35e5), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("valves", "said"),
+    [
+        (["60 35"] * 3, "expected one for all or one for each of the 2 cylinders, found 3"),
+        (["60 35", "40 0"], "expected numbers above 0, found 40 0"),
+    ],
+)
+def test_valves_that_do_not_fit_leave_no_file(
+    urdf: Path, valves: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf.write_text(TWO, encoding="utf-8")
+    given = [word for valve in valves for word in ("--valve", *valve.split())]
+    assert main([str(urdf), "--tip", "tip", "--supply", "180", *given, *BOTH]) == 2
+    assert said in capsys.readouterr().err
+    assert not urdf.with_suffix(".hydraulics.yaml").exists()
