@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Sourced by you, in bash: the executables by their names, with tab completion.
 #   source scripts/env.sh && source scripts/completion.sh
-#   identify --<Tab>
+#   identify --<Tab>            options
+#   identify --robot <Tab>      names of shipped robots, and files
 # The names are functions of this shell: other programs that are called so (python-can's can_bridge,
 # ImageMagick's convert) stay what they are elsewhere, and `command convert` is theirs here, too.
 # Needs argcomplete (it comes with colcon); without it the names still work.
 
 if [[ ${BASH_SOURCE[0]} == "$0" ]]; then
-  [[ ${1:-} == --help || ${1:-} == -h ]] && sed -n '2,7s/^# \{0,1\}//p' "$0" && exit 0
+  [[ ${1:-} == --help || ${1:-} == -h ]] && sed -n '2,8s/^# \{0,1\}//p' "$0" && exit 0
   printf 'completion.sh: source it: source scripts/env.sh && source scripts/completion.sh\n' >&2
   exit 2
 fi

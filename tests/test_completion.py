@@ -70,6 +70,36 @@ def test_a_name_that_is_taken_completes_with_our_options(others: Path) -> None:
         assert option in told
 
 
+@pytest.mark.skipif(
+    importlib.util.find_spec("argcomplete") is None, reason="argcomplete is optional"
+)
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("identify --robot ", {"emps", "patu655", "xs031", "mine.hydraulics.yaml", "xs/"}),
+        ("sim_rig --robot x", {"xs031", "xs/"}),
+        ("live_layouts --robot xs/", {"xs/other.hydraulics.yaml"}),
+        ("check_robot ", {"emps", "patu655", "xs031", "mine.hydraulics.yaml", "xs/"}),
+    ],
+)
+def test_robots_are_offered_by_name_beside_files(
+    line: str, offered: set[str], tmp_path: Path
+) -> None:
+    (tmp_path / "xs").mkdir()
+    for file in ("mine", "xs/other"):
+        (tmp_path / f"{file}.hydraulics.yaml").touch()
+    name = line.split()[0]
+    told = sourced(
+        f"cd {tmp_path}\n"
+        f"COMP_LINE='{line}' COMP_POINT={len(line)} COMP_TYPE=9 COMP_WORDBREAKS=' '\n"
+        f'_python_argcomplete {name}; printf "offered %s\\n" "${{COMPREPLY[@]}}"',
+        tmp_path,
+    )
+    found = {word.strip() for word in re.findall(r"^offered (.*)$", told, re.M)}
+    options = {word for word in found if word.startswith("-")}
+    assert found - options == offered
+
+
 def test_it_wants_to_be_sourced() -> None:
     done = subprocess.run(
         ["bash", str(ROOT / "scripts/completion.sh")],

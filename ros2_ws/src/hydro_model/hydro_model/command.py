@@ -1,7 +1,8 @@
 """What every command line of the packages shares: one clear line on an error, and exit codes.
 
 PYTHON_ARGCOMPLETE_OK: where argcomplete is installed and a shell asks for completions, they are
-those of the parser that the command makes; nothing heavy has been imported by then.
+those of the parser that the command makes, and of shipped robots beside files where a robot is
+wanted; nothing heavy has been imported by then.
 """
 
 from __future__ import annotations
@@ -91,9 +92,18 @@ def _complete_words() -> None:
         import argcomplete
     except ImportError:
         return
+    from hydro_model.shipped import shipped_robots
+
     parse = argparse.ArgumentParser.parse_args
 
+    def robots(prefix: str, **words: Any) -> list[str]:
+        names = [name for name in shipped_robots() if name.startswith(prefix)]
+        return [*names, *argcomplete.completers.FilesCompleter()(prefix, **words)]
+
     def answer(self: argparse.ArgumentParser, *args: Any, **kwargs: Any) -> Any:
+        for action in self._actions:
+            if action.dest == "robot":
+                action.completer = robots  # type: ignore[attr-defined]
         argcomplete.autocomplete(self)  # does not return where the shell asks
         return parse(self, *args, **kwargs)
 

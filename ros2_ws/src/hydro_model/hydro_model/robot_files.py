@@ -7,7 +7,6 @@ identification found. Either names its URDF relative to itself.
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -29,16 +28,11 @@ from hydro_model.robot import (
 )
 from hydro_model.robot_checks import check_known, check_once, check_pistons, check_robot
 from hydro_model.safe_yaml import UnusableYamlError, parse
+from hydro_model.shipped import shipped_robots as shipped_robots
 from hydro_model.urdf import Chain, read_chain
 
 MODEL_SCHEMA = "hydro_model/model/1"
 MAX_FILE_BYTES = 4_000_000
-
-
-def shipped_robots() -> dict[str, Path]:
-    """Robots inside the package: name -> path of the hydraulics file."""
-    folder = Path(str(resources.files("hydro_model"))) / "robots"
-    return {p.name.split(".")[0]: p for p in sorted(folder.glob("*/*.hydraulics.yaml"))}
 
 
 def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
