@@ -4,7 +4,8 @@
     scripts/check_report.py REPORT.html [--shots DIR] [--wait S]
 
 At three widths, light and dark: errors on the console, anything that would be fetched, figures
-that are not drawn, contents wider than the screen; then the report as it is printed. Prints what
+that are not drawn, their titles and numbers cut off, contents wider than the screen; then the
+report as it is printed. Prints what
 it measured as JSON. Exit 0 nothing found; 1 something was; 2 no such report, no browser, or one
 that fails or falls silent.
 """
@@ -65,7 +66,23 @@ MEASURE = """(() => {
     }
   }
   const canvases = [...document.querySelectorAll('.canvas')];
+  const cut = [];
+  for (const canvas of canvases) {
+    const paper = canvas.getBoundingClientRect();
+    for (const text of canvas.querySelectorAll('svg text')) {
+      const box = text.getBoundingClientRect();
+      const out = [paper.left - box.left, box.right - paper.right, paper.top - box.top,
+        box.bottom - paper.bottom];
+      // A line's box has room above and below its letters, and a pixel is a matter of rounding.
+      if (box.width > 0 && Math.max(...out) > 1) {
+        cut.push(`'${text.textContent.slice(0, 60)}' of '${canvas.ariaLabel}' by`
+          + ` ${Math.ceil(Math.max(...out))} px`);
+      }
+    }
+  }
   return {
+    cut: cut.slice(0, 5),
+    hint: document.querySelector('.hint')?.innerText.trim(),
     overflow: document.documentElement.scrollWidth - width,
     wide: wide.slice(0, 5),
     figures: canvases.length,
@@ -211,6 +228,8 @@ def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list
         browser.events.clear()
         if measured["overflow"] > 0 or measured["wide"]:
             found.append(f"wider than the screen: {measured['overflow']} px, {measured['wide']}")
+        if measured["cut"]:
+            found.append(f"cut off: {', '.join(measured['cut'])}")
         if measured["drawn"] != measured["figures"]:
             found.append(f"{measured['drawn']} of {measured['figures']} figures drawn")
         if shots is not None:

@@ -278,6 +278,29 @@ def test_a_browser_opens_it_without_errors_at_every_width(
     assert papers["light"] != papers["dark"]
     # On paper several figures stand on a page.
     assert 2 * seen["views"][-1]["pages"] < seen["views"][0]["figures"]
+    # A finger cannot drag in a plot: it would move the page.
+    hints = {v["width"]: v["hint"] for v in seen["views"] if "width" in v}
+    assert [("drag" in hints[w], "tap" in hints[w]) for w in (390, 820, 1400)] == [
+        (False, True), (True, False), (True, False),
+    ]  # fmt: skip
+
+
+def test_a_title_that_its_figure_cuts_off_is_found(
+    tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
+) -> None:
+    text = '<text x="{}" y="40">force in N</text>'
+    file = tmp_path / "figure.html"
+    file.write_text(
+        '<meta name="viewport" content="width=device-width"><div class="canvas" aria-label="law">'
+        '<svg class="main-svg" width="200" height="50" style="overflow:hidden;display:block">'
+        f'{text.format(150)}</svg></div><div class="canvas" aria-label="whole" style="width:9em">'
+        f'<svg class="main-svg" width="100" height="50">{text.format(5)}</svg></div>'
+        '<style>.canvas{width:200px}</style>',
+        encoding="utf-8",
+    )  # fmt: skip
+    for view in browser_check(file)["views"][:-1]:
+        (said,) = view["found"]
+        assert re.fullmatch(r"cut off: 'force in N' of 'law' by \d+ px", said)
 
 
 def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None:

@@ -19,9 +19,12 @@ _POLICY = (
 )
 
 
+#: What a plot does, by mouse and by finger: a finger that drags moves the page (`report.js`).
 _HINT = (
-    "Plots: drag to look closer, double-click to go back, click a name in a legend to hide its"
-    " line. A joint has the same colour everywhere."
+    '<p class="none hint"><span class="by-mouse">Plots: drag to look closer, double-click to go'
+    " back, click a name in a legend to hide its line.</span>"
+    '<span class="by-touch">Plots: tap a line to read its values, tap a name in a legend to hide'
+    " its line; two fingers enlarge the page.</span> A joint has the same colour everywhere.</p>"
 )
 
 
@@ -112,7 +115,7 @@ def page(title: str, verdict: Verdict, sections: Sequence[Section]) -> str:
             f"<h1>{escape(title)}</h1>",
             verdict.html(),
             f"<nav><ol>{links}</ol></nav>",
-            paragraph(_HINT, "none"),
+            _HINT,
             "<noscript><p>The plots need JavaScript; everything else is here.</p></noscript>",
             *(section.html() for section in sections),
             f"<script>{get_plotlyjs()}</script>",

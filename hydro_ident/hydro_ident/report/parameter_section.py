@@ -189,8 +189,8 @@ def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         )
     layout = {"xaxis": {"zeroline": True}}
     title = "Change from the datasheet, with 95 % intervals"
-    x = "change from the datasheet in %"
-    figure = Figure(title, x, ("parameter (name)",), traces, layout, rows=len(shown))
+    # From what is in the figure's title: below names there is little room on a narrow screen.
+    figure = Figure(title, "change in %", ("parameter (name)",), traces, layout, rows=len(shown))
     return folded("Changes as a figure", figure.html()) if len(shown) > 1 else ""
 
 
