@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from hydro_ident.everyday_units import EDGE_DROP_PA, L_MIN
 from hydro_ident.robot_ranges import CylinderRange
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -25,19 +26,18 @@ _LEVERS = 3.0
 _SUPPLY_BAR, _USUAL_BAR = (10.0, 700.0), (50.0, 400.0)
 #: Nominal flow of a valve at 35 bar over one edge, l/min: from miniature servo valves to big
 #: three-stage ones; and what is usual.
-_FLOWS, _USUAL_FLOWS, _DROP_PA = (0.5, 2000.0), (1.0, 1000.0), 35e5
+_FLOWS, _USUAL_FLOWS = (0.5, 2000.0), (1.0, 1000.0)
 #: A full stroke at full opening and the whole supply over one edge, s.
 _STROKE_S = (0.05, 120.0)
 
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
 _PRESSURES = {"Pa": 1e-5, "kPa": 1e-2, "MPa": 10.0, "bar": 1.0, "psi": 0.06894757}
-_L_MIN = 6e4
 #: What a valve's numbers may have been taken for, and by how much its flow is then too small.
 _VALVE_MISTAKES = {
     "a drop in Pa taken for bar": np.sqrt(1e5),
-    "a flow in m^3/s taken for l/min": _L_MIN,
+    "a flow in m^3/s taken for l/min": L_MIN,
     "a flow in l/s taken for l/min": 60.0,
-    "a coefficient in l/(min sqrt(bar)) taken for m^3/(s sqrt(Pa))": 1.0 / (_L_MIN * np.sqrt(1e5)),
+    "a coefficient in l/(min sqrt(bar)) taken for m^3/(s sqrt(Pa))": 1.0 / (L_MIN * np.sqrt(1e5)),
 }
 
 
@@ -142,7 +142,7 @@ def _valves(robot: Robot) -> Iterator[tuple[Valve, Cylinder]]:
 
 def _flow(valve: Valve) -> Iterator[tuple[str, str]]:
     edges = np.array([valve.c_pa, valve.c_at, valve.c_pb, valve.c_bt])
-    flows = edges * np.sqrt(_DROP_PA) * _L_MIN
+    flows = edges * np.sqrt(EDGE_DROP_PA) * L_MIN
     odd = [float(flow) for flow in flows if not _within(flow, _FLOWS)]
     if odd:
         text = f"an edge gives {odd[0]:.3g} l/min at 35 bar{_mistaken(odd[0])}"
@@ -155,7 +155,7 @@ def _stroke_time(valve: Valve, cylinder: Cylinder, supply_pa: float) -> Iterator
         return
     seconds = float(cylinder.stroke_m * cylinder.area_a_m2 / flow)
     if not _within(seconds, _STROKE_S):
-        mistaken = _mistaken(float(valve.c_pa * np.sqrt(_DROP_PA) * _L_MIN))
+        mistaken = _mistaken(float(valve.c_pa * np.sqrt(EDGE_DROP_PA) * L_MIN))
         text = f"a full stroke of {cylinder.name} takes {seconds:.3g} s with the valve wide open"
         yield valve.name, f"{text}{mistaken}"
 

@@ -126,6 +126,26 @@ def test_the_command_prints_and_writes_json(tmp_path, write_bag, run_columns, ca
     assert data["damage"] == []
 
 
+def test_pressures_and_angles_are_told_as_people_tell_them(
+    tmp_path, write_bag, run_columns, capsys
+) -> None:
+    path = write_bag(run_columns(N), metadata={"robot": "xs031"})
+    assert main([str(path), "--json", str(tmp_path / "i.json")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    data = {r["signal"]: r for r in json.loads((tmp_path / "i.json").read_text())["ranges"]}
+    for signal, unit, told, size in (
+        ("supply", "Pa gauge", "bar gauge", 1e-5),
+        ("lift position", "rad", "deg", 180.0 / np.pi),
+    ):
+        at = next(k for k, line in enumerate(lines) if line.startswith(f"{signal}  "))
+        assert lines[at].endswith(f"  {unit}")
+        low, high, mean, *words = lines[at + 1].split()
+        assert " ".join(words) == told
+        for value, key in ((low, "low"), (high, "high"), (mean, "mean")):
+            assert float(value) == pytest.approx(size * data[signal][key], rel=1e-2)
+        assert data[signal]["unit"] == unit
+
+
 BEGIN = ("inactive: reading", "waiting for the next sample", "waiting for a first command")
 END = ("waiting for a first command", "inactive: reading")
 

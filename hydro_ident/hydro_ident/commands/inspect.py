@@ -132,12 +132,19 @@ def _topics(i: Inspection) -> list[str]:
 
 
 def _ranges(i: Inspection) -> list[str]:
+    """Every signal's span, below it in the unit that people use where that is another one."""
+    from hydro_ident.everyday_units import everyday, rounded
+
     if not i.ranges:
         return []
     lines = ["", f"{'signal':32s} {'low':>13s} {'high':>13s} {'mean':>13s}  unit"]
-    lines += [
-        f"{printable(r.signal):32s} {r.low:13.6g} {r.high:13.6g} {r.mean:13.6g}"
-        f"  {printable(r.unit)}"
-        for r in i.ranges
-    ]
+    for r in i.ranges:
+        values = r.low, r.high, r.mean
+        columns = " ".join(f"{value:13.6g}" for value in values)
+        lines.append(f"{printable(r.signal):32s} {columns}  {printable(r.unit)}")
+        told = everyday(r.unit)
+        if told is not None:
+            unit, size = told
+            columns = " ".join(f"{rounded(size * value):>13s}" for value in values)
+            lines.append(f"{'':32s} {columns}  {unit}")
     return lines
