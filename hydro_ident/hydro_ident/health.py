@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.grid import runs
+from hydro_ident.bag.grid import longest_gap, runs
 from hydro_ident.bag.own_rate import interpolation_text, samples_per_reading
 from hydro_ident.bag.recording import Recording
 from hydro_model.robot import Robot
@@ -67,14 +67,13 @@ def find_irregularities(recording: Recording) -> list[Finding]:
 
 
 def _gaps(recording: Recording) -> list[Finding]:
-    if not recording.gaps:
+    longest = longest_gap(recording.gaps, int(recording.stamp_ns[0]))
+    if longest is None:
         return []
-    missing = sum(gap.missing for gap in recording.gaps)
-    longest = max(recording.gaps, key=lambda gap: gap.missing)
-    after_s = (longest.after_ns - int(recording.stamp_ns[0])) * 1e-9
+    count, missing = len(recording.gaps), sum(gap.missing for gap in recording.gaps)
     text = (
-        f"{len(recording.gaps)} gaps, {missing} cycles missing; the longest after {after_s:.3f} s"
-        f" is {longest.missing} cycles"
+        f"{count} gap{'s' if count > 1 else ''}, {missing} cycles missing; the longest,"
+        f" {longest.length_s:.3f} s ({longest.missing} cycles), after {longest.after_s:.3f} s"
     )
     return [Finding("cycles", "gap", text)]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import channels_of
-from hydro_ident.bag.grid import Topic, find_gaps
+from hydro_ident.bag.grid import LongestGap, Topic, find_gaps, longest_gap
 from hydro_ident.bag.reader import Bag, log_span_ns
 from hydro_ident.bag.recording import Recording, recording_of
 from hydro_ident.complaints import complaints_of
@@ -35,6 +35,8 @@ class TopicSummary:
         From the median interval of stamps (of reception where there are no stamps).
     gaps, missing : int
         Gaps between stamps, and messages missing in them; only topics with a steady rate.
+    longest_gap : LongestGap or None
+        Of the topic's own stamps, from its first one on; None without gaps.
     duplicates, disordered : int
     latency_ms : float
         Largest time from publication to reception.
@@ -46,6 +48,7 @@ class TopicSummary:
     rate_hz: float | None
     gaps: int
     missing: int
+    longest_gap: LongestGap | None
     duplicates: int
     disordered: int
     latency_ms: float
@@ -221,7 +224,7 @@ def _recording(bag: Bag, robot: Robot | None, strict: bool) -> tuple[Recording |
 def _summary(bag: Bag, name: str) -> TopicSummary:
     info = bag.topics[name]
     series = bag.series.get(name)
-    gaps, rate_hz, duplicates, disordered = [], None, 0, 0
+    gaps, longest, rate_hz, duplicates, disordered = [], None, None, 0, 0
     if series is not None and len(series) > 1:
         topic = Topic.of(series)
         duplicates, disordered = topic.duplicates, topic.disordered
@@ -229,6 +232,7 @@ def _summary(bag: Bag, name: str) -> TopicSummary:
             period_s = float(np.median(np.diff(topic.stamp_ns))) * 1e-9
             rate_hz = 1.0 / period_s
             gaps = list(find_gaps(topic.stamp_ns, period_s))
+            longest = longest_gap(gaps, int(topic.stamp_ns[0]))
     elif info.count > 1 and info.last_log_ns > info.first_log_ns:
         rate_hz = (info.count - 1) / ((info.last_log_ns - info.first_log_ns) * 1e-9)
     return TopicSummary(
@@ -238,6 +242,7 @@ def _summary(bag: Bag, name: str) -> TopicSummary:
         rate_hz,
         len(gaps),
         sum(gap.missing for gap in gaps),
+        longest,
         duplicates,
         disordered,
         info.latency_ns * 1e-6,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_ident.bag.grid import LongestGap, longest_gap
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.derivatives import secant_slope
@@ -75,6 +76,8 @@ class RecordingSummary:
         One cycle in so many was looked at here.
     gaps, missing : int
         Gaps, and cycles missing in them.
+    longest_gap : LongestGap or None
+        None without gaps.
     findings : tuple of Finding
         Irregular signals.
     ranges : tuple of Range
@@ -95,6 +98,7 @@ class RecordingSummary:
     thinned: int
     gaps: int
     missing: int
+    longest_gap: LongestGap | None
     findings: tuple[Finding, ...]
     ranges: tuple[Range, ...]
     notes: tuple[str, ...]
@@ -114,6 +118,7 @@ class RecordingSummary:
             "thinned": self.thinned,
             "gaps": self.gaps,
             "missing": self.missing,
+            "longest_gap": None if self.longest_gap is None else asdict(self.longest_gap),
             "findings": [asdict(one) for one in self.findings],
             "ranges": [asdict(one) for one in self.ranges],
             "motion": [asdict(one) for one in self.motion],
@@ -152,6 +157,7 @@ def _summary(survey: Survey, training: bool) -> RecordingSummary:
         thinned=thinned,
         gaps=len(whole.gaps),
         missing=sum(gap.missing for gap in whole.gaps),
+        longest_gap=longest_gap(whole.gaps, int(whole.stamp_ns[0])) if len(whole) else None,
         findings=tuple(find_irregularities(seen)),
         ranges=tuple(ranges_of(seen)),
         notes=whole.notes,

@@ -84,6 +84,25 @@ def test_gaps_and_latches_are_found(kinds_of, run_columns) -> None:
     assert kinds_of(columns) == {("cycles", "gap"), ("valves", "latched")}
 
 
+def test_the_longest_gap_is_told_with_its_time(write_bag, run_columns, robot, capsys) -> None:
+    columns = run_columns(N)
+    for first, last in ((100, 102), (300, 310)):
+        columns["/joint_states"][1]["position"][first:last] = np.nan
+    path = write_bag(columns, metadata={"robot": "xs031"})
+    # 2 ms each: from cycle 299 to cycle 310, beside 2 cycles from cycle 99 on.
+    topics = {t.topic: t for t in inspect_bag(read_bag(path), robot).topics}
+    gap = topics["/joint_states"].longest_gap
+    assert gap is not None
+    assert (gap.after_s, gap.length_s, gap.missing) == pytest.approx((0.598, 0.022, 10))
+    assert topics["/valve_state"].longest_gap is None
+    assert main([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "2 gaps, 12 cycles missing; the longest, 0.022 s (10 cycles), after 0.598 s" in out
+    assert [line for line in out.splitlines() if "0.022 s at 0.598 s" in line] == [
+        line for line in out.splitlines() if line.startswith("/joint_states")
+    ]
+
+
 def test_the_record_of_a_bag(write_bag, run_columns, robot) -> None:
     columns = run_columns(N)
     del columns["/valve_state"]

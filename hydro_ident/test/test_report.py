@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.bag.grid import find_gaps
 from hydro_ident.bag.recording import Recording
 from hydro_ident.identification import Identification, identify
+from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.report.figure import Figure
 from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.page import number
@@ -27,6 +29,9 @@ from hydro_ident.report.parameter_section import (
     identified_row,
     parameter_table,
 )
+from hydro_ident.report.recording_sections import health_section
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
@@ -194,6 +199,27 @@ def result_dict_tracks(found: Identification) -> bool:
     """Whether the result's entries hold the same figures and no samples."""
     entries = [one.as_dict() for one in found.recordings]
     return json.loads(json.dumps(entries)) == entries and "position" not in entries[0]
+
+
+def test_data_health_tells_the_longest_gap_and_when(crane_run: Any) -> None:
+    whole = crane_run.recording()
+    kept = np.r_[0:500, 520:3000, 3003 : len(whole)]
+    stamps = whole.stamp_ns[kept]
+    per_cycle = ("q", "p_a", "p_b", "supply", "tank", "valve_v", "command_v", "latched")
+    broken = {name: getattr(whole, name)[kept] for name in per_cycle}
+    gaps = find_gaps(stamps, whole.period_s)
+    recording = replace(whole, stamp_ns=stamps, gaps=gaps, **broken)
+    surveys = [survey_source(s, whole.robot) for s in sources_of([recording, whole])]
+    summaries = recording_summaries(surveys, 2)
+    gap = summaries[0].longest_gap
+    assert gap is not None
+    assert (gap.after_s, gap.length_s, gap.missing) == pytest.approx((0.998, 0.042, 20))
+    assert summaries[1].longest_gap is None
+    assert summaries[0].as_dict()["longest_gap"]["missing"] == 20
+    section = health_section(summaries, (), whole.robot.joint_names).html()
+    [first, second] = re.findall(r"<tr><td>run</td>(.*?)</tr>", section)[:2]
+    assert "<td>23</td><td>0.042 s at 0.998 s</td>" in first
+    assert "<td>0</td><td>–</td>" in second
 
 
 def test_rows_of_the_fit_are_shown_beside_rows_that_took_no_part(found: Identification) -> None:

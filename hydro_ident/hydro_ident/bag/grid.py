@@ -38,6 +38,46 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
+class LongestGap:
+    """The longest of some gaps, as it is told.
+
+    Attributes
+    ----------
+    after_s : float
+        From the first stamp to the last one before the gap.
+    length_s : float
+        From there to the first one behind it.
+    missing : int
+        Number of cycles that should lie between them.
+    """
+
+    after_s: float
+    length_s: float
+    missing: int
+
+    @property
+    def text(self) -> str:
+        """How long and when, for a table."""
+        return f"{self.length_s:.3f} s at {self.after_s:.3f} s"
+
+
+def longest_gap(gaps: Sequence[Gap], first_ns: int) -> LongestGap | None:
+    """The longest gap; None where there is none.
+
+    Parameters
+    ----------
+    gaps : sequence of Gap
+    first_ns : int
+        The first stamp.
+    """
+    if not gaps:
+        return None
+    gap = max(gaps, key=lambda one: one.before_ns - one.after_ns)
+    after_s, length_s = (gap.after_ns - first_ns) * 1e-9, (gap.before_ns - gap.after_ns) * 1e-9
+    return LongestGap(after_s, length_s, gap.missing)
+
+
+@dataclass(frozen=True, slots=True)
 class Topic:
     """A series in order of its stamps, each stamp once.
 

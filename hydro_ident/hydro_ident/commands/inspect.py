@@ -121,12 +121,16 @@ def _origin(i: Inspection) -> list[str]:
 
 
 def _topics(i: Inspection) -> list[str]:
-    lines = ["", f"{'topic':32s} {'count':>9s} {'Hz':>8s} {'missing':>8s} {'twice':>6s}  type"]
+    head = f"{'topic':32s} {'count':>9s} {'Hz':>8s} {'missing':>8s} {'twice':>6s}"
+    # Where nothing is missing, a column of dashes would only take room.
+    gaps = any(t.longest_gap is not None for t in i.topics)
+    lines = ["", head + (f"  {'longest gap':>22s}" if gaps else "") + "  type"]
     for t in i.topics:
         rate = "-" if t.rate_hz is None else f"{t.rate_hz:.2f}"
+        gap = f"  {'-' if t.longest_gap is None else t.longest_gap.text:>22s}" if gaps else ""
         lines.append(
             f"{printable(t.topic):32s} {t.count:9d} {rate:>8s} {t.missing:8d} {t.duplicates:6d}"
-            f"  {printable(t.message_type)}"
+            f"{gap}  {printable(t.message_type)}"
         )
     return lines
 

@@ -34,10 +34,11 @@ def health_section(
     if not recordings:
         return Section("health", title, lead, paragraph(_NONE))
     rows: list[tuple[str, ...]] = [
-        (r.name, _role(r), f"{r.duration_s:.1f}", f"{r.rate_hz:.4g}", str(r.gaps), str(r.missing))
+        (r.name, _role(r), f"{r.duration_s:.1f}", f"{r.rate_hz:.4g}", str(r.gaps), str(r.missing),
+         "–" if r.longest_gap is None else r.longest_gap.text)
         for r in recordings
-    ]
-    head = ("recording", "used to", "length s", "rate Hz", "gaps", "cycles missing")
+    ]  # fmt: skip
+    head = ("recording", "used to", "length s", "rate Hz", "gaps", "cycles missing", "longest gap")
     body = table(head, rows) + _irregular(recordings) + _lost(losses)
     body += bullets([f"{r.name}: {note}" for r in recordings for note in r.notes])
     for r in recordings:
