@@ -241,6 +241,36 @@ def test_the_strip_counts_what_stands_in_black(found: Identification) -> None:
     assert "greyed, too: " in text
 
 
+def test_values_of_an_earlier_model_are_not_called_the_datasheets(
+    found: Identification, report: str
+) -> None:
+    """A model.yaml brings deviations with it, a datasheet none."""
+    assert "the earlier model" not in report
+    assert found.robot is not None
+    assert found.robot.standard_deviations
+    html = report_html(replace(found, given=found.robot), ORIGIN)
+    text = read(html).text
+    assert 'data-label="earlier model"' in html
+    assert "parameters differ from the earlier model by more than" in text
+    assert "Change from the earlier model, with 95 % intervals" in text
+    assert "datasheet" not in text
+
+
+def test_signs_of_parameters_are_explained_where_they_stand(report: str) -> None:
+    text = read(report).text
+    assert "mcx, mcy, mcz: first moments, the mass times the coordinates of its centre" in text
+    assert "c_pa, c_at, c_pb, c_bt: gains of a valve's edges" in text
+    assert "flow at full opening and a pressure drop of 35 bar over the edge" in text
+
+
+def test_the_strip_tells_pressures_in_bar(found: Identification) -> None:
+    bulk = next(p for p in found.parameters if p.name.endswith("bulk_modulus"))
+    changed = replace(bulk, value=6.0e8, std=1e6, datasheet=1.2e9)
+    rest = [replace(p, datasheet=None) for p in found.parameters if p is not bulk]
+    text = read(report_html(replace(found, parameters=(changed, *rest)), ORIGIN)).text
+    assert "6e8 instead of 1.2e9 Pa (6000 instead of 12000 bar, -50 %)" in text
+
+
 def test_a_joint_has_one_colour_everywhere(found: Identification, report: str) -> None:
     joints = found.given.joint_names
     figures = read(report).figures

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.free_run import FreeRun, JointRollout
+from hydro_ident.inspection import Range
 from hydro_ident.parameters import Parameter
+from hydro_ident.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.report.page import Row, number, paragraph, percent, table, written
 from hydro_ident.report.palette import JOINTS
 from hydro_ident.report.parameter_section import (
@@ -16,6 +18,7 @@ from hydro_ident.report.parameter_section import (
     identified_row,
     parameter_table,
 )
+from hydro_ident.report.recording_sections import excitation_section, health_section
 from hydro_ident.report.verdict_words import free_run_line
 
 
@@ -141,3 +144,52 @@ def test_a_long_name_may_break_at_its_joints_and_nowhere_else() -> None:
     cells = table(("name", "value"), [("lift_cylinder.c_pa", "a.b"), ("1.5e-3", "x")])
     assert "<td>lift_<wbr>cylinder.<wbr>c_<wbr>pa</td><td>a.b</td>" in cells
     assert "<td>1.5e-3</td>" in cells
+
+
+EDGE = "m^3/(s sqrt(Pa))"
+
+
+def test_valve_gains_and_pressures_are_told_as_people_tell_them() -> None:
+    rows = [
+        ParameterRow("lift_valve.c_pa", 7.7373e-7, None, EDGE, 8.91e-7, "held", False, "lift"),
+        ParameterRow("lift_cylinder.bulk_modulus", 5.2e8, None, "Pa", None, "", False, "lift"),
+        ParameterRow("tilt_link.iyy", 1469.0, None, "kg m^2", 2075.6, "", False, ""),
+    ]
+    edge, bulk, inertia = re.findall(r"<tr.*?</tr>", parameter_table(rows, ("lift",)))[1:]
+    told = "86.9 l/min at 35 bar per edge (datasheet 100)"
+    assert f"<small>{told}; held</small>" in edge
+    assert ">m³/(s √Pa)<" in edge
+    assert "<small>5200 bar</small>" in bulk
+    assert "<small>" not in inertia
+
+
+def test_ranges_are_told_in_bar_and_degrees_beside_si() -> None:
+    ranges = (
+        Range("lift position", "rad", 0.4, 1.25, 0.8),
+        Range("supply", "Pa gauge", 1.8112e7, 1.8708e7, 1.85371e7),
+        Range("lift_valve voltage", "V", -3.0, 5.0, 0.5),
+    )
+    none = np.zeros((0, 1))
+    motion = JointMotion("lift", "rad", 0.4, 1.25, -0.2, 1.5, 0.5, 1.0, 0.7, 7)
+    one = RecordingSummary(
+        "run", True, 20.0, 100.0, 1, 0, 0, None, (), ranges, (), (motion,), None,
+        np.zeros(0), none, none,
+    )  # fmt: skip
+    text = health_section([one], (), ("lift",)).html()
+    angle, pressure, volts = re.findall(r"<tr>.*?</tr>", text.partition("<summary>")[2])[1:]
+    assert "<small>22.9 … 71.6°, mean 45.8°</small>" in angle
+    assert ">rad<" in angle
+    assert "<small>181 … 187 bar gauge, mean 185 bar gauge</small>" in pressure
+    assert ">Pa gauge<" in pressure
+    assert "<small>" not in volts
+    moved = excitation_section([one], ("lift",), ()).html()
+    assert "<small>22.9 … 71.6°, 28.6°/s</small>" in moved
+
+
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [("0.2 rad = 11.5 deg", "0.2 rad = 11.5°"), ("up to 30 deg C", "up to 30 deg C"),
+     ("at 2 deg/s, degC", "at 2°/s, degC")],
+)  # fmt: skip
+def test_degrees_are_written_with_their_sign(typed: str, read: str) -> None:
+    assert written(typed) == read

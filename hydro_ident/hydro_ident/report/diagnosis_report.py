@@ -24,7 +24,13 @@ from hydro_ident.report.page import (
     percent,
     table,
 )
-from hydro_ident.report.parameter_section import change_figure, owners, parameter_table
+from hydro_ident.report.parameter_section import (
+    change_figure,
+    compared_with,
+    owners,
+    parameter_table,
+    signs,
+)
 from hydro_ident.report.prediction_section import prediction_section
 from hydro_ident.report.provenance_section import provenance_section
 from hydro_ident.report.recording_sections import (
@@ -93,8 +99,9 @@ def _parameters(found: Diagnosis) -> Section:
         body += paragraph("No finding: no parameters beyond the model's own.")
     rows = model_rows(found, owner)
     if rows:
-        body += "<h3>The model around the findings</h3>" + parameter_table(rows, joints)
-        body += change_figure(rows, joints)
+        given = compared_with(found.given)
+        body += "<h3>The model around the findings</h3>" + signs(rows)
+        body += parameter_table(rows, joints, given) + change_figure(rows, joints, given)
     return Section("parameters", "Parameters", lead, body)
 
 

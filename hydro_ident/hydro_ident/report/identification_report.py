@@ -19,9 +19,11 @@ from hydro_ident.report.law_section import law_section, speed_views
 from hydro_ident.report.page import Section, bullets, folded, page, paragraph
 from hydro_ident.report.parameter_section import (
     change_figure,
+    compared_with,
     identified_row,
     owners,
     parameter_table,
+    signs,
 )
 from hydro_ident.report.physical_section import physical_part, summed_part
 from hydro_ident.report.prediction_section import prediction_section
@@ -97,10 +99,12 @@ def _parameters(found: Identification, note: str) -> Section:
     rows = [identified_row(p, owner) for p in found.parameters]
     stages = rejections(found.given, found.inertial, found.hydraulic)
     said = [f"{stage} rejected: {why}" for stage, (why, _) in stages.items()]
-    body = bullets([*said, *([note] if note else [])], "no") + parameter_table(rows, joints)
+    given = compared_with(found.given)
+    body = bullets([*said, *([note] if note else [])], "no")
+    body += signs(rows) + parameter_table(rows, joints, given)
     if not rows:
         body += paragraph("None could be fitted.")
-    body += change_figure(rows, joints)
+    body += change_figure(rows, joints, given)
     body += comparison_part(found.comparison)
     body += folded("Physically consistent bodies", physical_part(found.physical))
     title = "Flow: the summed form of eq. 14 for comparison"

@@ -10,8 +10,8 @@ from hydro_ident.parameters import Parameter
 from hydro_ident.rejection import rejected_channels
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import Verdict, number, percent
-from hydro_ident.report.parameter_section import identified_row
+from hydro_ident.report.page import Verdict, also, number, percent
+from hydro_ident.report.parameter_section import compared_with, identified_row
 from hydro_ident.report.verdict_words import (
     error_line,
     free_run_line,
@@ -52,23 +52,25 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
 
 
 def _differs(known: Sequence[Parameter], found: Identification) -> list[str]:
-    """Parameters whose interval leaves the datasheet's value out, largest change first."""
+    """Parameters whose interval leaves the given value out, largest change first."""
     if found.verdict == NOT_ENOUGH:
         return ["Not known."]
+    given = compared_with(found.given)
     compared = [p for p in known if p.datasheet and p.ci95 is not None]
     off = [p for p in compared if not _inside(p)]
     if not off:
-        return [f"None of {len(compared)} parameters differs from the datasheet."]
+        return [f"None of {len(compared)} parameters differs from the {given}."]
     off.sort(key=lambda p: -abs(_change(p)))
     lines = [
-        f"{len(off)} of {len(compared)} parameters differ from the datasheet by more than their"
+        f"{len(off)} of {len(compared)} parameters differ from the {given} by more than their"
         " intervals, most of all:"
     ]
     for p in off[:_NAMED]:
-        unit = unit_text(p.unit)
+        told = also((p.value, p.datasheet), p.unit, " instead of ")
+        change = ", ".join(filter(None, (told, percent(_change(p), sign="+"))))
         lines.append(
             f"{plain(p.name)}: {number(p.value, 3)} instead of"
-            f" {number(p.datasheet, 3)} {unit} ({percent(_change(p), sign='+')})"
+            f" {number(p.datasheet, 3)} {unit_text(p.unit)} ({change})"
         )
     return lines
 

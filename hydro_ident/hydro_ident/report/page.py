@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from hydro_ident.everyday_units import beside
+
 _ASSETS = Path(__file__).parent / "assets"
 #: Numbers below ten to this power are written without one.
 _PLAIN = 6
@@ -175,6 +177,7 @@ _AS_TYPED = (
     (re.compile(r"\^2\b"), "²"),
     (re.compile(r"\^3\b"), "³"),
     (re.compile(r"\bsqrt\(Pa\)"), "√Pa"),
+    (re.compile(r"(?<=\d) deg\b(?! C)"), "°"),
 )
 
 
@@ -183,6 +186,15 @@ def written(text: str) -> str:
     for typed, read in _AS_TYPED:
         text = typed.sub(read, text)
     return text
+
+
+def also(values: Sequence[float | None], unit: str, between: str = " … ") -> str:
+    """Numbers in the unit that people use beside SI; empty where that is SI, or of none.
+
+    `values` are in the SI unit `unit`, and `between` stands between two of them.
+    """
+    known = [value for value in values if value is not None]
+    return written(beside(known, unit, between)) if known else ""
 
 
 def _marked(text: str) -> str:

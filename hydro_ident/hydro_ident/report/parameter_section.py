@@ -1,4 +1,4 @@
-"""Parameters with unit, value, interval, datasheet value and change."""
+"""Parameters with unit, value, interval, what they are compared with and change."""
 
 from __future__ import annotations
 
@@ -8,13 +8,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.bounds import effect_bounds
+from hydro_ident.everyday_units import everyday, rounded
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_ident.report.figure import Figure, unit_text
-from hydro_ident.report.page import Row, folded, number, percent, table
+from hydro_ident.report.page import Row, also, folded, number, paragraph, percent, table
 from hydro_ident.report.palette import joint_colour
 from hydro_model.robot import Robot
 
-_HEAD = ("parameter", "value", "95 % interval", "unit", "datasheet", "change")
+#: The heading of what is compared with stands between these.
+_HEAD, _LAST = ("parameter", "value", "95 % interval", "unit"), "change"
+DATASHEET, EARLIER = "datasheet", "earlier model"
+#: What names of parameters end with, and what that means.
+_SIGNS = (
+    (
+        ("mcx", "mcy", "mcz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+        "mcx, mcy, mcz: first moments, the mass times the coordinates of its centre (m·c), in the"
+        " joint's frame; ixx … izz: inertias about that frame's origin (of barrels and rods: along"
+        " their line, about their pin).",
+    ),
+    (
+        ("c_pa", "c_at", "c_pb", "c_bt"),
+        "c_pa, c_at, c_pb, c_bt: gains of a valve's edges, supply to A, A to tank, supply to B and"
+        " B to tank; in l/min: the flow at full opening and a pressure drop of 35 bar over the"
+        " edge.",
+    ),
+)
 #: Intervals wider than this share of the value are not drawn: they would squeeze the others.
 _DRAWN = 2.0
 #: Parameters that no machine has below zero, beside those of the catalogue's effects.
@@ -35,6 +53,7 @@ class ParameterRow:
     interval : pair of float or None
     unit : str
     datasheet : float or None
+        The given robot's value, where it has one: a datasheet's, or an earlier model's.
     below : str
         What it stands for, or why it is greyed.
     off : bool
@@ -54,10 +73,27 @@ class ParameterRow:
 
     @property
     def change(self) -> float | None:
-        """From the datasheet, as a share of it."""
+        """From `datasheet`, as a share of it."""
         if not self.datasheet:
             return None
         return (self.value - self.datasheet) / abs(self.datasheet)
+
+
+def compared_with(robot: Robot) -> str:
+    """What a robot's own numbers are: the datasheet's, or an earlier model's.
+
+    Parameters
+    ----------
+    robot : Robot
+        As given. A model file brings base parameters or deviations with it.
+    """
+    return EARLIER if robot.base_parameters or robot.standard_deviations else DATASHEET
+
+
+def signs(rows: Sequence[ParameterRow]) -> str:
+    """What the short names of parameters stand for, as far as they are there."""
+    last = {p.name.rsplit(".", 1)[-1] for p in rows}
+    return paragraph(" ".join(text for names, text in _SIGNS if last.intersection(names)))
 
 
 def owners(robot: Robot) -> Mapping[str, str]:
@@ -136,27 +172,57 @@ def _least(name: str) -> float:
     return effect_bounds(name).lower if len(owner) == _EFFECTS else -np.inf
 
 
-def parameter_table(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
-    """The table, what is not determined greyed."""
+def parameter_table(
+    rows: Sequence[ParameterRow], joints: Sequence[str], given: str = DATASHEET
+) -> str:
+    """The table, what is not determined greyed.
+
+    Parameters
+    ----------
+    rows : sequence of ParameterRow
+    joints : sequence of str
+        Of the robot, for the colours.
+    given : str
+        What the values that are compared with are of.
+
+    Returns
+    -------
+    str
+        Empty without rows.
+    """
     cells = []
     for p in rows:
         interval = "–"
         if p.interval is not None:
             interval = " … ".join(number(bound, 5) for bound in p.interval)
-        given = number(p.datasheet, 5)
         change = "–" if p.off or p.change is None else _change(p.change)
-        texts = (p.name, number(p.value, 5), interval, unit_text(p.unit), given, change)
+        unit, old = unit_text(p.unit), number(p.datasheet, 5)
+        texts = (p.name, number(p.value, 5), interval, unit, old, change)
         dot = joint_colour(joints, p.joint) if p.joint else ""
-        cells.append(Row(texts, p.below, dot, p.off))
-    return table(_HEAD, cells, stacked=True) if cells else ""
+        below = "; ".join(filter(None, (_as_people_tell(p, given), p.below)))
+        cells.append(Row(texts, below, dot, p.off))
+    return table((*_HEAD, given, _LAST), cells, stacked=True) if cells else ""
+
+
+def _as_people_tell(p: ParameterRow, given: str) -> str:
+    """Value and what it is compared with, in another unit where people use one."""
+    told, unit = also((p.value,), p.unit), everyday(p.unit)
+    if unit is None or not p.datasheet:
+        return told
+    return f"{told} ({given} {rounded(unit[1] * p.datasheet)})"
 
 
 def _change(change: float) -> str:
     return percent(change, 0 if abs(change) >= 1.0 else 1, "+")
 
 
-def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
-    """Changes from the datasheet with their intervals; empty where there are none."""
+def change_figure(
+    rows: Sequence[ParameterRow], joints: Sequence[str], given: str = DATASHEET
+) -> str:
+    """Changes with their intervals; empty where there are none.
+
+    Arguments are those of `parameter_table`.
+    """
     shown = [p for p in rows if not p.off and p.interval is not None and _span(p) < _DRAWN]
     if not shown:
         return ""
@@ -165,8 +231,8 @@ def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
         own = [p for p in shown if p.joint == joint]
         change = np.array([100.0 * (p.change or 0.0) for p in own])
         ends = np.array([p.interval or (p.value, p.value) for p in own])
-        given = np.array([p.datasheet or 1.0 for p in own])
-        low, high = (100.0 * (ends[:, k] - given) / np.abs(given) for k in (0, 1))
+        old = np.array([p.datasheet or 1.0 for p in own])
+        low, high = (100.0 * (ends[:, k] - old) / np.abs(old) for k in (0, 1))
         colour = joint_colour(joints, joint)
         error = {
             "type": "data",
@@ -188,7 +254,7 @@ def change_figure(rows: Sequence[ParameterRow], joints: Sequence[str]) -> str:
             }
         )
     layout = {"xaxis": {"zeroline": True}}
-    title = "Change from the datasheet, with 95 % intervals"
+    title = f"Change from the {given}, with 95 % intervals"
     # From what is in the figure's title: below names there is little room on a narrow screen.
     figure = Figure(title, "change in %", ("parameter (name)",), traces, layout, rows=len(shown))
     return folded("Changes as a figure", figure.html()) if len(shown) > 1 else ""

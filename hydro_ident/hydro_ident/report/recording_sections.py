@@ -10,6 +10,7 @@ from hydro_ident.report.figure import Figure, axis_title, path, unit_text
 from hydro_ident.report.page import (
     Row,
     Section,
+    also,
     bullets,
     folded,
     number,
@@ -80,7 +81,8 @@ def _ranges(ranges: Sequence[Range], joints: Sequence[str]) -> str:
             unit_text(one.unit),
             *(number(v) for v in (one.low, one.high, one.mean)),
         )
-        rows.append(Row(cells, dot=dot))
+        below = [also((one.low, one.high), one.unit), also((one.mean,), one.unit)]
+        rows.append(Row(cells, ", mean ".join(filter(None, below)), dot))
     return table(("signal", "unit", "lowest", "highest", "mean"), rows)
 
 
@@ -104,7 +106,7 @@ def excitation_section(
         " range, slowly and fast, and turns round often."
     )
     rows = [
-        Row(_motion_cells(r, m), dot=joint_colour(joints, m.joint))
+        Row(_motion_cells(r, m), _in_degrees(m), joint_colour(joints, m.joint))
         for r in recordings
         for m in r.motion
     ]
@@ -132,6 +134,11 @@ def _motion_cells(r: RecordingSummary, m: JointMotion) -> tuple[str, ...]:
         m.joint, r.name, number(m.low, 3), number(m.high, 3), travel,
         number(m.speed, 3), speed, percent(m.moving_share), str(m.reversals),
     )  # fmt: skip
+
+
+def _in_degrees(m: JointMotion) -> str:
+    told = also((m.low, m.high), m.unit), also((m.speed,), f"{m.unit}/s")
+    return ", ".join(filter(None, told))
 
 
 def _covered(recordings: Sequence[RecordingSummary], joints: Sequence[str]) -> list[str]:
