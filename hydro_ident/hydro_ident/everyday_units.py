@@ -61,6 +61,15 @@ def beside(values: Sequence[float], unit: str, between: str = " to ") -> str:
     return f"{between.join(rounded(told[1] * value) for value in values)} {told[0]}"
 
 
+def bracketed(values: Sequence[float], unit: str, between: str = " to ") -> str:
+    """As `beside`, in brackets behind a blank; empty where that is.
+
+    Arguments are those of `beside`.
+    """
+    text = beside(values, unit, between)
+    return f" ({text})" if text else ""
+
+
 def rounded(value: float) -> str:
     """Three digits of a number, whole ones of a large one.
 

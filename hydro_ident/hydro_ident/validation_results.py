@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from hydro_ident.compare import Comparison, JointTest
+from hydro_ident.everyday_units import bracketed
 from hydro_ident.free_run import FreeRun
 from hydro_ident.significance import (
     CHANGED,
@@ -147,5 +148,9 @@ def rollout_lines(run: FreeRun | None) -> list[str]:
                     f"{'rejected':>10}" if v is None else f"{v:10.4g} {joint.unit}"
                     for v in (before, after)
                 ]
-                lines.append(f"  {joint.joint + ' ' + what:14} RMSE {sizes[0]} -> {sizes[1]}")
+                known = [v for v in (before, after) if v is not None]
+                told = bracketed(known, joint.unit, " -> ")
+                lines.append(
+                    f"  {joint.joint + ' ' + what:14} RMSE {sizes[0]} -> {sizes[1]}{told}"
+                )
     return lines

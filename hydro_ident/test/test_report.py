@@ -18,6 +18,7 @@ import pytest
 
 from hydro_ident.bag.grid import find_gaps
 from hydro_ident.bag.recording import Recording
+from hydro_ident.commands.identify import summary_text
 from hydro_ident.identification import Identification, identify
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.report.figure import Figure
@@ -269,6 +270,21 @@ def test_the_strip_tells_pressures_in_bar(found: Identification) -> None:
     rest = [replace(p, datasheet=None) for p in found.parameters if p is not bulk]
     text = read(report_html(replace(found, parameters=(changed, *rest)), ORIGIN)).text
     assert "6e8 instead of 1.2e9 Pa (6000 instead of 12000 bar, -50 %)" in text
+
+
+def test_the_terminal_tells_valves_in_litres_per_minute_beside_si(found: Identification) -> None:
+    lines = summary_text(found).splitlines()
+    edge = next(p for p in found.parameters if p.name == "lift_valve.c_pa")
+    (line,) = [one for one in lines if one.startswith("  lift_valve.c_pa ")]
+    assert f"{edge.value:.5g}" in line
+    flow = 6e4 * 35e5**0.5 * edge.value
+    assert f" = {flow:.3g} l/min at 35 bar per edge" in line
+    (line,) = [one for one in lines if one.startswith("  lift_cylinder.bulk_modulus ")]
+    assert re.search(r" Pa = \d+ bar  \(given ", line)
+    (line,) = [one for one in lines if one.startswith("  lift free run ")]
+    assert re.search(r" rad \([\d.e-]+ -> [\d.e-]+ deg\)$", line)
+    (line,) = [one for one in lines if one.startswith("  lift/flow_a ")]
+    assert re.search(r" m\^3/s \([\d.e-]+ -> [\d.e-]+ l/min\), fit ", line)
 
 
 def test_a_joint_has_one_colour_everywhere(found: Identification, report: str) -> None:

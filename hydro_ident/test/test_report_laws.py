@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch import residuals
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import diagnose
@@ -15,9 +17,15 @@ from hydro_ident.mismatch.diagnosis_file import as_modelled
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.outcome import UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.unknown import NotTestable, Unexplained
+from hydro_ident.report.diagnosis_report import report_html
+from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views
 from hydro_ident.report.law_section import LawView
+from hydro_ident.report.model_parameters import finding_rows
+from hydro_ident.report.page import number
+from hydro_ident.report.parameter_section import ParameterRow, beside_bound
+from hydro_ident.results import Provenance
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
@@ -88,16 +96,94 @@ def test_what_the_base_swallows_of_a_law_is_not_drawn(
     assert more.law == pytest.approx(alone.law, abs=1e-2 * rms(alone.law))
 
 
-def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_on(
-    make_run: tuple[Callable[..., Robot], Callable[..., object]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Long recordings are searched in parts: of fewer rows than are fitted in the end."""
-    monkeypatch.setattr(residuals, "LONGEST_SCAN_S", 20.0)
+@pytest.fixture(scope="module")
+def bristling(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> Diagnosis:
+    """Friction whose bristles bend so little that it bears Coulomb's name.
+
+    Long recordings are searched in parts: of fewer rows than are fitted in the end.
+    """
     true_crane, simulated_run = make_run
     bristle = EffectSpec("presliding_friction", "lift_cylinder", {"force": 3e3, "distance": 4e-5})
     truth = replace(true_crane(), effects=(bristle,))
     bags = [simulated_run(truth, seconds, seed=s).recording(n) for n, seconds, s in RUNS]
-    found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(residuals, "LONGEST_SCAN_S", 20.0)
+        return diagnose(load_robot("xs031"), bags[:1], bags[1:])
+
+
+def test_a_law_that_bears_another_ones_name_is_told_as_what_the_model_has(
+    bristling: Diagnosis,
+) -> None:
+    (one,) = bristling.findings
+    assert (one.named.names[0], one.named.term.effect.name) == (
+        "coulomb_friction", "presliding_friction",
+    )  # fmt: skip
+    cards = dict(diagnosis_verdict(bristling, []).cards)
+    (left_out,) = cards["What was left out"]
+    assert re.fullmatch(
+        r"lift cylinder: Coulomb friction( or presliding friction)? \(force \S+ N\), modelled as"
+        r" presliding friction\.", left_out,
+    )  # fmt: skip
+    assert "), modelled as presliding_friction, in lift/force" in summary_text(bristling)
+    page = report_html(bristling, Provenance("diagnose", "1", "r", {}, {}).as_dict())
+    assert "<td>law in model.yaml</td><td>presliding friction</td>" in re.sub(
+        " class=.text.|<wbr>", "", page
+    )
+
+
+def test_a_law_of_the_model_is_not_among_what_could_not_have_shown(bristling: Diagnosis) -> None:
+    names = ("presliding_friction", "backlash", "supply_droop")
+    missed = tuple(NotTestable(name, "nothing changes with it") for name in names)
+    listed = replace(bristling.given, effects=(EffectSpec("backlash", "tilt", {"gap": 1e-3}),))
+    said = replace(bristling, not_testable=missed, given=listed)
+    sure = " ".join(dict(diagnosis_verdict(said, []).cards)["How sure"])
+    assert "Could not have shown in these recordings: supply droop." in sure
+    page = report_html(said, Provenance("diagnose", "1", "r", {}, {}).as_dict())
+    table = page.partition("could not have shown</h3>")[2].partition("</table>")[0]
+    assert len(re.findall("<tr>", table)) == 2
+    only = replace(said, not_testable=missed[:1])
+    assert "could not have shown" not in report_html(
+        only, Provenance("diagnose", "1", "r", {}, {}).as_dict()
+    )
+    assert "To test what could not show" not in " ".join(
+        dict(diagnosis_verdict(only, []).cards)["What to do next"]
+    )
+
+
+def test_a_number_of_a_law_that_is_not_modelled_is_not_said_to_be_in_the_model(
+    bristling: Diagnosis,
+) -> None:
+    (one,) = bristling.findings
+    loose = ParameterRow("x: force", 10.0, (-5.0, 25.0), "N", None, "", False, "lift")
+    name = "lift_cylinder.coulomb_friction.force"
+    assert "the value found is in the model" in beside_bound(loose, name).below
+    assert "in the model" not in beside_bound(loose, name, used=False).below
+    other = next(c for c in one.named.tried if c.term.effect.name == "coulomb_friction")
+    named = replace(one.named, contenders=(other, *one.named.contenders), probability=(0.5, 0.5))
+    for row in finding_rows(bristling, replace(one, named=named), {}):
+        assert "the value found is in the model" not in row.below
+
+
+def test_held_out_errors_of_a_finding_say_of_what_they_are(bristling: Diagnosis) -> None:
+    page = report_html(bristling, Provenance("diagnose", "1", "r", {}, {}).as_dict())
+    (one,) = bristling.findings
+    before, after = (
+        side["lift/force"] for side in (one.verification.before, one.verification.after)
+    )
+    said = re.sub("<[^>]+>", "|", page)
+    assert "held-out error in motion, with every other finding in the model" in said
+    assert f"{number(before)} N without it, {number(after)} N with it" in said
+    lines = summary_text(bristling).splitlines()
+    (own,) = [line for line in lines if "held-out RMSE in motion" in line]
+    assert own.endswith(f"{before:.4g} -> {after:.4g} N with it")
+    (head,) = [k for k, line in enumerate(lines) if line.startswith("all held-out rows")]
+    assert lines[head + 1].startswith("  lift/force     RMSE")
+
+
+def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_on(
+    bristling: Diagnosis,
+) -> None:
+    found = bristling
     assert found.work is not None
     assert found.work.scan.mask.size < found.work.training.mask.size
     (one,) = found.findings

@@ -15,7 +15,7 @@ from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.mismatch.outcome import Diagnosis
+    from hydro_ident.mismatch.outcome import Diagnosis, Finding
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -181,40 +181,62 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
 
 def summary_text(found: Diagnosis) -> str:
     """The result as lines for the terminal."""
+    from hydro_ident.everyday_units import bracketed, told
     from hydro_ident.mismatch.describe import each_form, form_text
-    from hydro_ident.mismatch.diagnosis_file import channel_dict, finding_dict
+    from hydro_ident.mismatch.diagnosis_file import channel_dict
     from hydro_ident.validation_results import rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
     lines += [f"problem: {text}" for text in found.problems]
     lines += [f"lost: {loss.bag}: {loss.channel}: {loss.reason}" for loss in found.losses]
     for one in found.findings:
-        data = finding_dict(found, one)
-        pairs = zip(data["names"], data["probability"], strict=True)
-        names = " or ".join(f"{name} ({share:.0%})" for name, share in pairs)
-        lines.append(f"found in {data['channel']}: {names}, {data['where']['text']}")
-        for p in data["parameters"]:
-            std = "" if p["std"] is None else f" +- {p['std']:.3g}"
-            lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}")
-        before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
-        if data["heldout_exercised"]:
-            lines.append(f"    held-out RMSE {before:.4g} -> {after:.4g} with it")
-        else:
-            lines.append("    the rows to verify on do not exercise it")
-        if len(data["names"]) > 1:
-            lines.append(f"    to tell them apart: {data['separating_experiment']}")
+        lines += _finding_lines(found, one)
     for unknown in found.unexplained:
-        lines.append(f"unexplained: {unknown.text}")
+        lines.append(f"unexplained: {told(unknown.text)}")
         lines += [f"    a form of it: {form_text(form)}" for form in each_form(unknown.form)]
+    if found.channels:
+        lines.append("all held-out rows, without any finding -> with all of them:")
     for channel in found.channels:
         s = channel_dict(channel)
+        before, after = float(s["rmse_before"]), float(s["rmse_after"])
+        more = bracketed((before, after), channel.unit, " -> ")
         lines.append(
-            f"  {channel.name:14} RMSE {s['rmse_before']:10.4g} -> {s['rmse_after']:10.4g}"
-            f" {channel.unit}, noise alone {s['noise_floor']:.3g}"
+            f"  {channel.name:14} RMSE {before:10.4g} -> {after:10.4g}"
+            f" {channel.unit}{more}, noise alone {s['noise_floor']:.3g}"
         )
     lines += rollout_lines(found.free_run)
     lines += [f"note: {text}" for text in found.notes]
     return "\n".join(lines)
+
+
+def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
+    """A finding: its names, the law in the model, its numbers and what held-out rows say."""
+    from hydro_ident.everyday_units import bracketed, told
+    from hydro_ident.mismatch.diagnosis_file import finding_dict
+    from hydro_ident.report.found_words import law_in_model
+
+    data = finding_dict(found, one)
+    pairs = zip(data["names"], data["probability"], strict=True)
+    names = " or ".join(f"{name} ({share:.0%})" for name, share in pairs)
+    law = law_in_model(data)
+    names += f", modelled as {law}" if law else ""
+    lines = [f"found in {data['channel']}: {names}, {told(data['where']['text'])}"]
+    for p in data["parameters"]:
+        std = "" if p["std"] is None else f" +- {p['std']:.3g}"
+        more = bracketed((p["value"],), p["unit"])
+        lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}")
+    before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
+    units = {channel.name: channel.unit for channel in found.channels}
+    if data["heldout_exercised"]:
+        lines.append(
+            "    held-out RMSE in motion, with every other finding in the model:"
+            f" {before:.4g} -> {after:.4g} {units.get(data['channel'], '')} with it"
+        )
+    else:
+        lines.append("    the rows to verify on do not exercise it")
+    if len(data["names"]) > 1:
+        lines.append(f"    to tell them apart: {data['separating_experiment']}")
+    return lines
 
 
 def main() -> int:

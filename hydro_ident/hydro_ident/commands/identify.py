@@ -279,6 +279,7 @@ def summary_text(found: Identification) -> str:
 
 
 def _parameter_lines(found: Identification) -> list[str]:
+    from hydro_ident.everyday_units import beside
     from hydro_ident.parameters import student_95
 
     names = [_short(p) for p in found.parameters]
@@ -286,14 +287,17 @@ def _parameter_lines(found: Identification) -> list[str]:
     lines = ["parameters, +- half the 95 % interval:"] if names else []
     for name, p in zip(names, found.parameters, strict=True):
         given = "" if p.datasheet is None else f"  (given {p.datasheet:.5g})"
+        told = beside((p.value,), p.unit)
+        told = f" = {told}" if told else ""
         rest = "  HELD" if p.held else "  NOT USED" if p.reason else "  NOT DETERMINED"
         mark = "" if p.identifiable else rest
         error = "" if p.held else f" +- {student_95(p.dof) * p.std:9.3g}"
-        lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{given}{mark}")
+        lines.append(f"  {name:{width}}  {p.value:12.5g}{error} {p.unit}{told}{given}{mark}")
     return lines
 
 
 def _channel_lines(found: Identification) -> list[str]:
+    from hydro_ident.everyday_units import bracketed
     from hydro_ident.rejection import rejected_channels
 
     rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
@@ -301,9 +305,12 @@ def _channel_lines(found: Identification) -> list[str]:
     for channel in found.channels:
         s = channel.summary()
         mark = "  REJECTED, not in model.yaml" if channel.name in rejected else ""
+        before, after = float(s["rmse_before"]), float(s["rmse_after"])
+        more = bracketed((before, after), channel.unit, " -> ")
         lines.append(
-            f"  {channel.name:14} RMSE {s['rmse_before']:10.4g} -> {s['rmse_after']:10.4g}"
-            f" {channel.unit}, fit {s['fit_before_pct']:6.1f} -> {s['fit_after_pct']:5.1f} %{mark}"
+            f"  {channel.name:14} RMSE {before:10.4g} -> {after:10.4g}"
+            f" {channel.unit}{more}, fit {s['fit_before_pct']:6.1f} ->"
+            f" {s['fit_after_pct']:5.1f} %{mark}"
         )
     return lines
 

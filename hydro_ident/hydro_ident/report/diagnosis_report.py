@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis, Finding
 from hydro_ident.report.correlation_section import correlation_section
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import diagnosis_rows, law_views
 from hydro_ident.report.figure import unit_text
+from hydro_ident.report.found_words import law_in_model, not_shown
 from hydro_ident.report.free_run_section import free_run_section
 from hydro_ident.report.law_section import law_section
 from hydro_ident.report.model_parameters import finding_rows, model_rows
@@ -23,6 +25,7 @@ from hydro_ident.report.page import (
     paragraph,
     percent,
     table,
+    written,
 )
 from hydro_ident.report.parameter_section import (
     change_figure,
@@ -38,6 +41,7 @@ from hydro_ident.report.recording_sections import (
     excitation_section,
     health_section,
 )
+from hydro_ident.report.unnamed_words import unnamed_part
 from hydro_ident.report.verdict_words import plain
 
 _LABELS = (
@@ -67,7 +71,7 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
     """
     joints = found.given.joint_names
     held_out, fitted = diagnosis_rows(found)
-    missed = [(n.name, n.why) for n in found.not_testable]
+    missed = [(n.name, n.why) for n in not_shown(found)]
     sections = [
         health_section(found.recordings, found.losses, joints),
         excitation_section(found.recordings, joints, missed),
@@ -97,6 +101,7 @@ def _parameters(found: Diagnosis) -> Section:
         body += "".join(_finding(found, one) for one in found.findings)
     else:
         body += paragraph("No finding: no parameters beyond the model's own.")
+    body += unnamed_part(found)
     rows = model_rows(found, owner)
     if rows:
         given = compared_with(found.given)
@@ -105,17 +110,25 @@ def _parameters(found: Diagnosis) -> Section:
     return Section("parameters", "Parameters", lead, body)
 
 
+def _held_out_errors(found: Diagnosis, data: Mapping[str, Any]) -> str:
+    units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
+    unit = unit_text(units.get(data["channel"], ""))
+    sides = (("heldout_rmse_before", "without it"), ("heldout_rmse_after", "with it"))
+    return ", ".join(f"{number(data[key])} {unit} {what}" for key, what in sides)
+
+
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
     names = " or ".join(f"{plain(name)} ({percent(share)})" for name, share in pairs)
     rows = [
-        ("shows", unit_text(data["where"]["text"])),
+        ("shows", written(told(data["where"]["text"]))),
         ("also in", ", ".join(data["also"]) or "–"),
         ("law", data["equation"]),
+        *([("law in model.yaml", plain(law_in_model(data)))] if law_in_model(data) else []),
         (
-            "held-out error without and with it",
-            f"{number(data['heldout_rmse_before'])} and {number(data['heldout_rmse_after'])}"
+            "held-out error in motion, with every other finding in the model",
+            _held_out_errors(found, data)
             if data["heldout_exercised"]
             else "these rows do not exercise it",
         ),

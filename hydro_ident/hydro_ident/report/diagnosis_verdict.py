@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hydro_ident.mismatch.describe import each_form, form_text
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import (
     EXPLAINED,
@@ -19,7 +18,9 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import Verdict, number, percent
+from hydro_ident.report.found_words import law_in_model, not_shown
+from hydro_ident.report.page import Verdict, also, number, percent
+from hydro_ident.report.unnamed_words import in_words
 from hydro_ident.report.verdict_words import (
     NEAR_NOISE,
     error_line,
@@ -49,6 +50,9 @@ _HEADLINES = {
     ),
     NOT_ENOUGH: ("bad", "These recordings are not enough to say anything."),
 }
+_ERRORS = (
+    "Before anything is added to the model, by the root mean square error over all held-out rows:"
+)
 #: Probability below which a name alone is not enough.
 _SURE = 0.9
 #: Channels whose error is told.
@@ -79,17 +83,40 @@ def _differs(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
         for name, (_, before, noise) in sizes.items()
         if noise > 0.0 and before > NEAR_NOISE * noise
     }
+    if not off:
+        return [_hardly_off(found, held_out)]
     worst = sorted(off, key=lambda name: -off[name])
-    lines = [
-        f"{name}: before anything is added, off by {number(sizes[name][1], 3)}"
-        f" {unit_text(sizes[name][0].unit)}, {off[name]:.0f} times sensor noise alone."
+    lines = [_ERRORS]
+    lines += [
+        f"{name} is off by {_with_unit(sizes[name][1], sizes[name][0].unit)},"
+        f" {off[name]:.0f} times sensor noise alone."
         for name in worst[:_WORST]
     ]
-    if not lines:
-        return ["Nothing beyond what sensor noise leaves."]
     if len(worst) > _WORST:
         lines.append(f"{shortened(worst[_WORST:])}: off by less.")
     return lines
+
+
+def _hardly_off(found: Diagnosis, held_out: Sequence[ChannelRows]) -> str:
+    """What is said where no channel is far off: something may be missing all the same."""
+    ratios = {
+        c.name: c.value("rmse_before") / c.value("noise_floor")
+        for c in held_out
+        if c.value("noise_floor") > 0.0
+    }
+    if found.verdict in (MATCHES, NO_IMPROVEMENT) or not ratios:
+        return "Nothing beyond what sensor noise leaves."
+    name = max(ratios, key=lambda k: ratios[k])
+    return (
+        f"No channel is off by more than {NEAR_NOISE:g} times sensor noise (at most"
+        f" {ratios[name]:.1f} times, {name}), but what is left still follows a pattern: see what"
+        " was left out."
+    )
+
+
+def _with_unit(value: float, unit: str) -> str:
+    beside = also((value,), unit)
+    return f"{number(value, 3)} {unit_text(unit)}{f' ({beside})' if beside else ''}"
 
 
 def _causes(found: Diagnosis) -> list[str]:
@@ -98,7 +125,9 @@ def _causes(found: Diagnosis) -> list[str]:
     for one in found.findings:
         data = finding_dict(found, one)
         names = " or ".join(plain(name) for name in data["names"])
-        by_target.setdefault(plain(data["target"]), []).append(f"{names}{_size(data)}")
+        law = law_in_model(data)
+        law = f", modelled as {plain(law)}" if law else ""
+        by_target.setdefault(plain(data["target"]), []).append(f"{names}{_size(data)}{law}")
     return [f"{target}: {'; '.join(causes)}." for target, causes in by_target.items()]
 
 
@@ -107,23 +136,17 @@ def _size(data: dict[str, Any]) -> str:
     if not data["parameters"]:
         return ""
     first = data["parameters"][0]
-    unit = "" if first["unit"] in ("", "1") else f" {unit_text(first['unit'])}"
-    what = plain(first["name"].split(".")[-1])
-    return f" ({what} {number(first['value'], 3)}{unit})"
+    what, value = plain(first["name"].split(".")[-1]), number(first["value"], 3)
+    if first["unit"] in ("", "1"):
+        return f" ({what} {value})"
+    beside = also((first["value"],), first["unit"])
+    return f" ({what} {value} {unit_text(first['unit'])}{f', {beside}' if beside else ''})"
 
 
 def _left_out(found: Diagnosis) -> list[str]:
     lines = _causes(found)
-    lines += [
-        f"{percent(one.share)} of what is left in {one.channel} follows the"
-        f" {plain(one.dependence.variable)}; no effect of the catalogue stands for it."
-        for one in found.unexplained
-    ]
-    lines += [
-        f"{one.channel}, as a formula that held-out rows confirm: {form_text(form)}."
-        for one in found.unexplained
-        for form in each_form(one.form)
-    ]
+    units = {channel.name: channel.unit for channel in found.channels}
+    lines += [in_words(one, units.get(one.channel, "")) for one in found.unexplained]
     if found.rejected:
         names = [plain(f.named.names[0]) for f in found.rejected]
         lines.append(f"Tried and not confirmed on held-out rows: {shortened(names)}.")
@@ -146,8 +169,8 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
     lines += loss_line(found.losses)
-    if found.not_testable:
-        names = [plain(n.name) for n in found.not_testable]
+    names = [plain(n.name) for n in not_shown(found)]
+    if names:
         lines.append(f"Could not have shown in these recordings: {shortened(names)}.")
     return lines or ["Not at all."]
 
@@ -202,7 +225,7 @@ def _next(found: Diagnosis) -> list[str]:
         )
     if found.verdict in (MATCHES, NO_IMPROVEMENT):
         lines.append("Keep the model.")
-    if found.not_testable:
+    if not_shown(found):
         lines.append(
             "To test what could not show, record a designed experiment (`excite`); for payload,"
             " offsets and tilt, diagnose an identified model with `--fixed-base`."

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.fitting import Fitted
@@ -17,7 +18,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factors_of, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
-from hydro_ident.report.figure import axis_title, unit_text
+from hydro_ident.report.figure import axis_title
 from hydro_ident.report.law_section import LawView
 from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import FloatArray, Robot
@@ -68,7 +69,7 @@ def law_views(found: Diagnosis) -> list[LawView]:
         return []
     views = [_finding_view(found, found.work, one) for one in found.findings]
     views += [
-        _dependence_view(found.work.training, found.whole, one.dependence, unit_text(one.text))
+        _dependence_view(found.work.training, found.whole, one.dependence, told(one.text))
         for one in found.unexplained
     ]
     if views:
@@ -104,7 +105,7 @@ def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
     left = fitted.residual[own] - fitted.columns[own] @ fitted.bench.solve()
     return LawView(
         title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
-        note=f"{data['equation']}; {unit_text(data['where']['text'])}",
+        note=f"{data['equation']}; {told(data['where']['text'])}",
         joint=data["channel"].split("/")[0],
         x_title=x_title,
         y_title=axis_title(f"{data['channel']}, error", predictor.material.units[channel]),

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_ident.report.page import written
 from hydro_ident.report.palette import BAND
 from hydro_model.robot import FloatArray
 
@@ -39,8 +40,8 @@ def axis_title(name: str, unit: str) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit as people write it."""
-    for plain, written in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C")):
-        unit = unit.replace(plain, written)
+    for typed, read in (("^2", "²"), ("^3", "³"), ("sqrt(Pa)", "√Pa"), ("degC", "°C")):
+        unit = unit.replace(typed, read)
     return "–" if unit in ("", "1", "-") else unit
 
 
@@ -97,7 +98,7 @@ class Figure:
     def html(self) -> str:
         """The figure element; its data stand beside it as JSON."""
         data = json.dumps(self.as_dict(), separators=(",", ":"), allow_nan=False)
-        note = f"<small>{escape(self.note)}</small>" if self.note else ""
+        note = f"<small>{escape(written(self.note))}</small>" if self.note else ""
         height = _FRAME + (_LINE * self.rows or round(_PANEL * self.tall) * len(self.panels))
         return (
             f"<figure><figcaption>{escape(self.title)}{note}</figcaption>"

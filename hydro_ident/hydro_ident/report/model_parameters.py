@@ -9,6 +9,7 @@ import numpy as np
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis, Finding
 from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
+from hydro_ident.report.found_words import law_in_model
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
@@ -29,10 +30,13 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         if std is not None:
             interval = p["value"] - NORMAL_95 * std, p["value"] + NORMAL_95 * std
         below = f"{plain(data['target'])}; {data['equation']}"
+        law = law_in_model(data)
+        used = not law or p["name"].startswith(f"{law}.")
+        below += "" if used else f"; modelled as {plain(law)}"
         below += "" if std is not None else "; not fitted: at the value it was weighed with"
         name = plain(p["name"])
         row = ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
-        rows.append(beside_bound(row, f"{data['target']}.{p['name']}"))
+        rows.append(beside_bound(row, f"{data['target']}.{p['name']}", used=used))
     return rows
 
 

@@ -144,7 +144,7 @@ def _determined(row: ParameterRow) -> ParameterRow:
     return replace(row, below=f"{row.below}; {_WIDE}" if row.below else _WIDE, off=True)
 
 
-def beside_bound(row: ParameterRow, name: str) -> ParameterRow:
+def beside_bound(row: ParameterRow, name: str, *, used: bool = True) -> ParameterRow:
     """A row, greyed where its interval holds the least value that is possible.
 
     Parameters
@@ -152,15 +152,15 @@ def beside_bound(row: ParameterRow, name: str) -> ParameterRow:
     row : ParameterRow
     name : str
         Of the parameter, as the result file has it.
+    used : bool
+        The model has the value.
     """
     least = _least(name)
     if row.off or row.interval is None or least < 0.0 or row.interval[0] > least:
         return row
     unit = "" if row.unit in ("", "1") else f" {row.unit}"
-    why = (
-        f"not told from its bound {number(least)}{unit}, which its interval reaches; the value"
-        " found is in the model"
-    )
+    why = f"not told from its bound {number(least)}{unit}, which its interval reaches"
+    why += "; the value found is in the model" if used else ""
     return replace(row, below=f"{row.below}; {why}" if row.below else why, off=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from hydro_ident.everyday_units import everyday, rounded
 from hydro_ident.inspection import Range
 from hydro_ident.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.report.figure import Figure, axis_title, path, unit_text
@@ -81,9 +82,16 @@ def _ranges(ranges: Sequence[Range], joints: Sequence[str]) -> str:
             unit_text(one.unit),
             *(number(v) for v in (one.low, one.high, one.mean)),
         )
-        below = [also((one.low, one.high), one.unit), also((one.mean,), one.unit)]
-        rows.append(Row(cells, ", mean ".join(filter(None, below)), dot))
+        rows.append(Row(cells, _as_people_tell(one), dot))
     return table(("signal", "unit", "lowest", "highest", "mean"), rows)
+
+
+def _as_people_tell(one: Range) -> str:
+    told = everyday(one.unit)
+    if told is None:
+        return ""
+    low, high, mean = (rounded(told[1] * value) for value in (one.low, one.high, one.mean))
+    return f"{low} … {high}, mean {mean} {told[0]}"
 
 
 def excitation_section(

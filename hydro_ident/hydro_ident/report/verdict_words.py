@@ -8,7 +8,7 @@ from hydro_ident.free_run import FreeRun
 from hydro_ident.recording_summary import RecordingSummary
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.page import number, percent
+from hydro_ident.report.page import also, number, percent
 from hydro_ident.verdict import BagLoss
 
 #: A residual within so many times the sensors' noise is as good as explained.
@@ -34,9 +34,11 @@ def error_line(channels: Sequence[ChannelRows]) -> list[str]:
     best, least = known[0], known[-1]
     a, b, n = (number(best.value(k), 3) for k in ("rmse_before", "rmse_after", "noise_floor"))
     share = least.value("rmse_after") / least.value("rmse_before")
+    told = also([best.value(k) for k in ("rmse_before", "rmse_after")], best.unit, " to ")
+    told = f"{told}; " if told else ""
     line = (
         f"On rows that took no part, the error changes most in {best.name}: from {a} to {b}"
-        f" {unit_text(best.unit)} (sensor noise alone: {n})"
+        f" {unit_text(best.unit)} ({told}sensor noise alone: {n})"
     )
     return [line + (f"; least in {least.name}, to {percent(share)}." if len(known) > 1 else ".")]
 
@@ -60,11 +62,13 @@ def free_run_line(run: FreeRun | None) -> list[str]:
     """What the free run says, joint by joint."""
     if run is None or not run.joints:
         return []
-    parts = [
-        f"{j.joint} {number(j.rmse_before, 2)} → {number(j.rmse_after, 2)} {j.unit}"
-        for j in run.joints
-        if j.rmse_before is not None and j.rmse_after is not None
-    ]
+    parts = []
+    for j in run.joints:
+        if j.rmse_before is None or j.rmse_after is None:
+            continue
+        told = also((j.rmse_before, j.rmse_after), j.unit, " → ")
+        sizes = f"{number(j.rmse_before, 2)} → {number(j.rmse_after, 2)} {j.unit}"
+        parts.append(f"{j.joint} {sizes}{f' ({told})' if told else ''}")
     if not parts:
         return []
     return [f"Simulated for {run.window_s:.2g} s from voltages alone, error: {', '.join(parts)}."]
