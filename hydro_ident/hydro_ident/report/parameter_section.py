@@ -93,7 +93,8 @@ def compared_with(robot: Robot) -> str:
 def signs(rows: Sequence[ParameterRow]) -> str:
     """What the short names of parameters stand for, as far as they are there."""
     last = {p.name.rsplit(".", 1)[-1] for p in rows}
-    return paragraph(" ".join(text for names, text in _SIGNS if last.intersection(names)))
+    text = " ".join(text for names, text in _SIGNS if last.intersection(names))
+    return paragraph(text, "signs") if text else ""
 
 
 def owners(robot: Robot) -> Mapping[str, str]:
