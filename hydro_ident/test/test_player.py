@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import pty
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -40,9 +43,10 @@ def node(monkeypatch) -> Iterator[Any]:
     rclpy.shutdown(context=context)
 
 
-def _play(path: Path, *arguments: str, stderr: int = subprocess.STDOUT) -> subprocess.Popen[str]:
+def _play(path: Path, *arguments: str, **streams: int) -> subprocess.Popen[str]:
     environment = {
         **os.environ,
+        "TERM": "xterm",
         "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
@@ -50,9 +54,8 @@ def _play(path: Path, *arguments: str, stderr: int = subprocess.STDOUT) -> subpr
     return subprocess.Popen(
         [sys.executable, "-c", code, str(path), *arguments],
         env=environment,
-        stdout=subprocess.PIPE,
-        stderr=stderr,
         text=True,
+        **(streams or {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}),
     )
 
 
@@ -182,7 +185,9 @@ def test_what_cannot_be_played_is_said(
     assert len(bag.unchecked) == 1
     assert any("left out" in loss for loss in damage)
     told = tmp_path / "told.json"
-    process = _play(path, "--delay", "0", "--json", str(told), stderr=subprocess.PIPE)
+    process = _play(
+        path, "--delay", "0", "--json", str(told), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     out, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, errors
     expected = [*damage, *bag.unchecked]
@@ -191,6 +196,39 @@ def test_what_cannot_be_played_is_said(
     assert (said["damage"], said["checksummed"]) == (damage, False)
     assert 0 < said["messages"] < 6 * N
     assert f"played {said['messages']} messages" in out
+
+
+def test_a_terminal_sees_where_in_the_bag_the_player_is(write_bag, run_columns) -> None:
+    path = write_bag(run_columns(N))
+    master, slave = pty.openpty()
+    screen = {"stderr": slave, "stdout": subprocess.PIPE}
+    process = _play(path, "--delay", "0", "--rate", "0.4", **screen)
+    os.close(slave)
+    seen = b""
+    with suppress(OSError):  # the end of a pseudo-terminal whose other side is closed
+        while more := os.read(master, 10_000):
+            seen += more
+    os.close(master)
+    out, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, out
+    assert out.startswith("playing 6 topics of ")
+    assert f"\nplayed {6 * N} messages" in out
+    assert "\x1b" not in out
+    places = re.findall(r"] +(\d+)% [^\r]*at ([\d.]+) of ([\d.]+) s of the bag", seen.decode())
+    assert {total for _, _, total in places} == {"0.8"}
+    at = [float(place) for _, place, _ in places]
+    assert at == sorted(at)
+    assert len(set(at)) >= 5
+    for share, place, _ in places:
+        assert float(share) / 100.0 == pytest.approx(float(place) / 0.798, abs=0.1)
+    assert seen.endswith(b"\r\x1b[2K")
+
+
+def test_where_a_topic_begins_and_ends(write_bag, run_columns) -> None:
+    contents = contents_of(write_bag(run_columns(250)))
+    assert [topic.channel for topic in contents.topics] == list(contents.channels)
+    for topic in contents.topics:
+        assert topic.last_ns - topic.first_ns == pytest.approx(249 * 2_000_000, rel=0.01)
 
 
 def test_what_is_played(write_bag, run_columns) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from hydro_ident.commands.compare_tracking import run as compare
 from hydro_ident.commands.tracking import main
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.metrics import moving_span, speed_m_s, tracking
+from hydro_model import terminal
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 
@@ -175,6 +179,35 @@ def test_what_could_not_be_read_or_checked_is_said(
     assert compare([f"run={bag},{truth}", "--robot", "xs031"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said == [f"compare_tracking: warning: run: {warning}" for warning in warnings]
+
+
+class _Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("screen", [_Screen(), io.StringIO()], ids=["terminal", "file"])
+@pytest.mark.parametrize("several", [False, True], ids=["tracking", "compare_tracking"])
+def test_reading_shows_on_a_terminal_alone(
+    tmp_path, bag, monkeypatch, capsys, screen, several
+) -> None:
+    screen.truncate(0)
+    monkeypatch.setattr(terminal, "sys", SimpleNamespace(stderr=screen, stdout=sys.stdout))
+    monkeypatch.setenv("TERM", "xterm")
+    truth = tmp_path / "truth.npz"
+    if several:
+        runs = [f"{name}={bag},{truth}" for name in ("old", "new")]
+        assert compare([*runs, "--robot", "xs031", "--json", "-"]) == 0
+        wanted = ("reading file 1 of 1", "run 1 of 2: old", "run 2 of 2: new")
+    else:
+        assert main([str(bag), "--truth", str(truth), "--json", "-"]) == 0
+        wanted = ("reading file 1 of 1", "following the tip")
+    json.loads(capsys.readouterr().out)
+    if screen.isatty():
+        assert all(said in screen.getvalue() for said in wanted)
+        assert screen.getvalue().endswith("\r\x1b[2K")
+    else:
+        assert screen.getvalue() == ""
 
 
 def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) -> None:

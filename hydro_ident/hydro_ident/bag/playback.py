@@ -11,6 +11,23 @@ import numpy as np
 
 from hydro_ident.bag.mcap_types import Channel, unchecked
 from hydro_ident.bag.reader import files_of, no_message
+from hydro_model.terminal import advance
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedTopic:
+    """A topic of a bag as it can be played.
+
+    Attributes
+    ----------
+    channel : Channel
+    first_ns, last_ns : int
+        Reception of its first and of its last message.
+    """
+
+    channel: Channel
+    first_ns: int
+    last_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,17 +36,22 @@ class Contents:
 
     Attributes
     ----------
-    channels : tuple of Channel
-        Those that carry messages, one per topic.
+    topics : tuple of PlayedTopic
+        Those that carry messages, in order of their names.
     damage : tuple of str
         Everything that could not be read, in words; empty for a sound bag.
     unchecked : tuple of str
         What is under no checksum, in a line; empty where every message is under one.
     """
 
-    channels: tuple[Channel, ...]
+    topics: tuple[PlayedTopic, ...]
     damage: tuple[str, ...]
     unchecked: tuple[str, ...]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """One per topic."""
+        return tuple(topic.channel for topic in self.topics)
 
 
 def contents_of(path: str | Path) -> Contents:
@@ -49,13 +71,20 @@ def contents_of(path: str | Path) -> Contents:
         No bag, or not a single message.
     """
     files, notes, _ = files_of(Path(path))
-    channels: dict[str, Channel] = {}
-    for file in files:
-        channels.update((block.channel.topic, block.channel) for block in file.blocks())
+    found: dict[str, PlayedTopic] = {}
+    for number, file in enumerate(files, 1):
+        for block in file.blocks():
+            what = f"looking at file {number} of {len(files)}"
+            advance(what, file.health.read_bytes, file.health.size_bytes)
+            first, last = int(block.log_ns.min()), int(block.log_ns.max())
+            one = found.get(block.channel.topic)
+            if one is not None:
+                first, last = min(first, one.first_ns), max(last, one.last_ns)
+            found[block.channel.topic] = PlayedTopic(block.channel, first, last)
         notes += file.health.told
-    if not channels:
+    if not found:
         raise no_message(Path(path), notes)
-    in_order = tuple(channels[topic] for topic in sorted(channels))
+    in_order = tuple(found[topic] for topic in sorted(found))
     healths = [file.health for file in files]
     return Contents(in_order, tuple(dict.fromkeys(notes)), unchecked(healths))
 

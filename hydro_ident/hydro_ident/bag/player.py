@@ -6,9 +6,10 @@ The recorded bytes are published as they are, at the intervals at which they wer
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,15 @@ from hydro_ident.errors import BagError
 from hydro_model.command import run_command, warn
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.safe_yaml import UnusableYamlError, parse
+from hydro_model.terminal import advance, progress_bar
 from hydro_msgs_docs.local_topics import stay_local
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 #: Of what `--json` writes.
 SCHEMA = "hydro_ident/played/1"
 _LEAST_SLEEP_S = 0.0005
+#: How often the position is told, and a signal looked for.
+_TOLD_EVERY_S = 0.1
 _MOST_QOS_CHARACTERS = 100_000
 
 
@@ -66,8 +70,11 @@ def _run(arguments: Sequence[str]) -> int:
     from rclpy.utilities import remove_ros_args
 
     options = _parser().parse_args(remove_ros_args(["player", *arguments])[1:])
-    contents = contents_of(options.bag)
+    with progress_bar():
+        contents = contents_of(options.bag)
     channels = chosen_channels(contents.channels, options.topics, options.bag)
+    chosen = [topic for topic in contents.topics if topic.channel in channels]
+    span_s = (max(t.last_ns for t in chosen) - min(t.first_ns for t in chosen)) * 1e-9
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -82,10 +89,11 @@ def _run(arguments: Sequence[str]) -> int:
             print(f"playing {len(channels)} topics of {options.bag}", file=stream, flush=True)
             began_s = time.monotonic()
             _sleep(options.delay, stop)
-            while not stop:
-                player.play(options.bag, options.rate, stop)
-                if not options.loop:
-                    break
+            with progress_bar():
+                while not stop:
+                    player.play(options.bag, options.rate, stop, Position(span_s))
+                    if not options.loop:
+                        break
             player.finish()
         finally:
             rclpy.try_shutdown()
@@ -103,11 +111,44 @@ def _run(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _sleep(seconds: float, stop: Sequence[bool]) -> None:
-    """Sleep, but no longer than until a signal."""
+def _sleep(
+    seconds: float, stop: Sequence[bool], meanwhile: Callable[[], None] = lambda: None
+) -> None:
+    """Sleep, but no longer than until a signal, and do something now and then."""
     due_s = time.monotonic() + seconds
     while not stop and (left_s := due_s - time.monotonic()) > _LEAST_SLEEP_S:
-        time.sleep(min(left_s, 0.1))
+        meanwhile()
+        time.sleep(min(left_s, _TOLD_EVERY_S))
+
+
+class Position:
+    """Where in the bag the player is, for a bar on a terminal.
+
+    Parameters
+    ----------
+    span_s : float
+        From the first message that is played to the last one.
+    """
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._told_s = -math.inf
+
+    def tell(self, at_s: float) -> None:
+        """Show a position, now and then.
+
+        Parameters
+        ----------
+        at_s : float
+            From the first message on.
+        """
+        now_s = time.monotonic()
+        if now_s - self._told_s < _TOLD_EVERY_S:
+            return
+        self._told_s = now_s
+        at_s = min(max(at_s, 0.0), self._span_s)
+        text = f"at {at_s:.1f} of {self._span_s:.1f} s of the bag"
+        advance(text, round(1e3 * at_s), round(1e3 * self._span_s))
 
 
 def chosen_channels(
@@ -182,7 +223,7 @@ class Player:
         """Messages published."""
         return sum(self.counts.values())
 
-    def play(self, bag: Path, rate: float, stop: Sequence[bool]) -> None:
+    def play(self, bag: Path, rate: float, stop: Sequence[bool], position: Position) -> None:
         """Publish every message once, at its time.
 
         Parameters
@@ -191,8 +232,14 @@ class Player:
         rate : float
         stop : sequence
             Ends early once it is no longer empty.
+        position : Position
+            Is told how far it is, also while nothing is due.
         """
         begin_s, first_ns = time.monotonic(), None
+
+        def waiting() -> None:
+            position.tell(rate * (time.monotonic() - begin_s))
+
         for channel, log_ns, data in messages(bag):
             publisher = self._publishers.get(channel.topic)
             if publisher is None:
@@ -200,9 +247,10 @@ class Player:
             if first_ns is None:
                 first_ns = log_ns
             due_s = begin_s + (log_ns - first_ns) * 1e-9 / rate
-            _sleep(due_s - time.monotonic(), stop)
+            _sleep(due_s - time.monotonic(), stop, waiting)
             if stop:
                 return
+            position.tell((log_ns - first_ns) * 1e-9)
             publisher.publish(data)
             self.counts[channel.topic] += 1
 

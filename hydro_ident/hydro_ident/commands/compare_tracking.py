@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command, warn
 from hydro_model.output import add_json, report
+from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.metrics import Tracking
@@ -48,11 +49,13 @@ def run(arguments: Sequence[str]) -> int:
 
     robot = load_robot(options.robot)
     rows, warnings = {}, []
-    for text in options.runs:
-        name, path, truth = _parts(text)
-        bag = read_bag(path, RECORDING_TOPICS)
-        rows[name] = tracking_of(bag, robot, truth)
-        warnings += [f"{name}: {loss}" for loss in (*bag.losses, *bag.unchecked)]
+    with progress_bar():
+        for number, text in enumerate(options.runs):
+            name, path, truth = _parts(text)
+            bag = read_bag(path, RECORDING_TOPICS)
+            advance(f"run {number + 1} of {len(options.runs)}: {name}", number, len(options.runs))
+            rows[name] = tracking_of(bag, robot, truth)
+            warnings += [f"{name}: {loss}" for loss in (*bag.losses, *bag.unchecked)]
     if options.against is not None and options.against not in rows:
         raise IdentError(
             f"--against: expected one of {', '.join(rows)}, found '{options.against}'"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command, warn
 from hydro_model.output import add_json, report
+from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
     from hydro_ident.bag.cdr import FloatArray
@@ -46,9 +47,11 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_ident.inspection import robot_of
     from hydro_model.robot_files import load_robot
 
-    bag = read_bag(options.bag, RECORDING_TOPICS)
-    robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
-    rows = tracking_of(bag, robot, options.truth)
+    with progress_bar():
+        bag = read_bag(options.bag, RECORDING_TOPICS)
+        robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
+        advance("following the tip", 1, 1)
+        rows = tracking_of(bag, robot, options.truth)
     report(options.json, _as_dict(bag, rows), _text(rows))
     warn("tracking", (*bag.losses, *bag.unchecked))
     return 0
