@@ -64,7 +64,14 @@ def beside(values: Sequence[float], unit: str, between: str = " to ") -> str:
 def bracketed(values: Sequence[float], unit: str, between: str = " to ") -> str:
     """As `beside`, in brackets behind a blank; empty where that is.
 
-    Arguments are those of `beside`.
+    Parameters
+    ----------
+    values : sequence of float
+        In SI.
+    unit : str
+        Theirs.
+    between : str
+        What stands between two of them.
     """
     text = beside(values, unit, between)
     return f" ({text})" if text else ""

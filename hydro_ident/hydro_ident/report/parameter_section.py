@@ -220,9 +220,20 @@ def _change(change: float) -> str:
 def change_figure(
     rows: Sequence[ParameterRow], joints: Sequence[str], given: str = DATASHEET
 ) -> str:
-    """Changes with their intervals; empty where there are none.
+    """Changes with their intervals.
 
-    Arguments are those of `parameter_table`.
+    Parameters
+    ----------
+    rows : sequence of ParameterRow
+    joints : sequence of str
+        Of the robot, for the colours.
+    given : str
+        What the changes are from.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
     """
     shown = [p for p in rows if not p.off and p.interval is not None and _span(p) < _DRAWN]
     if not shown:
