@@ -15,7 +15,7 @@ while (($#)); do
     -h|--help)
       python -m hydro_model.new_robot --help
       printf '\n%s\n%s\n' "and of the check that follows:" \
-        "  --json F              write its findings as JSON; - for standard output, and nothing else there"
+        "  --json F              its findings as JSON; - for standard output, and nothing else there"
       exit 0 ;;
     --json)
       if (($# < 2)); then
