@@ -15,12 +15,12 @@ import can
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import Sample, Step
-from hydro_hw_bridge.bus import Bus, BusName
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import Command, CommandFault, Publisher
 from hydro_hw_bridge.faults.line import FaultLine
-from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, MachineFault
+from hydro_hw_bridge.faults.line_bus import LineBus
+from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, SUPPLY, MachineFault
 from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.link import CommandLink
@@ -49,38 +49,6 @@ class WatchedCodec(Codec):
         """The readings of one cycle."""
         self.made_of.append(dict(data))
         return super().readings(data)
-
-
-class LineBus(Bus):
-    """The bridge's end of a fault line."""
-
-    def __init__(self, line: FaultLine) -> None:
-        super().__init__(BusName("fault", "line"), _NoBus())
-        self._line = line
-        self.out: list[can.Message] = []
-
-    def send(self, message: can.Message) -> bool:
-        """Put a frame on the line, where it takes it."""
-        state = self._line.link
-        if state == "ok":
-            self.out.append(message)
-            self.counters.sent += 1
-        elif state == "queue_full":
-            self.counters.dropped += 1
-        else:
-            self.counters.send_errors += 1
-        return state == "ok"
-
-    def look(self) -> None:
-        """Take over the state of the line."""
-        off = self._line.link == "bus_off"
-        if off and not self.off:
-            self.counters.error_frames += 1
-        self.off = off
-
-
-class _NoBus:
-    """Nothing behind the line: no interface, no socket."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +123,8 @@ class Bench:
         self._unanswered: Sample | None = None
         self._answered_cycle = 0
         self._silent = 0
+        self._shown_cycle = -1
+        self._dropped: set[MachineFault] = set()
         self.start_bridge()
 
     def start_bridge(self) -> None:
@@ -244,7 +214,8 @@ class Bench:
             self.core.deactivate()
 
     def _now_ns(self) -> int:
-        stepped = sum(f.amount for f in self.machine if self.cycle >= f.first_cycle)
+        steps = (f for f in self.machine if f.kind == "clock_step")
+        stepped = sum(f.amount for f in steps if self.cycle >= f.first_cycle)
         return START_NS + round(1e9 * (self.cycle * self.limits.period_s + stepped))
 
     def _follow(self, step: Step) -> None:
@@ -271,6 +242,13 @@ class Bench:
         self.rig.set_inputs(
             **{field_name: not self._acting(kind) for kind, field_name in PERMISSIVES.items()}
         )
+        # What was sent of a cycle stays: in lockstep it is sent again until it is answered.
+        if self.rig.cycles != self._shown_cycle:
+            for fault in self.machine:
+                if fault.kind == SUPPLY and fault.acts(self.steps):
+                    self.rig.drop_supply(fault.amount)
+                    self._dropped.add(fault)
+        self._shown_cycle = self.rig.cycles
 
     def _record(self) -> None:
         amplifier = self.rig.amplifier
@@ -286,9 +264,14 @@ class Bench:
             )
         )
 
-    def absent(self) -> set[CommandFault]:
-        """Faults of the publisher that met no command, as there was no sample to answer."""
-        return set(self.publisher) - self._publisher.met
+    def absent(self) -> set[CommandFault | MachineFault]:
+        """Faults that did not take place.
+
+        Those of the publisher met no command, as there was no sample to answer; a supply's fell
+        into one cycle of lockstep that had been sent before and was sent again.
+        """
+        supply = {fault for fault in self.machine if fault.kind == SUPPLY}
+        return (set(self.publisher) - self._publisher.met) | (supply - self._dropped)
 
     def be_sound(self) -> None:
         """End what is still wrong with the publisher: in lockstep its cycles may not have come."""

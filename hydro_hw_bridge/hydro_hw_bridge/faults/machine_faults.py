@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+#: Inputs of the machine, by what opens them: the amplifiers look at these themselves.
 PERMISSIVES = {"emergency_stop": "emergency_stop_ok", "pump": "pump_on", "enable": "enable_switch"}
+#: The fourth permissive, which no input tells: the bridge alone sees the supply's pressure.
+SUPPLY = "supply"
+#: What the gate says of each.
+MISSING = {
+    "emergency_stop": "emergency stop",
+    "pump": "pump is off",
+    "enable": "enable switch",
+    SUPPLY: "supply pressure",
+}
 KINDS = (
-    *PERMISSIVES,
+    *MISSING,
     "bridge_dead",
     "bridge_stopped",
     "controller_stopped",
@@ -24,12 +34,12 @@ class MachineFault:
     Attributes
     ----------
     kind : str
-        One of `KINDS`. The permissives open; the bridge is killed, or stopped for a while and
-        then has all at once what came meanwhile; the controller likewise; the device sends
-        nothing, or counts anew; the ROS clock steps.
+        One of `KINDS`. The permissives open, the supply loses its pressure; the bridge is
+        killed, or stopped for a while and then has all at once what came meanwhile; the
+        controller likewise; the device sends nothing, or counts anew; the ROS clock steps.
     first_cycle, cycles : int
     amount : float
-        clock_step: s.
+        clock_step: s; supply: Pa gauge that are left.
     """
 
     kind: str

@@ -21,11 +21,11 @@ from hydro_hw_bridge.faults import machine_faults as machines
 from hydro_hw_bridge.faults.bus_injections import AGAIN, NOTHING_HEARD, QUIET, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
-from hydro_hw_bridge.faults.machine_faults import PERMISSIVES, MachineFault
+from hydro_hw_bridge.faults.machine_faults import MISSING, SUPPLY, MachineFault
 from hydro_hw_bridge.faults.naming import Named
 
 #: What the gate says of a bad command.
-_SAID: Mapping[str, str] = {
+SAID: Mapping[str, str] = {
     "nan": r"command is not finite \(nan\)",
     "infinite": r"command is not finite \(inf\)",
     "beyond": r"command of \S+ V \(rated 10 V\)",
@@ -33,12 +33,16 @@ _SAID: Mapping[str, str] = {
     "missing_valve": "command for valves .*expected each of",
     "valve_twice": "command for valves .*expected each of",
     "extra_voltage": r"with \d+ voltages",
-    "leap": r"step of \S+ V in 2 ms",
+    "leap": r"step of \S+ V in \d+ ms",
     "future": "stamp that is of no complete cycle",
     "off_grid": "stamp that is of no complete cycle",
     "second_controller": "is there a second controller",
 }
-_OPEN = {"emergency_stop": "emergency stop", "pump": "pump is off", "enable": "enable switch"}
+#: Where harmless commands are counted.
+HARMLESS_SHOWS = {"twice": "commands_repeated", "backwards": "commands_outdated"}
+#: What a supply that lost its pressure may have left, Pa: less than the least that the gate takes,
+#: whatever the transducer's noise and offset add.
+_LEFT_PA = 1.8e6
 
 
 def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -54,10 +58,9 @@ def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
     cycles = {"silent": source.choice((1, 5, 6, 30)), "late": 40}.get(kind, 1)
     fault = CommandFault(kind, at, cycles, amount, valve)
     if kind in commands.BAD:
-        return Injection("publisher", fault, AT_ONCE, Named(("trips",), _SAID[kind]))
+        return Injection("publisher", fault, AT_ONCE, Named(("trips",), SAID[kind]))
     if kind in commands.HARMLESS:
-        counter = {"twice": "commands_repeated", "backwards": "commands_outdated"}[kind]
-        return Injection("publisher", fault, None, Named((counter,)))
+        return Injection("publisher", fault, None, Named((HARMLESS_SHOWS[kind],)))
     if (kind == "silent" and cycles >= AGE) or (kind == "late" and amount >= AGE):
         return Injection("publisher", fault, AGE, Named(("trips",), TOO_OLD), AGAIN)
     silent = {
@@ -70,9 +73,10 @@ def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
 def machine(source: random.Random, codec: Codec, at: int) -> Injection:
     """Permissives, bridge, controller, machine and clock."""
     kind = source.choice(machines.KINDS)
-    if kind in PERMISSIVES:
-        fault = MachineFault(kind, at, source.randint(1, 20))
-        return Injection("machine", fault, AT_ONCE, Named(("trips",), _OPEN[kind]))
+    if kind in MISSING:
+        left_pa = source.uniform(0.0, _LEFT_PA) if kind == SUPPLY else 0.0
+        fault = MachineFault(kind, at, source.randint(1, 20), left_pa)
+        return Injection("machine", fault, AT_ONCE, Named(("trips",), MISSING[kind]))
     if kind == "clock_step":
         amount = source.choice((-1, 1)) * source.choice((0.5, 60.0, 86_400.0))
         fault = MachineFault(kind, at, 1, amount)

@@ -189,6 +189,20 @@ class RigCore:
         }
         self.inputs = replace(self.inputs, **{k: v for k, v in changes.items() if v is not None})
 
+    def drop_supply(self, pressure_pa: float) -> None:
+        """Let the supply line lose its pressure, as where a hose bursts while the pump runs.
+
+        The instruments show it in the cycle at hand; from then on the pump fills the line again.
+
+        Parameters
+        ----------
+        pressure_pa : float
+            Gauge, at most.
+        """
+        plant = self.plant
+        plant.state[plant.lines_index] = min(plant.supply_pa, pressure_pa)
+        self._measurement = self._measure()
+
     @property
     def truth_names(self) -> tuple[str, ...]:
         """Names of the columns of `truth_row`."""
