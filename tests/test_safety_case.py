@@ -54,6 +54,57 @@ def test_every_named_test_exists(file: str, name: str) -> None:
     assert len(paths) == 1, file
     tree = ast.parse(paths[0].read_text(encoding="utf-8"))
     assert name in {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
+    assert never_run(tree, name) == ""
+
+
+def never_run(tree: ast.Module, name: str) -> str:
+    """What keeps a test from running, or from turning red, on every computer; empty: nothing."""
+    [test] = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name]
+    marks: list[ast.expr] = list(test.decorator_list)
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark":
+            listed = isinstance(node.value, ast.List | ast.Tuple)
+            marks += node.value.elts if listed else [node.value]  # type: ignore[attr-defined]
+    said = [ast.unparse(mark) for mark in marks if _unconditional(mark)]
+    # What stands under an `if` is another matter: not every computer has what a test needs.
+    for line in (*tree.body, *test.body):
+        text = ast.unparse(line)
+        if isinstance(line, ast.Expr) and re.match(r"pytest\.(skip|xfail)\(", text):
+            said.append(text)
+    return "; ".join(said)
+
+
+def _unconditional(mark: ast.expr) -> bool:
+    """Whether a mark skips a test, or expects it to fail, whatever the computer is."""
+    name = ast.unparse(mark.func if isinstance(mark, ast.Call) else mark)
+    given = [a for a in mark.args if not _true(a)] if isinstance(mark, ast.Call) else []
+    if name == "pytest.mark.skip":
+        return True
+    return name in ("pytest.mark.skipif", "pytest.mark.xfail") and not given
+
+
+def _true(value: ast.expr) -> bool:
+    return isinstance(value, ast.Constant) and bool(value.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "runs"),
+    [
+        ("@pytest.mark.parametrize('a', [1])\ndef test_it(a): assert a", True),
+        ("@pytest.mark.skipif(not HERE, reason='none')\ndef test_it(): pass", True),
+        ("pytestmark = pytest.mark.ros\ndef test_it():\n  if not HERE: pytest.skip()", True),
+        ("@pytest.mark.skip\ndef test_other(): pass\ndef test_it(): pass", True),
+        ("@pytest.mark.skip\ndef test_it(): pass", False),
+        ("@pytest.mark.skip(reason='slow')\ndef test_it(): pass", False),
+        ("@pytest.mark.skipif(True, reason='slow')\ndef test_it(): pass", False),
+        ("@pytest.mark.xfail(reason='red')\ndef test_it(): pass", False),
+        ("pytestmark = [pytest.mark.ros, pytest.mark.skip]\ndef test_it(): pass", False),
+        ("def test_it():\n  pytest.skip('slow')", False),
+        ("pytest.skip('slow', allow_module_level=True)\ndef test_it(): pass", False),
+    ],
+)
+def test_a_named_test_that_never_runs_is_told(text: str, runs: bool) -> None:
+    assert (never_run(ast.parse(text), "test_it") == "") is runs
 
 
 def test_every_promise_names_a_test() -> None:
