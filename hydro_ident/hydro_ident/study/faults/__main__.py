@@ -18,6 +18,7 @@ from hydro_hw_bridge.endings import on_end
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults import device_time, page, sources, wall_outcomes, wall_time
 from hydro_ident.study.faults.wall_bus import BusDeeds
+from hydro_ident.study.faults.wall_ends import EndDeeds
 from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.placed import write_result
 from hydro_model.command import run_command
@@ -49,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
         "--injections", type=int, default=1200, metavar="N", help="in device time (%(default)s)"
     )
     p.add_argument(
-        "--processes", type=int, default=255, metavar="N", help="in wall time (%(default)s)"
+        "--processes", type=int, default=290, metavar="N", help="in wall time (%(default)s)"
     )
     p.add_argument("--seed", type=int, default=0, help="the first (%(default)s)")
     p.add_argument(
@@ -134,7 +135,7 @@ def _in_wall_time(count: int, seed: int, root: Path) -> dict[str, Any]:
         try:
             run_ = wall_time.WallRun(stage, ros, limits, buses)
             run_.begin()
-            deeds = run_.deeds() | BusDeeds(run_, robot).deeds()
+            deeds = EndDeeds(run_).deeds() | run_.deeds() | BusDeeds(run_, robot).deeds()
             deeds |= ProcessDeeds(run_, root / BAG).deeds()
             found, left_out = _done(run_, list(deeds.values()), count, random.Random(seed))
             told = wall_outcomes.summary(found, stage, run_.unasked_trips, left_out)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hydro_hw_bridge.faults import bare_timer
-from hydro_hw_bridge.faults.measured_rig import record_of
+from hydro_hw_bridge.faults.measured_rig import STATES, record_of
 from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray, Robot
 
@@ -100,6 +100,13 @@ class Stage:
         stream.write(f"{text}\n")
         stream.flush()
 
+    def tell_timed(self, name: str, text: str) -> int:
+        """A line of standard input that is answered by `at MONOTONIC_NS`: that time."""
+        said = len(self.said(name))
+        self.tell(name, text)
+        until(lambda: "\n" in self.said(name)[said:], 5.0, f"{name} to do it")
+        return int(self.said(name)[said:].split()[1])
+
     def send(self, name: str, number: signal.Signals) -> int:
         """Send a signal; the monotonic time just before, ns."""
         process = self._processes[name]
@@ -127,7 +134,10 @@ class Stage:
     # -- what stands at the valves
 
     def valves(self, since_ns: int) -> tuple[Any, FloatArray]:
-        """Monotonic times in ns (N,); enabled, watchdog and voltages (N, 2 + m) since then."""
+        """Monotonic times in ns (N,); enabled, watchdog, heard and voltages since then.
+
+        Times are (N,), the others (N, 3 + m).
+        """
         width = self._record.size
         with self.rig_file.open("rb") as stream:
             size = stream.seek(0, os.SEEK_END) // width * width
@@ -142,7 +152,7 @@ class Stage:
     def first_stop_ns(self, since_ns: int) -> int | None:
         """When the valves first stood at 0 V, not enabled."""
         at, values = self.valves(since_ns)
-        stopped = np.flatnonzero((values[:, 0] == 0.0) & ~values[:, 2:].any(axis=1))
+        stopped = np.flatnonzero((values[:, 0] == 0.0) & ~values[:, STATES:].any(axis=1))
         return int(at[stopped[0]]) if stopped.size else None
 
     def moved_ns(self, since_ns: int) -> int | None:
@@ -154,7 +164,7 @@ class Stage:
     def driven(self) -> bool:
         """Whether the valves have been driven, and not at 0 V, for the last 60 ms."""
         at, values = self.valves(time.monotonic_ns() - 60_000_000)
-        return len(at) > 10 and bool(np.all(values[:, 0] != 0.0) and values[-1, 2:].any())
+        return len(at) > 10 and bool(np.all(values[:, 0] != 0.0) and values[-1, STATES:].any())
 
     def timer_lateness(self) -> tuple[Any, Any]:
         """Deadlines of the bare timer and how late each was, ns."""

@@ -67,8 +67,7 @@ class BusDeeds:
         fault = asdict(injection.fault)
         del fault["first_cycle"]
         cycles = injection.limit_cycles
-        self._run.drive()
-        before = self._run.diagnosed()
+        before = self._run.drive_and_ask()
         since = self._run.put_on_the_bus(fault)
         limit_ms = None if cycles is None else CYCLE_MS * cycles + WAY_MS
         found = self._run.measured(f"bus, drawn: {kind}", since, limit_ms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,14 @@ class WallOutcome:
     stop_ms: float | None
     late_timer_ms: float
     broken: str
+
+
+def worst_of(outcome: WallOutcome, also: str) -> WallOutcome:
+    """An outcome of which something more was not kept.
+
+    `also` says what, empty where nothing is: the first that was found stays.
+    """
+    return outcome if outcome.broken else replace(outcome, broken=also)
 
 
 def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int) -> dict[str, Any]:

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE
 from hydro_ident.study.faults.stage import executable, until
-from hydro_ident.study.faults.wall_outcomes import WallOutcome
+from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
 from hydro_ident.study.faults.wall_time import (
     AGE_MS,
     LATCHED_S,
@@ -28,6 +29,8 @@ SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
 IDENTIFYING_S, SENDING_S = (0.5, 4.0), (0.1, 0.8)
 #: A recorder has written so much before it gets a signal, and takes no longer to do so.
 WRITTEN_BYTES, WRITING_S = 20_000, 60.0
+#: What the gate says of messages whose numbers are not of one publisher.
+TWO_PUBLISHERS = "commands of two publishers"
 #: A path of the tilt joint; from elsewhere the controller refuses it, and holds.
 PATH = "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
 
@@ -56,12 +59,13 @@ class ProcessDeeds:
             "send_path": self._send_path,
             "controller": self._controller,
         }
-        return {
+        deeds: dict[str, Callable[[random.Random], WallOutcome]] = {
             kind: partial(_sent, deed, number, kind)
             for name, deed in of.items()
             for number in SIGNALS
             for kind in (f"process: {number.name} of {name}",)
         }
+        return deeds | {"process: a second controller": self._second_controller}
 
     def _bridge(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
         """Killed, stopped for a while, or told to end: 0 V, and not driven on with what waited."""
@@ -93,6 +97,27 @@ class ProcessDeeds:
         else:
             self.stage.end("controller")
         return found
+
+    def _second_controller(self, _source: random.Random) -> WallOutcome:
+        """Another controller begins while one drives: its messages' numbers are others."""
+        self.run.drive(publishing=False)
+        words = (executable("hydro_control", "controller"), "--ros-args", "-r", "__node:=second")
+        self.stage.start("second", *words)
+        if not self.run.ros.transition("second", CONFIGURE):
+            raise IdentError(f"the second controller: {self.stage.said('second')[-300:]}")
+        # What starts it may have kept the first one waiting.
+        self.run.drive(publishing=False)
+        since = time.monotonic_ns()
+        if not self.run.ros.transition("second", ACTIVATE):
+            raise IdentError(f"the second controller: {self.stage.said('second')[-300:]}")
+        self.run.until_tripped()
+        reason = self.run.tripped_otherwise()
+        # When it sent its first command nobody knows from outside: no time is promised.
+        found = self.run.measured("process: a second controller", since, None)
+        broken = "" if TWO_PUBLISHERS in reason or not reason else reason
+        stopped = self.stage.first_stop_ns(since) is not None
+        self.stage.end("second")
+        return worst_of(found, broken or ("" if stopped else "not at 0 V"))
 
     def _rig(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
         """Standing still: 0 V with its first cycles after it; gone: a new one is not driven."""

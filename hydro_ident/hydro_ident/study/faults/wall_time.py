@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -14,13 +13,13 @@ from typing import Any
 
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
-from hydro_hw_bridge.faults.command_faults import BAD
-from hydro_hw_bridge.faults.naming import Diagnosis
+from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd
 from hydro_ident.study.faults.stage import Stage, executable, until
+from hydro_ident.study.faults.valve_record import excess_v
 from hydro_ident.study.faults.wall_outcomes import WallOutcome
 
 #: Wall time promised from the fault to 0 V, ms: device time, and two cycles of the way there.
@@ -30,6 +29,8 @@ AT_ONCE_MS, AGE_MS, WATCHDOG_MS = 2.0 + WAY_MS, 12.0 + WAY_MS, 50.0 + WAY_MS
 RAMP_MS = 30.0
 #: After a stop the valves are watched for so long.
 LATCHED_S = 0.15
+#: So long after a trip was cleared its first second of driving is past, or was looked at.
+SLOW_NS = 20_000_000_000
 #: A computer that cannot drive for so long is too busy: the injection is left out, and counted.
 DRIVING_S = 30.0
 
@@ -55,6 +56,7 @@ class WallRun:
         self.stage, self.ros, self.limits = stage, ros, limits
         self.machine_bus, self.bridge_bus = buses
         self.unasked_trips = 0
+        self._cleared_ns: int | None = None
 
     def begin(self) -> None:
         """Start machine, proxy, timer and bridge, and drive."""
@@ -77,6 +79,7 @@ class WallRun:
 
     def start_bridge(self) -> None:
         """A bridge, configured and activated."""
+        self._cleared_ns = None  # a new one knows of no trip
         words = ("--ros-args", "-p", f"can:={self.bridge_bus}", "-p", "clock:=real_time")
         self.stage.start(
             "bridge", executable("hydro_hw_bridge", "can_bridge"), *words, ready="bus load"
@@ -113,8 +116,11 @@ class WallRun:
             if gate == "tripped":
                 if publishing:
                     self.ros.end_fault()
+                now_ns = time.monotonic_ns()
                 # The diagnosis is a second old at most: only what was cleared was a trip.
-                cleared += self.ros.clear_trip()[1].startswith("cleared")
+                if self.ros.clear_trip()[1].startswith("cleared"):
+                    cleared += 1
+                    self._cleared_ns = now_ns
             time.sleep(0.03)
         self.unasked_trips += max(cleared - 1, 0)
 
@@ -138,8 +144,27 @@ class WallRun:
                 broken = "the valves moved again without being cleared"
         else:
             time.sleep(LATCHED_S)
+        broken = broken or self._leapt(since_ns)
         span_ns = int(1e6 * (stop_ms or 0.0))
         return WallOutcome(kind, limit_ms, stop_ms, self._timer_ms(since_ns, span_ns), broken)
+
+    def _leapt(self, until_ns: int) -> str:
+        """A step too large in the second after the trip was cleared, in words.
+
+        Looked at is what came to the valves before a fault, as by `until_ns`.
+        """
+        if self._cleared_ns is None or until_ns - self._cleared_ns > SLOW_NS:
+            return ""
+        at, values = self.stage.valves(self._cleared_ns)
+        excess = excess_v(values[at < until_ns], self.limits)
+        return f"a step {excess:.3f} V too large after re-enabling" if excess > 0.0 else ""
+
+    def drive_and_ask(self) -> Diagnosis:
+        """Drive; what the bridge says of itself then, before a fault."""
+        self.drive()
+        now = self.diagnosed()
+        self.drive()  # it may have tripped meanwhile
+        return now
 
     def _timer_ms(self, since_ns: int, span_ns: int) -> float:
         """Greatest lateness of the bare timer in a span, 20 ms about it."""
@@ -148,31 +173,6 @@ class WallRun:
         return float(late[near].max() / 1e6) if near.any() else 0.0
 
     # -- injections
-
-    def publisher(self, kind: str, source: random.Random) -> WallOutcome:
-        """A publisher of bad, late or no commands, as its `kind` is; `source` draws the rest."""
-        amount = {"beyond": 10.5, "leap": 8.0, "second_controller": 5.0, "late": 15.0}
-        long = kind in ("silent", "late")
-        self.drive()
-        self.ros.begin_fault(kind, 40 if long else 1, amount.get(kind, 0.0), source.randrange(2))
-        until(lambda: self.ros.fault_at_ns is not None, 5.0, "the fault to begin")
-        since = self.ros.fault_at_ns or 0
-        found = self.measured(f"publisher: {kind}", since, AGE_MS if long else AT_ONCE_MS)
-        self.ros.end_fault()
-        return found
-
-    def emergency_stop(self, source: random.Random) -> WallOutcome:
-        """The emergency stop opens, and closes again."""
-        self.drive()
-        time.sleep(source.uniform(0.0, 0.05))
-        since = self.stage.send("rig", signal.SIGUSR2)
-        time.sleep(0.02)
-        found = self.measured("machine: emergency_stop", since, AT_ONCE_MS, latched=False)
-        self.stage.send("rig", signal.SIGUSR1)
-        time.sleep(LATCHED_S)
-        if self.stage.moved_ns(time.monotonic_ns() - int(1e9 * LATCHED_S)) is not None:
-            return WallOutcome(found.kind, AT_ONCE_MS, found.stop_ms, 0.0, "not latched")
-        return found
 
     def until_tripped(self) -> None:
         """Wait until the bridge has tripped, for whatever reason."""
@@ -186,6 +186,20 @@ class WallRun:
         counters = {key: int(v) for key, v in values.items() if v.isdecimal()}
         texts = (values["message"], values["trip_reason"], values["readings_last_fault"])
         return Diagnosis(counters, texts)
+
+    def not_shown(self, named: Named, before: Diagnosis, *, drives_on: bool) -> str:
+        """What had to show in the bridge's next diagnostics and does not, in words.
+
+        `named` is what had to, `before` the diagnosis before the fault; `drives_on` says whether
+        nothing may trip. A busy computer makes trips of its own, whose reason stands in the place
+        of the fault's.
+        """
+        now = self.diagnosed()
+        reason = now.texts[1]
+        missing = now.lacks(named, before)
+        if drives_on and reason:
+            missing.append(f"tripped: {reason}")
+        return "" if reason.startswith(STALLS) else "; ".join(missing)
 
     def tripped_otherwise(self) -> str:
         """What the bridge tripped for, in words, unless a computer that stalls makes that."""
@@ -211,10 +225,7 @@ class WallRun:
 
         `fault` holds the fields of a `BusFault` without its first cycle.
         """
-        said = len(self.stage.said("proxy"))
-        self.stage.tell("proxy", json.dumps(fault))
-        until(lambda: "\n" in self.stage.said("proxy")[said:], 5.0, "the proxy's fault")
-        return int(self.stage.said("proxy")[said:].split()[1])
+        return self.stage.tell_timed("proxy", json.dumps(fault))
 
     def parameters(self, source: random.Random) -> WallOutcome:
         """A parameter that `source` draws is set while driving: refused, and driven on."""
@@ -227,16 +238,11 @@ class WallRun:
         return replace(found, broken=broken)
 
     def deeds(self) -> dict[str, Callable[[random.Random], WallOutcome]]:
-        """Injections by kind, without those of processes."""
+        """Injections by kind, without those of processes and of the machine's two ends."""
         deeds: dict[str, Callable[[random.Random], WallOutcome]] = {
-            f"publisher: {kind}": partial(self.publisher, kind)
-            for kind in (*BAD, "silent", "late")
-        }
-        deeds |= {
             f"bus: {kind} ({direction})": partial(self.bus_fault, kind, direction)
             for kind in ("lost", "late", "bit_flip")
             for direction in (DEVICE, BRIDGE)
         }
-        deeds["machine: emergency_stop"] = self.emergency_stop
         deeds["parameters changed while driving"] = self.parameters
         return deeds
