@@ -124,6 +124,7 @@ def test_cells_are_text() -> None:
         ("4.9e+05 kg m^2", "4.9e5 kg m²"),
         ("2e-07 m^3/(s sqrt(Pa))", "2e-7 m³/(s √Pa)"),
         ("1e10, e+05 and x^25", "1e10, e+05 and x^25"),
+        ("8.1 +- 0.5 GPa, a+-b", "8.1 ± 0.5 GPa, a+-b"),
     ],
 )
 def test_texts_read_like_the_numbers_beside_them(typed: str, read: str) -> None:

@@ -178,6 +178,7 @@ _AS_TYPED = (
     (re.compile(r"\^3\b"), "³"),
     (re.compile(r"\bsqrt\(Pa\)"), "√Pa"),
     (re.compile(r"(?<=\d) deg\b(?! C)"), "°"),
+    (re.compile(r"(?<= )\+-(?= )"), "±"),
 )
 
 
