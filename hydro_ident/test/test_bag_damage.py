@@ -244,13 +244,12 @@ def test_no_message_of_a_bag_with_checksums_on_chunks_alone_is_lost_in_silence(
     assert read_bag(path).checksummed
     whole = path.read_bytes()
     for at in range(len(whole)):
-        for bit in (at % 8, (at + 3) % 8):
-            data = bytearray(whole)
-            data[at] ^= 1 << bit
-            path.write_bytes(data)
-            found = _read(path, way)
-            if found is not None and not found.losses:
-                assert _right_cycles(found) == list(range(COUNT)), (at, bit)
+        data = bytearray(whole)
+        data[at] ^= 1 << at % 8
+        path.write_bytes(data)
+        found = _read(path, way)
+        if found is not None and not found.losses:
+            assert _right_cycles(found) == list(range(COUNT)), at
 
 
 def test_what_is_under_no_checksum_is_counted(tmp_path: Path, killed_bag: Path) -> None:
