@@ -41,8 +41,6 @@ def doubt(robot: Robot, listed: EffectSpec) -> str:
     RobotError
         The effect does not resolve.
     """
-    if not robot.standard_deviations:
-        return ""
     reasons = [_doubt(robot, one) for one in resolve(replace(robot, effects=(listed,)))]
     return next((reason for reason in reasons if reason), "")
 

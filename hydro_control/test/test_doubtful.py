@@ -14,6 +14,7 @@ from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
 FORCE = "{}_cylinder.coulomb_friction.force"
+MOST_N = next(p.upper for p in CATALOGUE["coulomb_friction"].parameters if p.name == "force")
 
 
 def rubbing(lift_n: float, tilt_n: float, **deviations: float) -> Robot:
@@ -40,14 +41,32 @@ def test_a_size_whose_interval_reaches_zero_is_left_alone_at_its_target() -> Non
     assert "zero" in planned.left_out["coulomb_friction:tilt_cylinder"]
 
 
-def test_a_size_that_ran_to_its_bound_is_left_alone() -> None:
-    force = next(p for p in CATALOGUE["coulomb_friction"].parameters if p.name == "force")
-    planned = plan(rubbing(3000.0, force.upper, lift=40.0, tilt=80.0))
+@pytest.mark.parametrize("share", [1.0, 1.0 - 5e-7])
+def test_a_size_that_ran_to_its_bound_is_left_alone(share: float) -> None:
+    planned = plan(rubbing(3000.0, share * MOST_N, lift=40.0, tilt=80.0))
     assert [one.target for one in planned.active] == ["lift_cylinder"]
     assert "bound" in planned.left_out["coulomb_friction:tilt_cylinder"]
 
 
-@pytest.mark.parametrize(("std", "sure"), [(0.0005, True), (0.004, False)])
+def test_near_a_bound_is_not_at_it() -> None:
+    assert not plan(rubbing(3000.0, (1.0 - 1e-5) * MOST_N, lift=40.0, tilt=80.0)).left_out
+
+
+def test_at_a_bound_that_a_person_wrote_down_it_is_taken_at_their_word() -> None:
+    """The fit of the other cylinder says nothing of it."""
+    assert not plan(rubbing(3000.0, MOST_N, lift=40.0)).left_out
+
+
+def test_no_friction_at_all_is_no_bound_that_a_fit_ran_to() -> None:
+    planned = plan(rubbing(3000.0, 0.0, lift=40.0, tilt=80.0))
+    assert "may as well be zero" in planned.left_out["coulomb_friction:tilt_cylinder"]
+
+
+#: Two deviations are half of a 95 % interval; at its very end zero is still in it.
+@pytest.mark.parametrize(
+    ("std", "sure"),
+    [(0.0005, True), (0.0024, True), (0.0025, False), (0.0026, False), (0.004, False)],
+)
 def test_an_effect_without_linear_parameter_goes_by_what_can_be_zero(
     std: float, sure: bool
 ) -> None:
@@ -55,6 +74,14 @@ def test_an_effect_without_linear_parameter_goes_by_what_can_be_zero(
     stated = {"lift_cylinder.valve_null_bias.bias": std}
     robot = replace(ROBOT, effects=(bias,), standard_deviations=stated)
     assert (doubt(robot, bias) == "") is sure
+
+
+@pytest.mark.parametrize(("std", "sure"), [(0.001, True), (0.006, False)])
+def test_a_size_that_cannot_be_below_zero_goes_by_its_interval_too(std: float, sure: bool) -> None:
+    deadband = EffectSpec("valve_deadband", "lift_cylinder", {"width": 0.01})
+    stated = {"lift_cylinder.valve_deadband.width": std}
+    robot = replace(ROBOT, effects=(deadband,), standard_deviations=stated)
+    assert (doubt(robot, deadband) == "") is sure
 
 
 @pytest.mark.parametrize(("frequency_hz", "sure"), [(5.0, False), (60.0, True), (500.0, True)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hydro_hw_bridge.errors import BridgeError
@@ -20,7 +20,13 @@ def test_counter_zero_is_where_the_first_cycle_puts_it() -> None:
     assert clock.stamp_ns(clock.extend(500)) == NOW
 
 
-@given(st.lists(st.integers(1, 1000), max_size=50), st.integers(0, 2**32 - 1))
+#: As far as a counter of 32 bits tells ahead from back: 49 days at 500 Hz.
+FARTHEST = 2**31 - 1
+
+
+@given(st.lists(st.integers(1, 1000) | st.just(FARTHEST), max_size=50), st.integers(0, 2**32 - 1))
+@example([1, 1, 1], 2**32 - 2)
+@example([FARTHEST, 1], 5)
 def test_intervals_are_exact_over_gaps_and_wraps(gaps: list[int], first: int) -> None:
     clock = SampleClock(PERIOD)
     clock.start(first, NOW)
@@ -47,6 +53,7 @@ def test_earlier_counters_extend_backwards() -> None:
     clock.start(3, NOW)
     assert clock.extend(2**32 - 1) == -1
     assert clock.extend(3) == 3
+    assert clock.extend((3 - FARTHEST) % 2**32) == 3 - FARTHEST
 
 
 @pytest.mark.parametrize("offset", [1, -1, PERIOD // 2, PERIOD - 1])
@@ -66,17 +73,35 @@ def test_lockstep_puts_counter_zero_on_a_whole_second() -> None:
     assert 0 <= NOW - clock.stamp_ns(3) < 1_000_000_000
 
 
+HOUR, SECOND = 3_600_000_000_000, 1_000_000_000
+
+
 @pytest.mark.parametrize("whole", [False, True])
-@pytest.mark.parametrize("step_ns", [-3_600_000_000_000, 0, 1, 3_600_000_000_000])
-def test_after_a_restart_stamps_go_on_upwards(whole: bool, step_ns: int) -> None:
+@pytest.mark.parametrize("step_ns", [-HOUR, 0, 1, HOUR])
+@pytest.mark.parametrize("anew", [0, 2, 400])
+def test_after_a_restart_stamps_go_on_upwards(whole: bool, step_ns: int, anew: int) -> None:
+    """The first is as soon as it can be behind the last before, and no sooner than it is now."""
     clock = SampleClock(PERIOD, whole_seconds=whole)
     clock.start(1000, NOW)
     last = clock.stamp_ns(clock.extend(5000))
-    clock.start(2, NOW + step_ns)
-    first = clock.stamp_ns(clock.extend(2))
-    assert first >= last + PERIOD or (whole and first > last)
-    if step_ns > 1_000_000_000:
-        assert abs(first - NOW - step_ns) <= 1_000_000_000
+    clock.start(anew, NOW + step_ns)
+    first = clock.stamp_ns(clock.extend(anew))
+    soonest = max(last + PERIOD, NOW + step_ns)
+    if whole:
+        assert (first - anew * PERIOD) % SECOND == 0
+        assert last < first
+        assert abs(first - soonest) < SECOND
+    else:
+        assert first == soonest
+
+
+def test_in_lockstep_a_restart_a_whole_second_of_cycles_back_repeats_no_stamp() -> None:
+    """Counter 0 on the whole second before would give the stamp that was given last."""
+    clock = SampleClock(PERIOD, whole_seconds=True)
+    clock.start(0, NOW)
+    last = clock.stamp_ns(clock.extend(503))
+    clock.start(3, NOW)
+    assert clock.stamp_ns(clock.extend(3)) == last + SECOND
 
 
 def test_use_before_start_and_a_period_of_nothing() -> None:
@@ -84,3 +109,4 @@ def test_use_before_start_and_a_period_of_nothing() -> None:
         SampleClock(PERIOD).stamp_ns(1)
     with pytest.raises(BridgeError, match="above 0 ns, found 0"):
         SampleClock(0)
+    assert SampleClock(1).period_ns == 1
