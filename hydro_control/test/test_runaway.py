@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_control.core import ControllerCore, Sample
 from hydro_control.errors import ControlError
-from hydro_control.gains import Gains
 from hydro_control.motion_limits import limits_of
 from hydro_control.runaway import BELIEVED, SPAN, RunawayLimits, RunawayWatch
-from hydro_control.trajectory import Waypoint
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
@@ -121,27 +118,3 @@ def test_what_the_valves_do_not_get_drives_nothing_and_driving_begins_where_it_s
 def test_limits_that_are_none_are_refused(share: float, factor: float) -> None:
     with pytest.raises(ControlError, match="should be above"):
         RunawayLimits(share, factor)
-
-
-def test_the_fault_is_latched_until_the_controller_begins_anew() -> None:
-    core = ControllerCore(ROBOT, Gains())
-    pressure = np.full(2, 8e6)
-    where = [*[MIDDLE] * 5, *[LIMITS.upper + 0.06] * 5, *[MIDDLE] * 20]
-    said = []
-    for k, q in enumerate(where):
-        answer = core.answer(Sample(10**18 + k * 2_000_000, q, pressure, pressure, 19e6, 1e6))
-        assert answer is not None
-        said.append(answer.output.fault)
-        assert not said[-1] or not np.any(answer.output.voltage_v)
-    assert not any(said[:7])
-    assert said[7]
-    assert set(said[7:]) == {said[7]}
-    assert core.counts.faults == len(where) - 7
-    point = Waypoint(4.0, MIDDLE + 0.1, np.empty(0), np.empty(0))
-    with pytest.raises(ControlError, match="the controller stopped: joint 'lift'"):
-        core.request_trajectory("joint", ROBOT.joint_names, [point])
-    core.restart()
-    answer = core.answer(Sample(2 * 10**18, MIDDLE, pressure, pressure, 19e6, 1e6))
-    assert answer is not None
-    assert not answer.output.fault
-    core.request_trajectory("joint", ROBOT.joint_names, [point])

@@ -97,7 +97,8 @@ class Assembler:
         self._kind = CycleKind.NEW
         self._data: dict[str, bytes] = {}
         self._seen: set[str] = set()
-        self._emitted = False
+        # Before the first cycle there is none to be missed.
+        self._emitted = True
         self._open = False
         self._first_try = True
         self._backward: int | None = None
@@ -183,19 +184,18 @@ class Assembler:
     def _goes_back(self, counter: int) -> bool:
         """One sync frame of the past came late; two in a row are a device that restarted."""
         before, self._backward = self._backward, counter
-        if before is not None and counter - before in (0, 1):
+        restarted = before is not None and counter - before in (0, 1)
+        if restarted:
             self.counters.restarts += 1
-            self._backward = None
             self._begin(counter, CycleKind.RESTART)
-            return True
-        self.counters.out_of_order += 1
-        # Frames that follow belong to that cycle, not to the present one.
-        self._open = False
-        return False
+        else:
+            self.counters.out_of_order += 1
+            # Frames that follow belong to that cycle, not to the present one.
+            self._open = False
+        return restarted
 
     def _begin(self, counter: int, kind: CycleKind) -> None:
-        if self.counter is not None and not self._emitted:
-            self.counters.incomplete += 1
+        self.counters.incomplete += not self._emitted
         self.counter, self._kind = counter, kind
         self._data, self._seen = {}, set()
         self._emitted, self._open, self._first_try = False, True, True

@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_hw_bridge.assembler import Assembler, Cycle, CycleKind
+from hydro_hw_bridge.assembler import Assembler, Cycle, CycleCounters, CycleKind
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Frame, Readings
 
 Make = Callable[..., Readings]
+Frames = Callable[..., list[Frame]]
 
 
 @pytest.fixture
@@ -48,19 +49,25 @@ def assert_unmixed(codec: Codec, cycle: Cycle) -> None:
     assert got.positions == pytest.approx([cycle.counter % 1000 * 1e-3] * 2, abs=1e-5)
 
 
-Frames = Callable[..., list[Frame]]
-
-
 def test_cycles_come_out_as_sent(assembler: Assembler, frames: Frames, codec: Codec) -> None:
     start = 2**32 - 20
     sent = [(start + i) % 2**32 for i in range(40)]
     cycles = [c for counter in sent for c in feed(assembler, frames(counter))]
     assert [c.counter for c in cycles] == sent
     assert {c.kind for c in cycles} == {CycleKind.NEW}
-    assert assembler.counters.complete == 40
-    assert assembler.counters.lost == assembler.counters.incomplete == 0
+    assert assembler.counters == CycleCounters(complete=40)
     for cycle in cycles:
         assert_unmixed(codec, cycle)
+
+
+def test_a_cycle_cannot_be_changed_and_a_misspelt_counter_is_an_error(
+    assembler: Assembler, frames: Frames
+) -> None:
+    (cycle,) = feed(assembler, frames(5))
+    for record, field in ((cycle, "counter"), (assembler.counters, "misspelt")):
+        with pytest.raises(AttributeError):
+            setattr(record, field, 6)
+        assert not hasattr(record, "__dict__")
 
 
 @pytest.mark.parametrize("missing", range(1, 5))
@@ -108,9 +115,14 @@ def test_a_sync_whose_alive_counter_is_not_its_sample_counter_is_corrupt(
     assert assembler.counter is None
 
 
-def test_frames_before_the_first_sync_are_not_used(assembler: Assembler, frames: Frames) -> None:
-    assert feed(assembler, frames(1)[1:]) == []
-    assert assembler.counters.out_of_order == 4
+@pytest.mark.parametrize("protected", [True, False])
+def test_frames_before_the_first_sync_are_not_used(
+    assembler: Assembler, frames: Frames, protected: bool
+) -> None:
+    """Unprotected frames have no alive counter that would tell."""
+    heard = frames(1)[1:] if protected else [replace(f, alive=None) for f in frames(1)[1:]]
+    assert feed(assembler, heard) == []
+    assert assembler.counters == CycleCounters(out_of_order=4)
 
 
 def test_a_repeated_cycle_is_accepted_once_and_counted(
@@ -120,10 +132,34 @@ def test_a_repeated_cycle_is_accepted_once_and_counted(
     again = feed(assembler, frames(5)) + feed(assembler, frames(5))
     assert [c.kind for c in first + again] == [CycleKind.NEW, CycleKind.REPEAT, CycleKind.REPEAT]
     assert again[0].data == first[0].data
-    assert assembler.counters.complete == 1
-    assert assembler.counters.repeated == 2
+    assert assembler.counters == CycleCounters(complete=1, repeated=2)
     assert feed(assembler, frames(6))[0].kind is CycleKind.NEW
     assert_unmixed(codec, again[0])
+
+
+@pytest.mark.parametrize("missing", range(1, 5))
+def test_a_cycle_of_which_a_frame_is_not_sent_again_is_not_repeated(
+    assembler: Assembler, frames: Frames, missing: int
+) -> None:
+    feed(assembler, frames(5))
+    part = frames(5)
+    del part[missing]
+    assert feed(assembler, part) == []
+    assert assembler.counters == CycleCounters(complete=1)
+
+
+@pytest.mark.parametrize("heard", [1, 3, 5])
+def test_a_second_try_that_was_measured_anew_contradicts_nothing(
+    assembler: Assembler, frames: Frames, heard: int
+) -> None:
+    """Not even where the bus doubles its frames: its own are not those of the first try."""
+    true, anew = frames(5), frames(21)  # the same alive counter
+    doubled = [frame for frame in anew[1:] for _ in range(2)]
+    cycles = feed(assembler, [*true[:heard], true[0], *doubled])
+    assert len(cycles) == (2 if heard == 5 else 1)
+    assert all(cycles[-1].data[f.name] == f.data for f in true[:heard])
+    assert assembler.counters.contradicted == 0
+    assert assembler.counters.duplicates == 4
 
 
 def test_a_repeated_cycle_does_not_change_what_was_accepted(
@@ -157,14 +193,43 @@ def test_a_contradicted_cycle_may_be_sent_again(
     assert_unmixed(codec, feed(assembler, true)[0])
 
 
-def test_two_tries_make_one_sample(assembler: Assembler, frames: Frames) -> None:
+@pytest.mark.parametrize("complete", [False, True])
+def test_an_intruder_contradicts_once_a_cycle_and_none_of_its_frames_is_kept(
+    assembler: Assembler, frames: Frames, codec: Codec, complete: bool
+) -> None:
+    true, false = frames(5), frames(21)
+    heard = 5 if complete else 2
+    assert len(feed(assembler, [*true[:heard], *false[1:], *true[heard:]])) == complete
+    assert assembler.counters.contradicted == 1
+    assert assembler.counters.out_of_order == 3 + 5 - heard
+    assert_unmixed(codec, feed(assembler, true)[0])  # the device sends the cycle again
+
+
+def test_a_corrupt_sync_after_a_contradiction_is_in_no_sample(
+    assembler: Assembler, frames: Frames, codec: Codec
+) -> None:
+    true, false = frames(5), frames(21)
+    wrong = replace(frames(6)[0], alive=true[0].alive)  # counter and alive counter of two cycles
+    assert feed(assembler, [*true[:2], false[1], wrong]) == []
+    assert assembler.counters == CycleCounters(contradicted=1, corrupt=1)
+    assert_unmixed(codec, feed(assembler, true)[0])
+
+
+@pytest.mark.parametrize("heard", [2, 3])
+def test_two_tries_make_one_sample(assembler: Assembler, frames: Frames, heard: int) -> None:
     part = frames(5)
-    assert feed(assembler, part[:3]) == []
-    cycles = feed(assembler, [part[0], *part[3:], *part[1:3]])
+    assert feed(assembler, part[:heard]) == []
+    cycles = feed(assembler, [part[0], *part[heard:], *part[1:heard]])
     assert [c.kind for c in cycles] == [CycleKind.NEW]
-    assert assembler.counters.complete == 1
-    assert assembler.counters.incomplete == 1
-    assert assembler.counters.repeated == 0
+    assert assembler.counters == CycleCounters(complete=1, incomplete=1, duplicates=heard - 1)
+
+
+def test_a_sync_frame_that_came_twice_is_no_second_try(
+    assembler: Assembler, frames: Frames
+) -> None:
+    part = frames(5)
+    assert len(feed(assembler, [part[0], *part])) == 1
+    assert assembler.counters == CycleCounters(complete=1)
 
 
 def test_a_frame_twice_is_a_duplicate(assembler: Assembler, frames: Frames) -> None:
@@ -179,11 +244,14 @@ def test_data_frames_in_any_order_after_the_sync(assembler: Assembler, frames: F
     assert len(feed(assembler, [part[0], *reversed(part[1:])])) == 1
 
 
-def test_a_late_cycle_is_dropped_whole(assembler: Assembler, frames: Frames, codec: Codec) -> None:
+@pytest.mark.parametrize("late", [40, 39, 25])
+def test_a_late_cycle_is_dropped_whole(
+    assembler: Assembler, frames: Frames, codec: Codec, late: int
+) -> None:
     feed(assembler, frames(40))
     feed(assembler, frames(41)[:2])
-    # 16 cycles back: the alive counters are those of the present cycle.
-    assert feed(assembler, frames(25)) == []
+    # 16 cycles back (25) the alive counters are those of the present cycle.
+    assert feed(assembler, frames(late)) == []
     assert assembler.counters.out_of_order == 5
     cycle = feed(assembler, frames(42))[0]
     assert_unmixed(codec, cycle)
@@ -191,12 +259,30 @@ def test_a_late_cycle_is_dropped_whole(assembler: Assembler, frames: Frames, cod
     assert assembler.counters.restarts == 0
 
 
-def test_two_cycles_in_a_row_from_the_past_are_a_restart(
-    assembler: Assembler, frames: Frames, codec: Codec
+@pytest.mark.parametrize("present", [40, 41])
+def test_two_late_cycles_around_one_that_is_not_are_no_restart(
+    assembler: Assembler, frames: Frames, codec: Codec, present: int
 ) -> None:
-    feed(assembler, frames(1000))
-    assert feed(assembler, frames(0)) == []
-    cycles = feed(assembler, frames(1)) + feed(assembler, frames(2))
+    """Whether that one is new or sent again: the device still counts where it did."""
+    feed(assembler, frames(40))
+    assert feed(assembler, frames(30)) == []
+    assert len(feed(assembler, frames(present))) == 1
+    assert feed(assembler, frames(31)) == []
+    assert assembler.counters.restarts == 0
+    (cycle,) = feed(assembler, frames(present + 1))
+    assert (cycle.counter, cycle.kind) == (present + 1, CycleKind.NEW)
+    assert_unmixed(codec, cycle)
+
+
+#: The last is after 49 days at 500 Hz: half of what a counter of 32 bits holds.
+@pytest.mark.parametrize("before", [1000, 2**31 - 100])
+@pytest.mark.parametrize("first", [0, 5])
+def test_two_cycles_in_a_row_from_the_past_are_a_restart(
+    assembler: Assembler, frames: Frames, codec: Codec, before: int, first: int
+) -> None:
+    feed(assembler, frames(before))
+    assert feed(assembler, frames(first)) == []
+    cycles = feed(assembler, frames(first + 1)) + feed(assembler, frames(first + 2))
     assert [c.kind for c in cycles] == [CycleKind.RESTART, CycleKind.NEW]
     assert assembler.counters.restarts == 1
     assert assembler.counters.lost == 0

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.e2e import alive_counter, is_intact, protect
+from hydro_hw_bridge.e2e import PROTECTED_BITS, alive_counter, is_intact, protect
 
 
 def crc8_2f(data: bytes) -> int:
@@ -35,6 +35,17 @@ def test_protect_is_cantools_and_the_polynomial(payload: bytes, alive: int) -> N
     assert data[0] == compute_profile2_crc(bytes(data), identifier)
     assert data[0] == crc8_2f(bytes(data[1:]) + bytes([identifier]))
     assert is_intact(data, identifiers)
+
+
+@pytest.mark.parametrize("payload", [bytes(8), b"\xff" * 8])
+def test_no_other_bits_than_the_protected_are_written_and_each_of_them(payload: bytes) -> None:
+    """A mapping may put its signals into all others, and is refused in one of these."""
+    written = 0
+    for alive in range(16):
+        data = bytearray(payload)
+        protect(data, alive, tuple(range(16)))
+        written |= int.from_bytes(data, "little") ^ int.from_bytes(payload, "little")
+    assert written == PROTECTED_BITS
 
 
 def test_too_short_is_not_intact() -> None:

@@ -226,7 +226,7 @@ class Device:
         else:
             span = 1 << command.answered_bits
             age = (self.core.counter - command.answered) % span
-            taken = age <= min(self._oldest[command.enable], span - 1)
+            taken = age <= self._oldest[command.enable]
         self.counters.taken += taken
         self.counters.stale += not taken
         return taken

@@ -27,6 +27,7 @@ from hydro_ident.study.mutants.page import (
 )
 from hydro_ident.study.mutants.trial import SURVIVED, covered, prepare, tried
 from hydro_ident.study.placed import write_result
+from hydro_ident.study.sources import digests_of
 from hydro_model.command import run_command
 
 
@@ -91,6 +92,7 @@ def _rows(path: Path | None) -> dict[str, Any]:
 def _tried(root: Path, target: Target, row: Mapping[str, Any] | None) -> Run:
     path = root / target.file
     source = path.read_text(encoding="utf-8")
+    of_tests = digests_of(root, target.test_files(root), ())
     coverage = covered(root, target)
     if tried(root, target, source) != SURVIVED:
         raise IdentError(f"expected the tests of {target.file} to pass, found they do not")
@@ -103,7 +105,7 @@ def _tried(root: Path, target: Target, row: Mapping[str, Any] | None) -> Run:
         ends.append((change, tried(root, target, change.source)))
         if sys.stderr.isatty():
             print(f"\r{target.name}: {number} of {len(left)}", end="", file=sys.stderr)
-    done = Run(target, digest(path), coverage, tuple(ends), earlier)
+    done = Run(target, digest(path), of_tests, coverage, tuple(ends), earlier)
     print(f"{target.name}: {done.count} changes, {len(done.survivors)} not noticed", flush=True)
     return done
 

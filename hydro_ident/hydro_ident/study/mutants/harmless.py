@@ -8,6 +8,7 @@ from hydro_ident.study.mutants.listed import Harmless
 
 _UNREAD = "the first value is never read: {}"
 _NO_NEGATIVE = "counters begin at 0: any number below stands for none of them"
+_HALF_A_WRAP = "half a wrap ahead and half a wrap back are the same place of a wrap"
 _LENGTHS = "the lengths are equal by then: {}"
 _DRIVING_FIRST = "it is read while driving alone, and what begins to drive sets it"
 
@@ -128,6 +129,57 @@ def _amplifier() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _assembler() -> Iterator[Harmless]:
+    init = "Assembler.__init__"
+    why = _UNREAD.format("no frame is taken before the first sync frame, which sets it")
+    for name, first, values in (
+        ("_kind", "CycleKind.NEW", ("pass",)),
+        ("_data: dict[str, bytes]", "{}", ("pass",)),
+        ("_seen: set[str]", "set()", ("pass",)),
+        ("_first_try", "True", ("pass", "False")),
+    ):
+        yield from _begins("assembler", init, name, values, why, first)
+    ahead = "ahead = (counter - self.counter + _HALF) % _WRAP - _HALF"
+    yield Harmless(
+        "assembler", "Assembler._sync", ahead, ahead.replace("+", "-"), _HALF_A_WRAP
+    )  # fmt: skip
+
+
+def _sample_clock() -> Iterator[Harmless]:
+    init = "SampleClock.__init__"
+    given = "def __init__(self, period_ns: int, *, whole_seconds: bool = False) -> None:"
+    yield Harmless(
+        "sample_clock", init, given, given.replace("*", "/"),
+        "the bridge's core says what the word means",
+    )  # fmt: skip
+    why = _UNREAD.format("no counter is extended before `start`, which sets it")
+    yield from _begins("sample_clock", init, "_last", ("pass", "-1", "1"), why)
+    ahead = "self._last += (counter - self._last + _HALF) % _WRAP - _HALF"
+    yield Harmless(
+        "sample_clock", "SampleClock.extend", ahead, ahead.replace("+ _HALF", "- _HALF"),
+        _HALF_A_WRAP,
+    )  # fmt: skip
+
+
+def _doubtful() -> Iterator[Harmless]:
+    near = "bound not in (0.0, spec.typical) and abs(value - bound) {} _AT_BOUND * abs(bound)"
+    yield Harmless(
+        "doubtful", "_at_bound", near.format("<="), near.format("<"),
+        "a fit ends at a bound or away from it: exactly a millionth off it may be either",
+    )  # fmt: skip
+    yield Harmless(
+        "doubtful", "_doubt", 'return ""', "pass",
+        "None is as empty as the text, and its caller gives the text on",
+    )  # fmt: skip
+    spanning = (
+        "spanning = (i for i, p in enumerate(effect.parameters) if p.lower <= 0.0 {} p.upper)"
+    )
+    yield Harmless(
+        "doubtful", "_sizes", spanning.format("<="), spanning.format("<"),
+        "the catalogue has no parameter of which 0 is the highest value",
+    )  # fmt: skip
+
+
 def _claims() -> Iterator[Harmless]:
     listen = "def _listen(self, duration_s: float, *, claiming: bool) -> None:"
     yield Harmless(
@@ -150,5 +202,8 @@ HARMLESS: tuple[Harmless, ...] = (
     *_command_intake(),
     *_valve_frames(),
     *_amplifier(),
+    *_assembler(),
+    *_sample_clock(),
+    *_doubtful(),
     *_claims(),
 )

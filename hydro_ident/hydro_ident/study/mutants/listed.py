@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 _TEST = "hydro_hw_bridge/test"
 _CORE = ("bridge_core", "supervision", "command_intake", "valve_frames")
@@ -32,6 +33,17 @@ class Target:
     def file(self) -> str:
         """From the repository's top."""
         return f"{self.module.partition('.')[0]}/{self.module.replace('.', '/')}.py"
+
+    def test_files(self, root: Path) -> list[Path]:
+        """Every file of its tests; in folders those of Python.
+
+        Parameters
+        ----------
+        root : Path
+            Top of the repository.
+        """
+        paths = [root / test for test in self.tests]
+        return [file for p in paths for file in (p.rglob("*.py") if p.is_dir() else (p,))]
 
     def holds(self, where: str) -> bool:
         """Whether a place is of it.
@@ -88,7 +100,9 @@ TARGETS: tuple[Target, ...] = (
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),
     Target("assembler", "hydro_hw_bridge.assembler", (f"{_TEST}/test_assembler.py",)),
     Target("e2e", "hydro_hw_bridge.e2e", (f"{_TEST}/test_e2e.py",)),
+    Target("sample_clock", "hydro_hw_bridge.sample_clock", (f"{_TEST}/test_sample_clock.py",)),
     Target("claims", "hydro_hw_bridge.claims", (f"{_TEST}/test_claims.py",)),
+    Target("doubtful", "hydro_control.doubtful", ("hydro_control/test/test_doubtful.py",)),
     Target(
         "device",
         "hydro_hw_bridge.rig.device",
@@ -96,5 +110,3 @@ TARGETS: tuple[Target, ...] = (
         ("Device.takes",),
     ),
 )
-#: Of these no run has been published yet: they are left out of the page's table, and said so.
-NOT_YET_RUN = ("assembler", "e2e", "device")

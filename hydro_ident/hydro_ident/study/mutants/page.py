@@ -11,7 +11,7 @@ from typing import Any
 
 from hydro_ident.study.mutants.changes import Change
 from hydro_ident.study.mutants.harmless import HARMLESS
-from hydro_ident.study.mutants.listed import NOT_YET_RUN, TARGETS, Target
+from hydro_ident.study.mutants.listed import TARGETS, Target
 from hydro_ident.study.mutants.trial import (
     KILLED,
     NOT_LOADED,
@@ -36,6 +36,8 @@ class Run:
     target : Target
     sha256 : str
         Of the module's file.
+    tests_sha256 : mapping of str to str
+        Of its tests' files: one that asserts less may notice less.
     coverage : Coverage
     ends : tuple of (Change, str)
         Each change with what its tests said.
@@ -45,6 +47,7 @@ class Run:
 
     target: Target
     sha256: str
+    tests_sha256: Mapping[str, str]
     coverage: Coverage
     ends: tuple[tuple[Change, str], ...]
     earlier: Counter[str] = field(default_factory=Counter)
@@ -128,6 +131,7 @@ def _row(run: Run) -> dict[str, Any]:
         "file": run.target.file,
         "sha256": run.sha256,
         "tests": list(run.target.tests),
+        "tests_sha256": dict(run.tests_sha256),
         "coverage": asdict(run.coverage),
         "changes": run.count,
         **{end: tally[end] for end in (KILLED, NOT_LOADED, TIMED_OUT, SURVIVED)},
@@ -166,8 +170,6 @@ def table(folder: Path) -> str:
             f" | {c['branches_covered']} of {c['branches']} | {m['changes']} | {m[KILLED]}"
             f" | {m[NOT_LOADED]} | {m[TIMED_OUT]} | {m[SURVIVED]} |"
         )
-    if NOT_YET_RUN:
-        lines += ["", f"Listed, and not run yet: {', '.join(NOT_YET_RUN)}."]
     lines += ["", "Not noticed, and why that is no gap:", ""]
     lines += ["| module | where | source | changed to | why |", "|---|---|---|---|---|"]
     for h in HARMLESS:

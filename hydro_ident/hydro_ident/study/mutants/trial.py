@@ -20,7 +20,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from hydro_ident.errors import IdentError
-from hydro_ident.study.mutants.listed import Target
+from hydro_ident.study.mutants.listed import TARGETS, Target
 
 KILLED, SURVIVED, TIMED_OUT, NOT_LOADED = "killed", "survived", "timed_out", "not_loaded"
 #: Slow to import, and no part of what is changed.
@@ -36,6 +36,9 @@ _SLOW = (
     "_pytest.junitxml",
     "xdist.scheduler",
     "hydro_model.command",
+    "hydro_model.effects",
+    "hydro_model.kinematics",
+    "hydro_model.rigid_body",
     "hydro_model.robot_files",
 )
 #: Of processor time, many times what the tests take: a change that never ends is found by it.
@@ -67,15 +70,16 @@ def prepare() -> None:
     Raises
     ------
     IdentError
-        The bridge has been imported already: forks would not see a changed one.
+        A package of theirs has been imported already: forks would not see a changed module.
     """
     for name in _SLOW:
         importlib.import_module(name)
     gc.collect()
     gc.freeze()
-    early = [name for name in sys.modules if name.startswith("hydro_hw_bridge.")]
+    changed = tuple({f"{target.module.partition('.')[0]}." for target in TARGETS})
+    early = [name for name in sys.modules if name.startswith(changed)]
     if early:
-        raise IdentError(f"expected no module of the bridge to be imported, found {early[0]}")
+        raise IdentError(f"expected no module that is changed to be imported, found {early[0]}")
 
 
 def tried(root: Path, target: Target, source: str) -> str:
