@@ -78,8 +78,7 @@ def test_the_committed_run_is_of_these_tests(target: Any) -> None:
     (row,) = (row for row in committed() if row["name"] == target.name)
     found = digests_of(ROOT, target.test_files(ROOT), ())
     assert len(found) >= len(target.tests)
-    # Runs of before 2026-11-25 do not say it.
-    changed = differing(row.get("tests_sha256", found), found)
+    changed = differing(row["tests_sha256"], found)
     assert changed == [], f"run: scripts/mutants.sh --json FILE {target.name}"
 
 

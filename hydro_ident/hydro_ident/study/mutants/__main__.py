@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         "--again",
         action="store_true",
         help="with --json: try only what the run in FILE did not notice, as long as the source is"
-        " the same; for after a test was added",
+        " the same; for after a test was added and none asserts less",
     )
     p.add_argument(
         "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"

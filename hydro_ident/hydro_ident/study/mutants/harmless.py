@@ -161,6 +161,42 @@ def _sample_clock() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _runaway() -> Iterator[Harmless]:
+    watch, ends = "RunawayWatch", "_driven_range"
+    why = _UNREAD.format("with the first sample driving begins, which sets it")
+    yield from _begins("runaway", f"{watch}.__init__", "_in_a_row", ("pass", "-1", "1"), why)
+    judge = "def judge(self, stamp_s: float, q: FloatArray, *, driven: bool) -> str:"
+    yield Harmless(
+        "runaway", f"{watch}.judge", judge, judge.replace("*", "/"),
+        "the controller's core says what the word means",
+    )  # fmt: skip
+    yield Harmless(
+        "runaway", f"{watch}._too_fast", 'return ""', "pass",
+        "None is as empty as the text: it is only asked whether there is anything",
+    )  # fmt: skip
+    fast = "if tip_speed > self._tip_fastest:"
+    yield Harmless(
+        "runaway", f"{watch}._too_fast", fast, fast.replace(">", ">="),
+        "a root of squares is not exactly a limit but by chance, and may be either then",
+    )  # fmt: skip
+    grid = "by a step of a hundredth of the reach more or less, it ends before the lever does"
+    yield from _each("runaway", "", "_STEPS = 100", ("_STEPS = 101", "_STEPS = 99"), grid)
+    short = "short = arm {} np.sign(arm[{}]) {} SHORTEST_LEVER_M"
+    before = short.format("*", "0", "<")
+    yield Harmless(
+        "runaway", ends, before, short.format("*", " 1", "<"),
+        "a lever of 5 mm and more does not turn over within a hundredth of the reach",
+    )  # fmt: skip
+    yield Harmless(
+        "runaway", ends, before, short.format("/", "0", "<"),
+        "divided by 1 or -1 is multiplied by it",
+    )  # fmt: skip
+    yield Harmless(
+        "runaway", ends, before, short.format("*", "0", "<="),
+        "a lever computed along a grid is not exactly 5 mm but by chance, and may be either then",
+    )  # fmt: skip
+
+
 def _doubtful() -> Iterator[Harmless]:
     near = "bound not in (0.0, spec.typical) and abs(value - bound) {} _AT_BOUND * abs(bound)"
     yield Harmless(
@@ -204,6 +240,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_amplifier(),
     *_assembler(),
     *_sample_clock(),
+    *_runaway(),
     *_doubtful(),
     *_claims(),
 )

@@ -174,7 +174,8 @@ def table(folder: Path) -> str:
     lines += ["| module | where | source | changed to | why |", "|---|---|---|---|---|"]
     for h in HARMLESS:
         before, after = (text.replace("|", "\\|") for text in (h.before, h.after))
-        lines.append(f"| {h.target} | `{h.where}` | `{before}` | `{after}` | {h.why} |")
+        where = f"`{h.where}`" if h.where else "the module"
+        lines.append(f"| {h.target} | {where} | `{before}` | `{after}` | {h.why} |")
     return "\n".join(lines) + "\n"
 
 
