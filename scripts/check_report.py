@@ -5,9 +5,8 @@
 
 At three widths, light and dark: errors on the console, anything that would be fetched, figures
 that are not drawn, their titles and numbers cut off, contents wider than the screen; then the
-report as it is printed. Prints what
-it measured as JSON. Exit 0 nothing found; 1 something was; 2 no such report, no browser, or one
-that fails or falls silent.
+report as it is printed. Prints what it measured as JSON. Exit 0 nothing found; 1 something was;
+2 no such report, no browser, or one that fails or falls silent.
 """
 
 from __future__ import annotations

@@ -181,8 +181,7 @@ class ControlLaw:
         ControlError
             The stamp is not after the last one.
         """
-        fault = not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference)
-        if fault:
+        if fault := not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference):
             return self.stopped(q, reference, fault)
         steps, notes = self._advance(stamp_s)
         now = state = self._state.measured(q, np.array([p_a, p_b]), p_s, p_t, steps)

@@ -21,16 +21,14 @@ from hydro_ident.consistent_robot import (
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.closed_chain import part_notes
 from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import (
-    InertialFit,
-)
+from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.estimate.summed_flow import SummedComparison
-from hydro_ident.estimation import Estimation
+from hydro_ident.estimation import Estimates, Estimation
 from hydro_ident.estimator_choice import Chosen
 from hydro_ident.free_run import FreeRun
 from hydro_ident.identified_robot import identified_robot
-from hydro_ident.job import Settings, prepared, rolled_out, score_notes, scored
+from hydro_ident.job import Job, Scores, Settings, prepared, rolled_out, score_notes, scored
 from hydro_ident.model_error import flagged, left_out
 from hydro_ident.parameters import COMMAND_DELAY, Parameter, parameter_list
 from hydro_ident.recording_summary import RecordingSummary, recording_summaries
@@ -157,8 +155,12 @@ def identify(
     estimates = within_bounds(robot, estimates)
     advance("scoring on what was held out", 2, _STAGES)
     last = scored(job, estimates)
-    scores = last.held_out
-    estimates = tested(robot, estimates, scores)
+    return _concluded(job, tested(robot, estimates, last.held_out), last, settings)
+
+
+def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings) -> Identification:
+    """What follows from the estimates that stand: model, verdict, roll-outs and bodies."""
+    robot, scores = job.robot, last.held_out
     inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
     recordings = [survey.recording for survey in job.surveys]
     judged = judge(robot, recordings, inertial, hydraulic)
@@ -183,7 +185,7 @@ def identify(
         problems=judged.problems,
         notes=(
             *job.notes,
-            *score_notes(scores, bool(others or job.every)),
+            *score_notes(scores, bool(job.others or job.every)),
             *estimates.notes,
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
@@ -197,7 +199,7 @@ def identify(
         free_run=run,
         summed=last.summed,
         fitted=last.fitted,
-        recordings=recording_summaries(job.seen, len(sources)),
+        recordings=recording_summaries(job.seen, len(job.sources)),
         estimator=estimates.chosen,
     )
 

@@ -54,19 +54,7 @@ def model_dict(
         "tip_link": robot.tip_link,
         "gravity_m_s2": [float(g) for g in robot.gravity_m_s2],
     }
-    if robot.base_parameters:
-        data["base_parameters"] = [
-            {
-                "name": p.name,
-                "combination": {k: float(v) for k, v in p.combination.items()},
-                "value": float(p.value),
-            }
-            for p in robot.base_parameters
-        ]
-    if robot.base_covariance is not None:
-        data["base_covariance"] = [[float(v) for v in row] for row in robot.base_covariance]
-    if robot.standard_deviations:
-        data["standard_deviations"] = {k: float(v) for k, v in robot.standard_deviations.items()}
+    data |= _estimates(robot)
     if statistics is not None:
         data |= statistics_dict(statistics)
     if robot.standard_parameters:
@@ -110,6 +98,25 @@ def _surroundings(robot: Robot) -> dict[str, Any]:
             },
         },
     }
+
+
+def _estimates(robot: Robot) -> dict[str, Any]:
+    """Base parameters and how sure they and the others are, as far as they are known."""
+    data: dict[str, Any] = {}
+    if robot.base_parameters:
+        data["base_parameters"] = [
+            {
+                "name": p.name,
+                "combination": {k: float(v) for k, v in p.combination.items()},
+                "value": float(p.value),
+            }
+            for p in robot.base_parameters
+        ]
+    if robot.base_covariance is not None:
+        data["base_covariance"] = [[float(v) for v in row] for row in robot.base_covariance]
+    if robot.standard_deviations:
+        data["standard_deviations"] = {k: float(v) for k, v in robot.standard_deviations.items()}
+    return data
 
 
 def _cylinder_dict(c: Cylinder) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from hydro_ident.commands.diagnose import main, run, write_results
+from hydro_ident.mismatch import minor
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.outcome import Diagnosis
@@ -76,6 +77,21 @@ def test_a_machine_that_equals_its_structure_matches(matching: Diagnosis) -> Non
     assert not matching.unexplained
     for channel in matching.channels:
         assert channel.after == pytest.approx(channel.before)
+
+
+def test_what_every_machine_has_is_modelled_and_noted_but_no_finding(
+    runs: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Were friction as large as here that of any seal."""
+    monkeypatch.setattr(minor, "_FRICTION_SHARE", 0.1)
+    train, check = runs
+    found = diagnose(load_robot("xs031"), [train.recording()], [check.recording("check")])
+    assert [one.named.names[0] for one in found.findings] == ["valve_null_bias"]
+    assert found.verdict == "explained"
+    assert found.robot is not None
+    assert {effect.name for effect in found.robot.effects} >= {EFFECTS[0].name, EFFECTS[1].name}
+    (note,) = [note for note in found.notes if "no larger than every machine has" in note]
+    assert note.startswith("coulomb_friction of lift_cylinder is there")
 
 
 def test_both_effects_are_named_in_their_places_and_nothing_else_is(found: Diagnosis) -> None:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import io
 import json
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from hydro_ident.bag.cdr import JOINT_STATE
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
-from hydro_ident.commands.inspect import main
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.commands.inspect import main, text_of
 from hydro_ident.complaints import complaints_of
 from hydro_ident.health import find_irregularities
-from hydro_ident.inspection import inspect_bag
+from hydro_ident.inspection import inspect_bag, robot_of
 from hydro_model import terminal
 
 N = 1500
@@ -270,3 +274,33 @@ def test_reading_shows_on_a_terminal_wherever_the_result_goes(
     else:
         assert f"{N} cycles" in said
         assert to is None or json.loads((tmp_path / to).read_text())["cycles"] == N
+
+
+def _small_bag(folder: Path, metadata: Mapping[str, str]) -> Path:
+    """A bag of one message."""
+    with BagWriter(folder, metadata) as writer:
+        writer.add_topic("/joint_states", JOINT_STATE)
+        values = {"position": [0.25, 0.0]}
+        writer.write_stamped("/joint_states", 10**18, values, names=("lift", "tilt"))
+    return folder
+
+
+def test_a_failed_checksum_is_in_the_inspection(tmp_path: Path, robot) -> None:
+    path = _small_bag(tmp_path / "bag", {"note": "small"})
+    assert "checksums hold" in text_of(inspect_bag(read_bag(path), robot))
+    file = path / "bag_0.mcap"
+    data = bytearray(file.read_bytes())
+    data[data.index(b"small")] ^= 1
+    file.write_bytes(data)
+    told = text_of(inspect_bag(read_bag(path), robot))
+    assert "a checksum FAILS" in told
+    assert "bytes changed" in told
+
+
+def test_what_a_bag_says_commands_no_terminal_and_opens_no_file(tmp_path: Path, robot) -> None:
+    metadata = {"robot": "/etc/hostname", "note": "\x1b[2Jgone\nnext"}
+    bag = read_bag(_small_bag(tmp_path / "bag", metadata))
+    assert robot_of(bag, None) is None
+    text = text_of(inspect_bag(bag, robot))
+    assert "\x1b" not in text
+    assert "\\x1b[2Jgone\\nnext" in text

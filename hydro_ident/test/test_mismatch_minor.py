@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from hydro_ident.mismatch import minor
 from hydro_ident.mismatch.minor import is_minor, minor_notes, parted
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.outcome import Finding
@@ -47,9 +49,9 @@ def test_sizes_within_data_sheets_are_minor(
 
 
 def test_friction_is_minor_by_what_the_cylinder_can_push(robot: Robot) -> None:
-    for share, minor in ((1e-4, True), (1e-3, False)):
+    for share, expected in ((1e-4, True), (1e-3, False)):
         force = {"force": share * _push(robot)}
-        assert is_minor(robot, _term(robot, "coulomb_friction", LIFT, force)) is minor
+        assert is_minor(robot, _term(robot, "coulomb_friction", LIFT, force)) is expected
 
 
 def test_an_effect_without_tolerance_is_never_minor(robot: Robot) -> None:
@@ -66,9 +68,23 @@ def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
     for term in terms:
         one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
         found.append(Finding(named_of([one], 0.001, 1.0), None, ("lift/force",)))  # type: ignore[arg-type]
-    findings, minor = parted(robot, found)
+    findings, small = parted(robot, found)
     assert [f.named.names for f in findings] == [("coulomb_friction",)]
-    assert [f.named.names for f in minor] == [("pressure_sensor_gain",)]
-    (note,) = minor_notes(minor)
+    assert [f.named.names for f in small] == [("pressure_sensor_gain",)]
+    (note,) = minor_notes(small)
     assert f"pressure_sensor_gain of {LIFT}/a" in note
     assert "(error 0.0005)" in note
+
+
+def test_the_page_says_these_sizes() -> None:
+    page = (Path(__file__).parents[2] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
+    paragraph = page.partition("* **Minor.**")[2].partition("* **Limits.**")[0]
+    gain, bias, offset, volume = (minor._TOLERATED[name][1] for name in minor._TOLERATED)
+    for told in (
+        f"gains of transducers below {1e2 * gain:g} %",
+        f"{1e-3 * bias:g} kPa",
+        f"{1e3 * offset:g} mrad",
+        f"{1e6 * volume:g} ml",
+        f"{1e2 * minor._FRICTION_SHARE:g} % of what the cylinder can push",
+    ):
+        assert told in paragraph, told

@@ -120,7 +120,6 @@ def simulate(
     RobotError
         An effect does not resolve.
     """
-
     n, m = robot.dof, len(robot.cylinders)
     times = _times(robot, time_s)
     count = len(times)
