@@ -43,6 +43,8 @@ class Codec:
         The frames that make one sample, sync first.
     tells_clock : bool
         The sync frame says whether the device is in lockstep.
+    tells_amplifiers : bool
+        The sync frame says whether the amplifiers are on.
     echo_spans : tuple of int
         After how many the counts of `Echo` begin anew; empty where the device does not tell them.
     """
@@ -70,6 +72,7 @@ class Codec:
         atmosphere = robot.atmospheric_pressure_pa
         self._counter = layout.raw(mapping.counter)
         self.tells_clock = "lockstep" in mapping.status
+        self.tells_amplifiers = "amplifier_enabled" in mapping.status
         self._status = {name: layout.raw(signal) for name, signal in mapping.status.items()}
         self._echo = tuple(layout.raw(mapping.echo[name]) for name in ECHO_NAMES if mapping.echo)
         self.echo_spans = tuple(1 << raw.length for raw in self._echo)

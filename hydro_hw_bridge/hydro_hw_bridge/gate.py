@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from hydro_hw_bridge.amplifier_watch import AmplifierWatch
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.output_ramp import RATE_FACTOR, ROUNDING_V, OutputRamp
 from hydro_hw_bridge.permissives import Inputs, missing_permissive
@@ -80,6 +81,7 @@ class Gate:
         self._accepted = 0
         self._command = self._zero
         self._ramp = OutputRamp(limits)
+        self._amplifiers = AmplifierWatch(limits)
         self._released: int | None = None
 
     def carry_over(self, other: Gate) -> None:
@@ -196,9 +198,10 @@ class Gate:
         """
         self._inputs = inputs
         if self.state is GateState.DRIVING:
-            missing = self._missing()
-            if missing:
-                self.trip(missing)
+            silent = self._amplifiers.look(inputs.amplifiers_on, self._driven_cycles())
+            reason = self._missing() or silent
+            if reason:
+                self.trip(reason)
 
     def command(
         self, counter: int | None, names: Sequence[str], voltages: Sequence[float]
@@ -274,6 +277,7 @@ class Gate:
             return self._deny(missing)
         self.state = GateState.DRIVING
         self._ramp.begin(counter)
+        self._amplifiers.begin()
         self._accept(counter, values)
         return Outcome.ACCEPTED
 
@@ -298,7 +302,11 @@ class Gate:
 
     def _accept(self, counter: int, values: tuple[float, ...]) -> None:
         self._accepted, self._command = counter, values
-        self._ramp.follow(counter, values)
+        if self._inputs is not None and self._inputs.amplifiers_on is False:
+            # They would come on at the voltage of then, in one step.
+            self._ramp.reset()
+        else:
+            self._ramp.follow(counter, values)
 
     def _judge(
         self, names: Sequence[str], voltages: Sequence[float]
@@ -327,10 +335,12 @@ class Gate:
         """Whether the amplifiers had time to answer to enable: before, their watchdog is tripped
         for want of enabled frames."""
         return (
-            self.state is GateState.DRIVING
-            and self._newest is not None
-            and self._ramp.driven_cycles(self._newest) > self.limits.max_age_cycles
+            self.state is GateState.DRIVING and self._driven_cycles() > self.limits.max_age_cycles
         )
+
+    def _driven_cycles(self) -> int:
+        """How many cycles were driven until the newest."""
+        return 0 if self._newest is None else self._ramp.driven_cycles(self._newest)
 
     def _milliseconds(self, cycles: int) -> str:
         return f"{1e3 * self.limits.period_s * cycles:.0f} ms"

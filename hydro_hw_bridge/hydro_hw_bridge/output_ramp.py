@@ -31,19 +31,18 @@ class OutputRamp:
     def __init__(self, limits: GateLimits) -> None:
         self._limits = limits
         self._zero = (0.0,) * len(limits.valve_names)
-        self.applied_v = self._zero
         self.cleared = False
         self._driving_since = 0
-        self._ramping = False
+        self.reset()
 
     def reset(self) -> None:
         """0 V: nothing is driven."""
         self.applied_v = self._zero
+        self._ramping = True
 
     def begin(self, counter: int) -> None:
         """Driving begins with the command of this cycle."""
         self._driving_since = counter
-        self._ramping = True
 
     def driven_cycles(self, counter: int) -> int:
         """How many cycles were driven until this one."""

@@ -18,6 +18,8 @@ class Inputs:
         The amplifiers shut down on their own.
     supply_pa : float
         Gauge; NaN where not measured.
+    amplifiers_on : bool or None
+        None where they do not tell.
     """
 
     emergency_stop_ok: bool
@@ -25,6 +27,7 @@ class Inputs:
     enable_switch: bool
     amplifier_watchdog: bool
     supply_pa: float
+    amplifiers_on: bool | None = None
 
 
 def missing_permissive(inputs: Inputs | None, limits: GateLimits, *, settled: bool) -> str:

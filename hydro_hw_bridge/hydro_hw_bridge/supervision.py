@@ -90,7 +90,7 @@ class Supervision:
             return
         self._quiet = False
         if self._supply_pa is not None:
-            self._gate.check(_inputs(self._codec.status(sync), self._supply_pa))
+            self._gate.check(self._inputs(self._codec.status(sync), self._supply_pa))
 
     def repeated(self) -> None:
         """In real time no cycle is sent again: ages cannot be told by a counter that stands."""
@@ -121,7 +121,7 @@ class Supervision:
         """
         self._standing_still = 0
         self._supply_pa = self._supply(readings)
-        self._gate.check(_inputs(readings.status, self._supply_pa))
+        self._gate.check(self._inputs(readings.status, self._supply_pa))
         found = self.watch.look(readings, counter, on_wire_v)
         if found.passing and active:
             self._gate.trip(found.passing)
@@ -143,6 +143,16 @@ class Supervision:
     def _supply(self, readings: Readings) -> float:
         names = self._codec.pressure_names
         return readings.pressures_pa[names.index(SUPPLY)] if SUPPLY in names else math.nan
+
+    def _inputs(self, status: Status, supply_pa: float) -> Inputs:
+        return Inputs(
+            emergency_stop_ok=status.emergency_stop_ok,
+            pump_on=status.pump_on,
+            enable_switch=status.enable_switch,
+            amplifier_watchdog=status.amplifier_watchdog,
+            supply_pa=supply_pa,
+            amplifiers_on=status.amplifier_enabled if self._codec.tells_amplifiers else None,
+        )
 
     def _stands(self, name: str, reason: str, *, active: bool) -> None:
         """A fault of the cycle at hand; empty: there is none."""
@@ -215,13 +225,3 @@ class Supervision:
             self._gate.end_fault(name)
         elif name not in self._gate.faults:
             self.fault(name, reason, active=active)
-
-
-def _inputs(status: Status, supply_pa: float) -> Inputs:
-    return Inputs(
-        emergency_stop_ok=status.emergency_stop_ok,
-        pump_on=status.pump_on,
-        enable_switch=status.enable_switch,
-        amplifier_watchdog=status.amplifier_watchdog,
-        supply_pa=supply_pa,
-    )

@@ -18,7 +18,7 @@ from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
-GOOD = Status(emergency_stop_ok=True, pump_on=True, enable_switch=True)
+GOOD = Status(emergency_stop_ok=True, pump_on=True, enable_switch=True, amplifier_enabled=True)
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000

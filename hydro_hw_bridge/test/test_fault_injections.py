@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import pytest
@@ -119,6 +120,42 @@ def test_a_dead_bridge_is_answered_by_the_amplifiers_watchdog(trial: Trial) -> N
     outcome = trial.run(injection, 4)
     kept(outcome)
     assert outcome.stop_cycles == WATCHDOG  # 50 ms of device time, no more and no less
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3, 6, 20, 49])
+def test_valve_frames_lost_as_driving_begins_cost_time_and_no_step(
+    trial: Trial, cycles: int
+) -> None:
+    """The amplifiers come on at 0 V, whenever the first frame comes through."""
+    bench = Bench(
+        trial.make_rig(1),
+        trial.codec,
+        trial.limits,
+        trial.make_commander(1),
+        bus=[BusFault("lost", 0, cycles, BRIDGE)],
+    )
+    bench.run(cycles + 30)
+    driven = [row.voltages for row in bench.rows if row.enabled]
+    assert not any(row.enabled for row in bench.rows[:cycles])
+    assert driven[0] == (0.0, 0.0)
+    assert any(driven[-1])
+    steps = [
+        max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in itertools.pairwise(driven)
+    ]
+    assert max(steps) <= trial.limits.legal_step_v + 1e-9
+    assert bench.core.gate.trips == 0
+
+
+def test_amplifiers_that_never_hear_of_enable_trip_it(trial: Trial) -> None:
+    bench = Bench(
+        trial.make_rig(1),
+        trial.codec,
+        trial.limits,
+        trial.make_commander(1),
+        bus=[BusFault("lost", 0, 200, BRIDGE)],
+    )
+    bench.run(100)
+    assert bench.core.gate.reason == "the amplifiers did not come on within 100 ms"
 
 
 def test_a_silent_controller_is_answered_by_the_gate(trial: Trial) -> None:

@@ -14,6 +14,7 @@ from hydro_hw_bridge.gate import Gate, GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.permissives import Inputs
 from hydro_hw_bridge.supervision import FOREIGN, Supervision
+from hydro_model.robot import Robot
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000
@@ -247,3 +248,31 @@ def test_a_counter_may_stand_from_the_first_cycle_on_for_as_long_as_later(codec:
         assert gate.state is GateState.DRIVING
     supervision.repeated()
     assert gate.reason == "the device's sample counter stood still for 6 cycles"
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_amplifiers_are_waited_for_where_the_machine_tells_of_them(
+    codec: Codec, readings: Any, tells: bool
+) -> None:
+    """A bit that the mapping leaves out is not one that says no."""
+    told = copy.copy(codec)
+    told.tells_amplifiers = tells
+    gate = _driving(LIMITS)
+    supervision = Supervision(told, gate, lockstep=False)
+    for counter in range(2, 60):
+        gate.advance(counter)
+        supervision.cycle(
+            readings(counter, amplifier_enabled=False), counter, (0.0, 0.0), active=True
+        )
+        gate.command(counter, LIMITS.valve_names, (1.0, 0.0))
+    assert gate.reason == ("the amplifiers did not come on within 100 ms" if tells else "")
+    assert gate.output.voltages == ((0.0, 0.0) if tells else (1.0, 0.0))
+
+
+def test_a_mapping_says_whether_the_machine_tells_of_its_amplifiers(
+    codec: Codec, robot: Robot
+) -> None:
+    assert codec.tells_amplifiers
+    status = {k: v for k, v in codec.mapping.status.items() if k != "amplifier_enabled"}
+    silent = Codec(robot, replace(codec.mapping, status=status), codec.layout)
+    assert not silent.tells_amplifiers

@@ -116,6 +116,9 @@ def test_a_step_of_the_record_is_held_to_the_cycles_that_lie_between() -> None:
     assert excess_v(record(*off, *ramp, *held, (1, 1, 0.78 + 0.31)), limits) < 0.0
     assert excess_v(record(*off, *ramp, *held, (1, 1, 0.78 + 0.33)), limits) > 0.0
     assert excess_v(record(*off, *ramp, (1, 1, 0.78 + 0.2)), limits) == pytest.approx(0.079)
+    # On at 0 V, or one frame of the ramp later.
+    assert excess_v(record(*off, (1, 1, 0.0), *ramp), limits) < 0.0
+    assert excess_v(record(*off, (1, 1, 6.6), *ramp), limits) > 6.0
     # 0 V may come at once, and after a second any legal step.
     assert excess_v(record(*off, *ramp, (1, 1, 0.0), (0, 1, 0.0)), limits) < 0.0
     late = [(1, 1, 0.78)] * 461

@@ -18,8 +18,7 @@ def excess_v(values: FloatArray, limits: GateLimits) -> float:
 
     A frame that comes carries the steps of every command since the one before it: of as many
     cycles as lie between, and of those by which the earlier may have been old when it was taken.
-    The step with which the amplifiers come on is left out: how long the gate had been driving by
-    then the record does not tell.
+    They come on at 0 V, however long the gate had been driving by then.
 
     Parameters
     ----------
@@ -39,5 +38,5 @@ def excess_v(values: FloatArray, limits: GateLimits) -> float:
     most = limits.reenable_step_v * (np.diff(rows) + limits.max_age_cycles) + ROUNDING_V
     moved = np.abs(np.diff(volts, axis=0)).max(axis=1)
     # 0 V may come at once.
-    moved[~volts[1:].any(axis=1) | ~(enabled[rows[:-1]] & enabled[rows[1:]])] = 0.0
+    moved[~volts[1:].any(axis=1)] = 0.0
     return float((moved - most).max())

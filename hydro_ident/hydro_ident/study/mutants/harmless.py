@@ -71,11 +71,27 @@ def _permissives() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _amplifier_watch() -> Iterator[Harmless]:
+    init = "AmplifierWatch.__init__"
+    yield from _begins(
+        "amplifier_watch", init, "_came_on", ("pass", "True"), _DRIVING_FIRST, "False"
+    )
+    yield Harmless(
+        "amplifier_watch", "AmplifierWatch.look", 'return ""', "pass",
+        "None is as empty as the text: it is only asked whether there is any",
+    )  # fmt: skip
+    known = "if self._newest is None else self._ramp.driven_cycles(self._newest)"
+    for other in ("-1", "1"):
+        yield Harmless(
+            "gate", "Gate._driven_cycles", f"return 0 {known}", f"return {other} {known}",
+            _UNREAD.format("it is asked while driving alone, and the newest cycle is known then"),
+        )  # fmt: skip
+
+
 def _output_ramp() -> Iterator[Harmless]:
     init = "OutputRamp.__init__"
     values = ("pass", "-1", "1")
     yield from _begins("output_ramp", init, "_driving_since", values, _DRIVING_FIRST)
-    yield from _begins("output_ramp", init, "_ramping", ("pass", "True"), _DRIVING_FIRST, "False")
     before = "for value, before in zip(values, self.applied_v, strict="
     yield Harmless(
         "output_ramp", "OutputRamp.follow", f"{before}True)", f"{before}False)",
@@ -232,6 +248,7 @@ def _claims() -> Iterator[Harmless]:
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
     *_permissives(),
+    *_amplifier_watch(),
     *_output_ramp(),
     *_plausibility(),
     *_supervision(),

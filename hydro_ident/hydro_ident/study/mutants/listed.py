@@ -80,7 +80,7 @@ class Harmless:
 TARGETS: tuple[Target, ...] = (
     *(
         Target(name, f"hydro_hw_bridge.{name}", (f"{_TEST}/gate",))
-        for name in ("gate", "gate_limits", "permissives", "output_ramp")
+        for name in ("gate", "gate_limits", "permissives", "amplifier_watch", "output_ramp")
     ),
     Target(
         "plausibility",
