@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hydro_hw_bridge.amplifier_watch import AmplifierWatch
 from hydro_hw_bridge.gate import Gate, GateState, Outcome, Output
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.permissives import Inputs
@@ -136,3 +137,10 @@ def test_amplifiers_that_do_not_tell_are_driven_as_before(waiting: Make) -> None
     assert gate.output.voltages[0] == 7.0
     for counter in range(104, 300):
         assert _cycle(gate, counter, replace(ON, amplifiers_on=None)) == 7.0
+
+
+def test_a_watch_that_never_began_waits_for_them() -> None:
+    watch = AmplifierWatch(LIMITS)
+    assert watch.look(False, 5) == ""
+    assert watch.look(False, 50) == ""
+    assert "did not come on" in watch.look(False, 51)

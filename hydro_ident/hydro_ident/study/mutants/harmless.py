@@ -71,15 +71,7 @@ def _permissives() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
-def _amplifier_watch() -> Iterator[Harmless]:
-    init = "AmplifierWatch.__init__"
-    yield from _begins(
-        "amplifier_watch", init, "_came_on", ("pass", "True"), _DRIVING_FIRST, "False"
-    )
-    yield Harmless(
-        "amplifier_watch", "AmplifierWatch.look", 'return ""', "pass",
-        "None is as empty as the text: it is only asked whether there is any",
-    )  # fmt: skip
+def _driven_cycles() -> Iterator[Harmless]:
     known = "if self._newest is None else self._ramp.driven_cycles(self._newest)"
     for other in ("-1", "1"):
         yield Harmless(
@@ -248,7 +240,7 @@ def _claims() -> Iterator[Harmless]:
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
     *_permissives(),
-    *_amplifier_watch(),
+    *_driven_cycles(),
     *_output_ramp(),
     *_plausibility(),
     *_supervision(),
