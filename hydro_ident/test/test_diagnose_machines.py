@@ -140,3 +140,26 @@ def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
         bags.append(run.recording(name))
     found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
     assert (found.findings, found.unexplained) == ((), ())
+
+
+def test_a_valve_that_holds_its_drop_both_ways_is_compensated(diagnosed: Diagnosed) -> None:
+    both = {"share": 0.9, "margin": 1.5e6, "outflow": 0.8}
+    found = diagnosed(EffectSpec("pressure_compensation", "tilt_valve", both))
+    assert [f.named.names for f in found.findings] == [("pressure_compensation",)]
+    assert found.findings[0].named.term.parameters == pytest.approx([0.9, 1.5e6, 0.8], rel=0.2)
+
+
+def test_an_underlap_of_rounded_edges_is_one(diagnosed: Diagnosed) -> None:
+    rounded = {"width": 0.04, "shift": 0.0}
+    found = diagnosed(EffectSpec("valve_underlap", "lift_valve", rounded))
+    assert [f.named.names[0] for f in found.findings] == ["valve_underlap"]
+    width, shift = found.findings[0].named.term.parameters
+    assert width == pytest.approx(0.04, rel=0.1)
+    assert shift < 0.2
+
+
+def test_a_spool_of_a_few_hertz_lags(diagnosed: Diagnosed) -> None:
+    slow = {"frequency": 2.5, "damping": 0.8}
+    found = diagnosed(EffectSpec("valve_spool_lag", "tilt_valve", slow))
+    assert found.findings[0].named.names[0] == "valve_spool_lag"
+    assert found.findings[0].named.term.parameters == pytest.approx([2.5, 0.8], rel=0.15)

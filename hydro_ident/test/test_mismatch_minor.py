@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hydro_ident.mismatch import minor
-from hydro_ident.mismatch.minor import is_minor, minor_notes, parted
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.minor import is_minor, minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.named import Contender, named_of
-from hydro_ident.mismatch.outcome import Finding
+from hydro_ident.mismatch.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
@@ -54,6 +58,28 @@ def test_friction_is_minor_by_what_the_cylinder_can_push(robot: Robot) -> None:
         assert is_minor(robot, _term(robot, "coulomb_friction", LIFT, force)) is expected
 
 
+def test_friction_of_two_parts_counts_at_50_mm_s(robot: Robot) -> None:
+    for viscous, expected in ((1e-3, True), (3e-3, False)):
+        values = {"force": -1e-4 * _push(robot), "viscous": viscous * _push(robot)}
+        term = _term(robot, "asymmetric_friction", LIFT, values)
+        assert is_minor(robot, term) is expected
+
+
+def test_what_has_no_name_and_is_tiny_is_noted() -> None:
+    wave = 1e4 * np.sin(np.arange(1000.0))
+    channel = ChannelResult("lift/force", "N", np.arange(1000.0), wave, wave, wave, 1.0)
+    curve = np.zeros(3)
+    some = Dependence(0, "time", "", 9.0, 2, 9.0, 0.001, 0.09, 5.0, curve, curve, curve, 0.3)
+    text = "9% of what is left in lift/force follows time (5 N rms, repeats every 0.3 s)"
+    tiny = Unexplained("lift/force", ("time",), 0.09, 0.001, text, some, size=5.0)
+    real = replace(tiny, size=12.0)
+    at_large = replace(tiny, depends_on=("everywhere",), size=math.inf)
+    kept, (note,) = parted_unknown([tiny, real, at_large], [channel])
+    assert kept == (real, at_large)
+    assert note.startswith(text)
+    assert "0.071 % of lift/force itself" in note
+
+
 def test_an_effect_without_tolerance_is_never_minor(robot: Robot) -> None:
     tiny = _term(robot, "valve_null_bias", "lift_valve", {"bias": 1e-6})
     assert not is_minor(robot, tiny)
@@ -86,5 +112,6 @@ def test_the_page_says_these_sizes() -> None:
         f"{1e3 * offset:g} mrad",
         f"{1e6 * volume:g} ml",
         f"{1e2 * minor._FRICTION_SHARE:g} % of what the cylinder can push",
+        f"no name is below {1e2 * minor.UNKNOWN_SHARE:g} %",
     ):
         assert told in paragraph, told

@@ -11,7 +11,7 @@ from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import stroke
 from hydro_model.effects import ActiveEffect, Readings, Stage
-from hydro_model.effects.catalogue import start_s
+from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.rows import signal_rows
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
@@ -42,8 +42,8 @@ def held_torque(
         changed = one.effect.change(robot, one.target, one.parameters)
         # A tilt is in the regressor, whose masses are the fit's and not the robot file's.
         changed = replace(changed, gravity_m_s2=robot.gravity_m_s2)
-        acts = (trace.time_s >= start_s(one))[:, None]
-        total += np.where(acts, inverse_dynamics(changed, *state) - plain, 0.0)
+        acts = acting_share(one, trace.time_s)[:, None]
+        total += acts * (inverse_dynamics(changed, *state) - plain)
         if Stage.FRICTION in one.effect.stages:
             at, signals = moving_signals(robot, one, trace, moved)
             law = one.effect.evaluate(signals, one.parameters, Stage.FRICTION, trace.step_s)

@@ -18,6 +18,7 @@ from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
     bounded_bodies,
     bounded_tilt,
+    instant_spacing,
     instants_of,
     mean_oil_c,
     pilots,
@@ -34,6 +35,7 @@ from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
 from hydro_model.effects.targets import places
+from hydro_model.effects.valve_edges import SHIFT
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray
 from hydro_model.signals import (
@@ -232,6 +234,9 @@ def _grid(
         # From before the recording on, too: a refit of the base swallows that, a fixed one not.
         always = [] if spec.default is None else [spec.default]
         return always + instants_of(material)
+    if spec.name == effect.duration:
+        # Over what lies between two instants: whenever it begins, one of them is near.
+        return [instant_spacing(material)]
     if effect.name == "temperature_drift" and (mean_c := mean_oil_c(material)) is not None:
         # A temperature that is known needs no rise with time; roll-outs are at the mean.
         known = {"reference": [mean_c], "rise": [0.0], "time_constant": [spec.typical]}
@@ -258,7 +263,7 @@ def _grid(
         at = quantiles(predictor, model, one, (VALVE_SIGNAL,))
         ends = [0.5 * (abs(low) + abs(high)) for low, high in zip(at, at[::-1], strict=True)]
         return [0.0, *(w for w in ends[: len(at) // 2] if 0.0 < w < spec.upper)]
-    if spec is BEND or spec is TRAVEL:
+    if spec is BEND or spec is TRAVEL or spec is SHIFT:
         return [0.0, spec.typical]
     if effect.name == "backlash" and spec.name == "contact_torque":
         loads = quantiles(predictor, model, one, (PISTON_FORCE,))

@@ -12,6 +12,8 @@ from hydro_ident.mismatch.chance import overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.onset import begins, settled
+from hydro_ident.mismatch.places import instant_spacing
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
@@ -128,9 +130,28 @@ class Contest:
             Of the trial beside it.
         """
         starts = one.entry.trial.around(one.coefficients)
+        if begins(starts[0]):
+            return self._settled(without, starts[0])
         if len(starts) == 1:
             return starts[0]
         return starts[int(np.argmin(self._left(without, starts)))]
+
+    def _settled(self, without: Fitted, one: ActiveEffect) -> ActiveEffect:
+        """An effect that begins within the recording, when it does, and its size with that."""
+        mask, bench, unit = self.training.mask, without.bench, one.effect.sizes[0]
+
+        def size(of: ActiveEffect) -> tuple[float, float]:
+            column = self.training.predictor.contribution(without.model, of)[mask]
+            left = bench.beyond(column[:, None])[:, 0]
+            squares = max(float(left @ left), 1e-300)
+            share = float(left @ bench.residual) / squares
+            return share, share**2 * squares
+
+        spacing_s = instant_spacing(self.training.predictor.material)
+        found = settled(one, spacing_s, lambda of: -size(of)[1])
+        values = found.parameters.copy()
+        values[unit] *= size(found)[0]
+        return replace(found, parameters=values)
 
     def _left(self, without: Fitted, terms: Sequence[ActiveEffect]) -> FloatArray:
         """Sums of squares that effects leave as they are, (k,)."""

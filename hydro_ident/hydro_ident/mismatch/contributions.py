@@ -21,6 +21,7 @@ from hydro_ident.mismatch.material import Material, Place, Stretch
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.rigid_body import inverse_dynamics
@@ -136,7 +137,6 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
     if change is None:
         return
     other = change(plain, one.target, one.parameters)
-    start = one.parameters[_index(one, one.effect.start)] if one.effect.start else None
     for s, stretch in enumerate(signals.stretches(model)):
         places = [p for p in material.places if p.stretch == s]
         places = [p for p in places if not material.is_flow(p.channel)]
@@ -145,8 +145,7 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
         m = stretch.moved
         extra = inverse_dynamics(other, m.q, m.qd, m.qdd)
         extra = extra - inverse_dynamics(plain, m.q, m.qd, m.qdd)
-        if start is not None:
-            extra *= (stretch.trace.time_s >= start)[:, None]
+        extra *= acting_share(one, stretch.trace.time_s)[:, None]
         for cylinder in () if material.forces.torque else plain.cylinders:
             joint = plain.joint_index(cylinder.joint)
             extra[:, joint] /= lever(cylinder, m.q[:, joint])
@@ -228,7 +227,3 @@ def _joint_of(robot: Robot, one: ActiveEffect) -> int:
     if one.joint is not None:
         return one.joint
     return robot.joint_index(robot.cylinders[one.cylinder or 0].joint)
-
-
-def _index(one: ActiveEffect, name: str) -> int:
-    return [p.name for p in one.effect.parameters].index(name)

@@ -18,7 +18,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.minor import minor_notes, parted
+from hydro_ident.mismatch.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import (
     data_notes,
@@ -163,6 +163,8 @@ def _diagnosed(
     notes = [*data_notes(work), *modelled.notes, *run.rejected, *minor_notes(minor)]
     notes += [refined.note] if refined is not None else []
     channels = _channels(work, whole, work.check)
+    unknown, small = parted_unknown(unknown, channels)
+    notes += small
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     notes += left_notes(channels) + instant_notes(work, whole)
     doubtful = few or _hardly_better(findings, channels)

@@ -9,8 +9,10 @@ import numpy as np
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.modelled import Model, same
-from hydro_ident.mismatch.places import instants_of
+from hydro_ident.mismatch.onset import beginning, begins, settled
+from hydro_ident.mismatch.places import instant_spacing, instants_of
 from hydro_ident.mismatch.training import Training
+from hydro_model.effects.catalogue import start_s
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
 
@@ -42,18 +44,21 @@ def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Mod
 
 def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
     """The model with one effect's instant that predicts the check best, of how many."""
-    at = [p.name for p in mine.effect.parameters].index(str(mine.effect.start))
-    used, best, least = check.mask & check.moving, model, np.inf
-    instants = [float(mine.parameters[at]), 0.0, *instants_of(check.predictor.material)]
-    for instant in instants:
-        values = mine.parameters.copy()
-        values[at] = instant
-        terms = tuple(replace(t, parameters=values) if same(t, mine) else t for t in model.terms)
-        tried = replace(model, terms=terms)
-        left = float(np.sum(check.residual(tried)[used] ** 2))
-        if left < least:
-            best, least = tried, left
-    return best, len(instants)
+    used, material = check.mask & check.moving, check.predictor.material
+    spacing_s = instant_spacing(material)
+
+    def with_it(one: ActiveEffect) -> Model:
+        return replace(model, terms=tuple(one if same(t, mine) else t for t in model.terms))
+
+    def left(one: ActiveEffect) -> float:
+        return float(np.sum(check.residual(with_it(one))[used] ** 2))
+
+    instants = [start_s(mine), 0.0, *instants_of(material)]
+    tried = [mine, *(beginning(mine, instant, spacing_s) for instant in instants[1:])]
+    best = min(tried, key=left)
+    if begins(best):
+        best = settled(best, spacing_s, left)
+    return with_it(best), len(instants)
 
 
 def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:

@@ -10,7 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hydro_ident.mismatch.outcome import Finding
+import numpy as np
+
+from hydro_ident.mismatch.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
 
@@ -23,9 +26,14 @@ _TOLERATED = {
     "encoder_offset": ("offset", 5.0e-4),
     "dead_volume": ("volume", 1.0e-5),
 }
-#: Dry friction of so small a share of what the cylinder can push is that of any seal.
-_FRICTION = frozenset({"coulomb_friction", "presliding_friction", "stribeck_friction"})
-_FRICTION_SHARE = 2.0e-4
+#: Dry friction of so small a share of what the cylinder can push, at this velocity, is any seal's.
+_FRICTION = frozenset(
+    {"coulomb_friction", "presliding_friction", "stribeck_friction", "asymmetric_friction"}
+)
+_FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
+#: Share of a channel's standard deviation below which what has no name is no unknown either: a
+#: good transducer's linearity.
+UNKNOWN_SHARE = 1.0e-3
 
 
 def is_minor(robot: Robot, term: ActiveEffect) -> bool:
@@ -44,7 +52,9 @@ def is_minor(robot: Robot, term: ActiveEffect) -> bool:
         return max(sizes) < most
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
-        return max(abs(v) for n, v in _values(term) if n == "force") < _FRICTION_SHARE * push
+        values = dict(_values(term))
+        size = abs(values["force"]) + _FRICTION_M_S * abs(values.get("viscous", 0.0))
+        return size < _FRICTION_SHARE * push
     return False
 
 
@@ -62,6 +72,35 @@ def parted(robot: Robot, findings: Sequence[Finding]) -> tuple[list[Finding], li
     """
     minor = [f for f in findings if is_minor(robot, f.named.term)]
     return [f for f in findings if f not in minor], minor
+
+
+def parted_unknown(
+    unknown: Sequence[Unexplained], channels: Sequence[ChannelResult]
+) -> tuple[tuple[Unexplained, ...], list[str]]:
+    """What has no name, and notes on what of it is no larger than sensors are good for.
+
+    Parameters
+    ----------
+    unknown : sequence of Unexplained
+    channels : sequence of ChannelResult
+
+    Returns
+    -------
+    kept : tuple of Unexplained
+    notes : list of str
+    """
+    sizes = {c.name: float(np.std(c.measured)) for c in channels}
+    kept, notes = [], []
+    for one in unknown:
+        share = one.size / max(sizes.get(one.channel, 0.0), 1e-300)
+        if share >= UNKNOWN_SHARE:
+            kept.append(one)
+            continue
+        notes.append(
+            f"{one.text}: {1e2 * share:.2g} % of {one.channel} itself, no more than sensors are"
+            " good for: no unknown"
+        )
+    return tuple(kept), notes
 
 
 def minor_notes(minor: Sequence[Finding]) -> list[str]:

@@ -136,6 +136,12 @@ def instants_of(material: Material) -> list[float]:
     return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
 
 
+def instant_spacing(material: Material) -> float:
+    """What lies between two of `instants_of`, in s; 0 where there is a single one."""
+    instants = instants_of(material)
+    return instants[1] - instants[0] if len(instants) > 1 else 0.0
+
+
 def mean_oil_c(material: Material) -> float | None:
     """Mean oil temperature in deg C; None where not every recording has it."""
     seen = [s.trace.oil_c for s in material.stretches]

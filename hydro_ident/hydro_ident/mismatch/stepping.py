@@ -24,7 +24,8 @@ from hydro_model.robot import FloatArray, Robot, Valve
 _FACTOR = 2.0
 #: Parameters that only round a law's corners, or say where its stations are: fitted, they would
 #: turn it into another one. Of a play, from what force on the pin lies: samples pass that or do
-#: not. Of a drift, those that its size says as well.
+#: not. Of a drift, those that its size says as well. Of a load, over what it is taken up: searched
+#: for with the instant.
 HELD = {
     ("valve_rate_limit", "time_constant"),
     ("valve_hysteresis", "time_constant"),
@@ -32,6 +33,7 @@ HELD = {
     ("position_dependent_friction", "end"),
     ("backlash", "contact_force"),
     ("backlash", "drag"),
+    ("payload_change", "duration_s"),
     ("temperature_drift", "halving_temperature"),
     ("temperature_drift", "rise"),
     ("temperature_drift", "reference"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -65,6 +66,8 @@ class Unexplained:
         A short form of it that held-out rows confirm.
     confirmed : bool
         It is there on rows that took no part, too; else these could not say.
+    size : float
+        Rms of the dependence, in the channel's unit; infinite where none says how large.
     """
 
     channel: str
@@ -75,6 +78,7 @@ class Unexplained:
     dependence: Dependence
     form: Form | None = None
     confirmed: bool = False
+    size: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +159,7 @@ def unexplained(
         on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
         result[one.channel] = Unexplained(
             name, tuple(dict.fromkeys(on)), one.share, one.p_value, text, one,
-            confirmed=bool(there),
+            confirmed=bool(there), size=one.size,
         )  # fmt: skip
     for one in found:
         name = material.channels[one.channel]

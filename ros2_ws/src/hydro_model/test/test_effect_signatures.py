@@ -236,6 +236,19 @@ def test_compensated_speed_does_not_depend_on_the_load(make_slider) -> None:
         assert out.qd[-1, 0] == pytest.approx(expected, rel=5e-3)
 
 
+def test_compensated_outflow_does_not_depend_on_the_load_either(make_slider) -> None:
+    """Lowered by a compensated edge to tank a heavier load is no faster."""
+    effects = {"pressure_compensation": {"share": 0.0, "margin": 7e5, "outflow": 1.0}}
+    robot = make_slider(viscous_friction=FAST, effects=effects)
+    area = robot.cylinders[0].area_a_m2
+    for load in (-1e4, -2e4):
+        times = np.arange(601) * STEP
+        torque = np.full((601, 1), load)
+        out = simulate(robot, times, np.full((601, 1), -3.0), [0.4], torque=torque)
+        expected = -8e-7 * 0.3 * float(signed_root(7e5)) / area
+        assert out.qd[-1, 0] == pytest.approx(expected, rel=5e-3)
+
+
 def test_counterbalance_valve_holds_a_load_until_it_is_piloted(make_slider) -> None:
     opens = {"restriction": 0.5, "setting": 8e6, "range": 2e6, "pilot_ratio": 3.0}
     hold = EffectSpec("counterbalance_valve", "ram/a", opens)

@@ -156,19 +156,36 @@ EQUATIONS = [
     ),
     (
         "valve_underlap",
-        [0.05],
+        [0.05, 1.0],
         Stage.FLOW_A,
         edge_flows(VALVE, U + 0.05, P_A, P_B, 19e6, 1e6)[0] * (U > -0.05)
         + edge_flows(VALVE, U - 0.05, P_A, P_B, 19e6, 1e6)[0] * (U < 0.05)
         - edge_flows(VALVE, U, P_A, P_B, 19e6, 1e6)[0],
     ),
     (
+        # Rounded edges: nothing beyond the width, inside it both open by what is missing to it.
+        "valve_underlap",
+        [0.05, 0.0],
+        Stage.FLOW_B,
+        np.maximum(0.05 - np.abs(U), 0.0)
+        * (7e-7 * signed_root(19e6 - P_B) - 6e-7 * signed_root(P_B - 1e6)),
+    ),
+    (
         "pressure_compensation",
-        [1.0, 7e5],
+        [1.0, 7e5, 0.0],
         Stage.FLOW_B,
         np.maximum(-U, 0.0)
         * 7e-7
         * (signed_root(np.minimum(19e6 - P_B, 7e5)) - signed_root(19e6 - P_B)),
+    ),
+    (
+        "pressure_compensation",
+        [0.0, 7e5, 0.4],
+        Stage.FLOW_A,
+        np.maximum(-U, 0.0)
+        * -0.4
+        * 8e-7
+        * (signed_root(np.minimum(P_A - 1e6, 7e5)) - signed_root(P_A - 1e6)),
     ),
     (
         "counterbalance_valve",

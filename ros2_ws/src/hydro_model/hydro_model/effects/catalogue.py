@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from hydro_model.effects.bodies import BODY_EFFECTS
 from hydro_model.effects.chamber import CHAMBER_EFFECTS
 from hydro_model.effects.drives import DRIVE_EFFECTS
@@ -16,7 +18,7 @@ from hydro_model.effects.targets import ActiveEffect, places, targets
 from hydro_model.effects.valve_edges import EDGE_EFFECTS
 from hydro_model.effects.valve_effects import VALVE_EFFECTS
 from hydro_model.errors import RobotError
-from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot import EffectSpec, FloatArray, Robot
 
 __all__ = ["CATALOGUE", "ActiveEffect", "resolve", "target_name", "targets"]
 
@@ -84,6 +86,23 @@ def start_s(one: ActiveEffect) -> float:
         return -float("inf")
     names = [parameter.name for parameter in one.effect.parameters]
     return float(one.parameters[names.index(one.effect.start)])
+
+
+def acting_share(one: ActiveEffect, time_s: FloatArray) -> FloatArray:
+    """How much of an effect's change is there at some times, (N,), from 0 to 1.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+    time_s : (N,) array
+        On the recording's time axis.
+    """
+    names = [parameter.name for parameter in one.effect.parameters]
+    over_s = one.parameters[names.index(one.effect.duration)] if one.effect.duration else 0.0
+    since_s = np.asarray(time_s) - start_s(one)
+    if over_s <= 0.0:
+        return np.where(since_s >= 0.0, 1.0, 0.0)
+    return np.asarray(np.clip(since_s / over_s + 0.5, 0.0, 1.0))
 
 
 def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:

@@ -98,6 +98,8 @@ class Effect:
     start : str
         Name of the parameter that is the time from which the `change` holds, in seconds on the
         recording's time axis; empty where it always does.
+    duration : str
+        Name of the parameter over which it comes about, evenly, its start in the middle.
     needs_other_joint : bool
         Looks at another joint: not for a robot with a single one.
     shared : bool
@@ -133,6 +135,7 @@ class Effect:
     change: RobotChange | None = None
     reading: ReadingChange | None = None
     start: str = ""
+    duration: str = ""
     needs_other_joint: bool = False
     shared: bool = False
     needs_valve: bool = False

@@ -37,9 +37,9 @@ def _lap_a(s: Row, p: Row) -> float:
     tank = s[PRESSURE_A] - s[TANK_PRESSURE]
     inwards = s[EDGE_PA] * supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
     outwards = s[EDGE_AT] * tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
-    wider_in = max(u + p[0], 0.0) - max(u, 0.0)
-    wider_out = max(p[0] - u, 0.0) - max(-u, 0.0)
-    return inwards * wider_in - outwards * wider_out
+    shut = max(p[0] - abs(u), 0.0)
+    open_too = shut + p[1] * min(abs(u), p[0])
+    return inwards * (open_too if u > 0.0 else shut) - outwards * (shut if u > 0.0 else open_too)
 
 
 def _lap_b(s: Row, p: Row) -> float:
@@ -48,25 +48,31 @@ def _lap_b(s: Row, p: Row) -> float:
     tank = s[PRESSURE_B] - s[TANK_PRESSURE]
     inwards = s[EDGE_PB] * supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
     outwards = s[EDGE_BT] * tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
-    wider_in = max(p[0] - u, 0.0) - max(-u, 0.0)
-    wider_out = max(u + p[0], 0.0) - max(u, 0.0)
-    return inwards * wider_in - outwards * wider_out
+    shut = max(p[0] - abs(u), 0.0)
+    open_too = shut + p[1] * min(abs(u), p[0])
+    return inwards * (shut if u > 0.0 else open_too) - outwards * (open_too if u > 0.0 else shut)
 
 
 def _held_a(s: Row, p: Row) -> float:
-    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_A]
-    kept = min(drop, p[1])
-    root = drop / math.sqrt(math.sqrt(drop * drop + _SMOOTH))
-    held = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
-    return p[0] * s[EDGE_PA] * max(s[VALVE_SIGNAL], 0.0) * (held - root)
+    supply, tank = s[SUPPLY_PRESSURE] - s[PRESSURE_A], s[PRESSURE_A] - s[TANK_PRESSURE]
+    kept, kept_out = min(supply, p[1]), min(tank, p[1])
+    inwards = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
+    inwards -= supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
+    outwards = kept_out / math.sqrt(math.sqrt(kept_out * kept_out + _SMOOTH))
+    outwards -= tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
+    opened, back = max(s[VALVE_SIGNAL], 0.0), max(-s[VALVE_SIGNAL], 0.0)
+    return p[0] * s[EDGE_PA] * opened * inwards - p[2] * s[EDGE_AT] * back * outwards
 
 
 def _held_b(s: Row, p: Row) -> float:
-    drop = s[SUPPLY_PRESSURE] - s[PRESSURE_B]
-    kept = min(drop, p[1])
-    root = drop / math.sqrt(math.sqrt(drop * drop + _SMOOTH))
-    held = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
-    return p[0] * s[EDGE_PB] * max(-s[VALVE_SIGNAL], 0.0) * (held - root)
+    supply, tank = s[SUPPLY_PRESSURE] - s[PRESSURE_B], s[PRESSURE_B] - s[TANK_PRESSURE]
+    kept, kept_out = min(supply, p[1]), min(tank, p[1])
+    inwards = kept / math.sqrt(math.sqrt(kept * kept + _SMOOTH))
+    inwards -= supply / math.sqrt(math.sqrt(supply * supply + _SMOOTH))
+    outwards = kept_out / math.sqrt(math.sqrt(kept_out * kept_out + _SMOOTH))
+    outwards -= tank / math.sqrt(math.sqrt(tank * tank + _SMOOTH))
+    opened, back = max(-s[VALVE_SIGNAL], 0.0), max(s[VALVE_SIGNAL], 0.0)
+    return p[0] * s[EDGE_PB] * opened * inwards - p[2] * s[EDGE_BT] * back * outwards
 
 
 def _shut_a(s: Row, p: Row) -> float:
@@ -87,12 +93,28 @@ def _shut_b(s: Row, p: Row) -> float:
     return (1.0 - opened / math.sqrt(opened * opened + edge * edge)) * max(-s[VALVE_FLOW_B], 0.0)
 
 
+#: Whether an edge that is open stays wider by the underlap.
+SHIFT = ParameterSpec(
+    "shift",
+    "1",
+    "s, share of w by which an edge is wider beyond it",
+    0.0,
+    1.0,
+    1.0,
+    optional=True,
+)
+
 UNDERLAP = Effect(
     name="valve_underlap",
     channel="flow",
-    equation="edges open by max(w + u, 0) and max(w - u, 0), not by max(u, 0) and max(-u, 0)",
-    source="open-centre valves; Merritt, Hydraulic Control Systems (1967), section 5.3",
-    parameters=(ParameterSpec("width", "1", "w, opening at null", 0.0, 0.3, 0.01),),
+    equation="the edge that u opens is open by |u| + max(w - |u|, 0) + s min(|u|, w), the other by"
+    " max(w - |u|, 0): s = 1, w + |u| and w - |u|",
+    source="open-centre valves; Merritt, Hydraulic Control Systems (1967), section 5.3; s = 0:"
+    " rounded edges, whose openings are the rated ones beyond w",
+    parameters=(
+        ParameterSpec("width", "1", "w, opening at null", 0.0, 0.3, 0.01),
+        SHIFT,
+    ),
     terms=(Term(Stage.FLOW_A, _lap_a), Term(Stage.FLOW_B, _lap_b)),
     channels=("flow_a", "flow_b"),
     needs_valve=True,
@@ -105,18 +127,22 @@ UNDERLAP = Effect(
 PRESSURE_COMPENSATION = Effect(
     name="pressure_compensation",
     channel="flow",
-    equation="inflow c u (a root(min(d, dc)) + (1 - a) root(d)),  d = p_S - p",
+    equation="inflow c u (a root(min(d, dc)) + (1 - a) root(d)),  d = p_S - p;"
+    "  outflow likewise with b, d = p - p_T",
     source="compensator that keeps a constant drop over the metering edge (load sensing)",
     parameters=(
         ParameterSpec("share", "1", "a, share compensated", 0.0, 1.0, 1.0, True, True),
         ParameterSpec("margin", "Pa", "dc, drop kept", 1e5, 1e7, 7e5),
+        ParameterSpec(
+            "outflow", "1", "b, share of the outflow compensated", 0.0, 1.0, 1.0, True, True, 0.0
+        ),
     ),
     terms=(Term(Stage.FLOW_A, _held_a), Term(Stage.FLOW_B, _held_b)),
     channels=("flow_a", "flow_b"),
     needs_valve=True,
     looks_like=("edge coefficients", "supply_droop", "valve_gain_nonlinearity"),
     separating_experiment="the same commands under three loads: the speed does not change",
-    limits="outflow as without; the compensator's own motion is left out",
+    limits="the compensator's own motion is left out",
 )
 
 COUNTERBALANCE_VALVE = Effect(

@@ -124,7 +124,7 @@ SPOOL_LAG = Effect(
     equation="u'' = w^2 (u_in - u) - 2 zeta w u',  w = 2 pi f",
     source="second-order response of valve data sheets",
     parameters=(
-        ParameterSpec("frequency", "Hz", "f, undamped natural frequency", 5.0, 1500.0, 100.0),
+        ParameterSpec("frequency", "Hz", "f, undamped natural frequency", 1.0, 1500.0, 100.0),
         ParameterSpec("damping", "1", "zeta", 0.2, 3.0, 0.8, optional=True),
     ),
     terms=(Term(Stage.SIGNAL, _spool),),
