@@ -112,7 +112,8 @@ class Compensation:
             for chain, axis in zip(chains, axes, strict=True)
         ]
         lags = [sum(lag_s(a) for a in chain if a.effect.states) for chain in chains]
-        self.delay_s = robot.command_delay_s + max(lags) + 0.5 * dt_s
+        late = [lag + axis.valve.command_delay_s for lag, axis in zip(lags, axes, strict=True)]
+        self.delay_s = robot.command_delay_s + max(late) + 0.5 * dt_s
         self.force_lag_s = np.array([_pressure_delay_s(one) for one in own])
         self._others = [other_joint(robot, robot.joint_index(a.joint.name)) for a in axes]
         self._rows = [_row(robot, axis.cylinder_index) for axis in axes]

@@ -7,6 +7,7 @@ deviations `<target>.<effect>.<parameter>` of its model file.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from hydro_model.effects import ActiveEffect, Effect, ParameterSpec, resolve
@@ -16,6 +17,8 @@ from hydro_model.robot import EffectSpec, Robot
 _INTERVAL = 2.0
 #: A value this near to a bound, as a share of it, has run to it.
 _AT_BOUND = 1.0e-6
+#: Lags below this frequency (Hz) ask for more lead than noise and rated voltage leave.
+_SLOWEST_HZ = {"valve_spool_lag": 5.0}
 
 
 def doubt(robot: Robot, listed: EffectSpec) -> str:
@@ -57,6 +60,10 @@ def _doubt(robot: Robot, one: ActiveEffect) -> str:
         bounds = (spec.lower, spec.upper) if sizes else (spec.lower,)
         if _at_bound(spec, value, bounds):
             return f"{spec.name} of {one.target} ran to its bound of {value:g} {spec.unit}"
+        if value <= _SLOWEST_HZ.get(effect.name, -math.inf):
+            return (
+                f"{spec.name} of {one.target} is too low to be made up for ({value:g} {spec.unit})"
+            )
         std = deviations.get(f"{one.target}.{effect.name}.{spec.name}")
         if sizes and std is not None:
             near_zero.append(abs(value) <= _INTERVAL * std)

@@ -84,7 +84,10 @@ def test_a_size_that_cannot_be_below_zero_goes_by_its_interval_too(std: float, s
     assert (doubt(robot, deadband) == "") is sure
 
 
-@pytest.mark.parametrize(("frequency_hz", "sure"), [(5.0, False), (60.0, True), (500.0, True)])
+@pytest.mark.parametrize(
+    ("frequency_hz", "sure"),
+    [(1.0, False), (2.5, False), (5.0, False), (5.5, True), (60.0, True), (500.0, True)],
+)
 def test_a_lag_is_left_alone_at_its_slowest_only(frequency_hz: float, sure: bool) -> None:
     values = {"frequency": frequency_hz, "damping": 0.7}
     lag = EffectSpec("valve_spool_lag", "lift_cylinder", values)

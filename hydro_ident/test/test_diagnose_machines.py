@@ -163,3 +163,19 @@ def test_a_spool_of_a_few_hertz_lags(diagnosed: Diagnosed) -> None:
     found = diagnosed(EffectSpec("valve_spool_lag", "tilt_valve", slow))
     assert found.findings[0].named.names[0] == "valve_spool_lag"
     assert found.findings[0].named.term.parameters == pytest.approx([2.5, 0.8], rel=0.15)
+
+
+@pytest.mark.parametrize("delay_s", [0.004, 0.021])
+def test_one_valve_that_is_late_is_a_delay_of_that_valve(
+    diagnosed: Diagnosed, delay_s: float
+) -> None:
+    """No lag of its spool, and no delay of all: of 4 ms a spool's lag may be in the set."""
+    found = diagnosed(EffectSpec("command_delay", "tilt_valve", {"delay": delay_s}))
+    (one,) = found.findings
+    assert one.named.names[0] == "command_delay"
+    assert one.named.term.target == "tilt_cylinder"
+    assert one.named.term.parameters[0] == pytest.approx(delay_s, abs=2e-4)
+    assert found.robot is not None
+    (listed,) = found.robot.effects
+    assert (listed.name, listed.target) == ("command_delay", "tilt_cylinder")
+    assert not [note for note in found.notes if "delays differ" in note]

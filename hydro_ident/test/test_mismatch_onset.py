@@ -66,7 +66,8 @@ def test_what_always_acts_does_not_begin() -> None:
     assert acting_share(_load(), TIMES_S).min() == 1.0
     (friction,) = resolve(
         replace(
-            load_robot("xs031"), effects=(EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1e3}),)
+            load_robot("xs031"),
+            effects=(EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1e3}),),
         )
     )
     assert not begins(friction)

@@ -11,6 +11,7 @@ from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.locate import dependences
@@ -290,7 +291,8 @@ def _gains(work: Residuals, whole: Fitted, named: Named) -> FloatArray:
     base = whole.columns[:, : len(training.predictor.names)].copy()
     if named.term.effect.name == DELAY:
         # Of what is beyond a cycle a base's own delays may have next to nothing.
-        base[:, list(training.predictor.delay_columns.values())] = 0.0
+        columns = training.predictor.delay_columns
+        base[:, [columns[i] for i in late_valves(named.term, columns)]] = 0.0
     alone = training.bench(whole.bench.noise, whole.residual, base, whole.offset)
     column = np.zeros(training.mask.size)
     for term in terms:

@@ -3,14 +3,15 @@
 A base has a delay per valve, of up to a cycle and what is no finding yet, and a skew per pressure.
 Where the model has the effect that is the same thing, the effect has what all valves have beyond
 one cycle, and what pressures are late: the quickest valve keeps one cycle, the others what they
-are later than that, and no skew is left. A fit has to begin there. From a base at the end of its
-range what one effect says of all valves fits worse than an own delay for each of them, so that no
-step towards it would be taken, and the effect would lack what the base has kept.
+are later than that, and no skew is left. A single valve's delay leaves it what the others have. A
+fit has to begin there. From a base at the end of its range what one effect says of all valves fits
+worse than an own delay for each of them, so that no step towards it would be taken, and the effect
+would lack what the base has kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,8 +40,15 @@ def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
     chambers = list(predictor.skew_columns)[: len(skews_s)]
     for k, term in enumerate(terms):
         if term.effect.name == DELAY and predictor.delay_columns:
-            own = [min(delays_s[index] for index in predictor.delay_columns) - cycle_s]
-            for index in predictor.delay_columns:
+            others = [i for i in predictor.delay_columns if i != term.cylinder]
+            if term.cylinder is None or not others:
+                least_s, later = min(delays_s[i] for i in predictor.delay_columns), cycle_s
+            else:
+                # One valve is later than the others are.
+                least_s = delays_s[term.cylinder]
+                later = float(np.mean([delays_s[i] for i in others]))
+            own = [least_s - later]
+            for index in late_valves(term, predictor.delay_columns):
                 delays_s[index] -= own[0]
         elif term.effect.name == PRESSURE_DELAY:
             at = [i for i, chamber in enumerate(chambers) if is_listed([term], chamber)]
@@ -53,6 +61,11 @@ def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
     if all(fresh is term for fresh, term in zip(terms, model.terms, strict=True)):
         return model
     return replace(model, delays_s=tuple(delays_s), skews_s=tuple(skews_s), terms=tuple(terms))
+
+
+def late_valves(term: ActiveEffect, columns: Iterable[int]) -> list[int]:
+    """The cylinders whose valves a delay of commands makes late."""
+    return [i for i in columns if term.cylinder in (None, i)]
 
 
 def _later(term: ActiveEffect, own: Sequence[float]) -> ActiveEffect:

@@ -19,7 +19,7 @@ from hydro_ident.mismatch.chance import (
 )
 from hydro_ident.mismatch.contest import CLOSE_SHARE, PASSES, Contest, firsts
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
-from hydro_ident.mismatch.named import EXCLUSIVE, Named, at_a_bound, named_of
+from hydro_ident.mismatch.named import Named, at_a_bound, exclude, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.prediction import Model
@@ -311,7 +311,7 @@ def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
     """Whether a trial is an alternative to what was found already at its target."""
     return any(
         c.term.target == trial.target
-        and (c.term.effect.name == trial.name or {c.name, trial.name} <= EXCLUSIVE)
+        and (c.term.effect.name == trial.name or exclude(c.name, trial.name))
         for n in named
         for c in n.contenders
     )
@@ -319,8 +319,7 @@ def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
 
 def _rival(one: ActiveEffect, other: ActiveEffect) -> bool:
     """Whether two effects cannot stand side by side."""
-    pair = {one.effect.name, other.effect.name}
-    return one.target == other.target and (len(pair) == 1 or pair <= EXCLUSIVE)
+    return one.target == other.target and exclude(one.effect.name, other.effect.name)
 
 
 def _is(one: ActiveEffect, other: ActiveEffect) -> bool:

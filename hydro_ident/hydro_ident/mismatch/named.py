@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
 from hydro_model.effects.targets import ActiveEffect
 
@@ -24,8 +25,20 @@ _BORDER = 2.0
 #: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
-#: Laws that each hold the whole dry friction of a cylinder: one of them at a target.
-EXCLUSIVE = frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"})
+SPOOL = "valve_spool_lag"
+#: Laws that each hold the whole dry friction of a cylinder, or how much later than the others a
+#: valve is: one of them at a target.
+EXCLUSIVE = (
+    frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"}),
+    frozenset({SPOOL, DELAY}),
+)
+
+
+def exclude(one: str, other: str) -> bool:
+    """Whether two names cannot stand side by side at a target."""
+    return one == other or any({one, other} <= some for some in EXCLUSIVE)
+
+
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
 #: Sizes below which a finding is none: what gives way by a metre under a hand's push is no ground.
@@ -245,9 +258,10 @@ def named_of(
     whole = max(c.gain for c in contenders) + allowance
     form = FORM_TOLERANCE**2 * whole / _FORM_NATS
     own, spread = spread, max(spread, form, few)
+    costs = {id(c): _cost_among(c, contenders) for c in contenders}
 
     def own_evidence(one: Contender) -> float:
-        return 0.5 * one.held_out / spread - one.cost
+        return 0.5 * one.held_out / spread - costs[id(one)]
 
     possible = [own_evidence(c) for c in contenders if not at_a_bound(c.term)]
 
@@ -273,6 +287,18 @@ def named_of(
     told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
     # Near a limit either name may be meant.
     return told.beside({told.modelled.border_name: shares[0]})
+
+
+def _cost_among(one: Contender, contenders: Sequence[Contender]) -> float:
+    """What a contender's numbers cost beside the others.
+
+    A delay of one valve is the lag of its spool in one shape of many: having chosen it is no
+    cheaper than the lag's damping.
+    """
+    if not (one.term.effect.name == DELAY and one.term.cylinder is not None):
+        return one.cost
+    lags = [c.cost for c in contenders if c.term.effect.name == SPOOL and _near(c, one)]
+    return max([one.cost, *lags])
 
 
 def _near(one: Contender, other: Contender) -> bool:

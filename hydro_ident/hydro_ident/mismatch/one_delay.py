@@ -18,15 +18,14 @@ import numpy as np
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted, settled
-from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.named import SPOOL, Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.worth import LAGS, resolved
 from hydro_model.effects.targets import ActiveEffect
 
-#: The lag that is begun anew, and passes of the fit from there: the valley is long.
-SPOOL = "valve_spool_lag"
+#: Passes of the fit of a lag that is begun anew: the valley is long.
 _ANEW = 12
 
 
@@ -47,9 +46,11 @@ def as_one_delay(
     named : list of Named
     current : Fitted
     """
-    result, listed = list(named), any(t.effect.name == DELAY for t in current.model.terms)
-    for names in (LAGS, *((name,) for name in LAGS)):
-        lags = [n for n in result if n.term.effect.name in names]
+    result = list(named)
+    listed = any(t.effect.name == DELAY and t.cylinder is None for t in current.model.terms)
+    of_valves = (*LAGS, DELAY)
+    for names in (of_valves, *((name,) for name in of_valves)):
+        lags = [n for n in result if n.term.effect.name in names and n.term.cylinder is not None]
         if listed or len({n.term.target for n in lags}) < 2:
             continue
         delay = _in_place(contest, lags, current)
@@ -140,6 +141,7 @@ def _whole(contest: Contest, without: Fitted, own: Contender) -> Contender:
 def _scored(training: Training, without: Fitted) -> Score | None:
     """The delay beside a model without the lags; None where it does nothing there."""
     predictor, model = training.predictor, without.model
-    bank = bank_of(predictor, model, list(trials(predictor, model, [DELAY])))
+    of_all = [t for t in trials(predictor, model, [DELAY]) if t.active.cylinder is None]
+    bank = bank_of(predictor, model, of_all)
     scores = [s for e in bank if (s := score(without.bench, e, training.mask)) is not None]
     return max(scores, key=lambda s: s.value, default=None)

@@ -196,7 +196,10 @@ def at_longest_delay(training: Training, model: Model, index: int) -> bool:
 
 def _is_quickest(training: Training, model: Model, index: int) -> bool:
     """Whether a valve is the one that the effect of the same name leaves at its delay."""
-    if not any(t.effect.name == DELAY for t in model.terms):
+    terms = [t for t in model.terms if t.effect.name == DELAY]
+    if any(t.cylinder == index for t in terms):
+        return True
+    if all(t.cylinder is not None for t in terms):
         return False
     columns = training.predictor.delay_columns
     return index == min(columns, key=lambda one: model.delays_s[one])

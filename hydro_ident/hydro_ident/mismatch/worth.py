@@ -138,7 +138,9 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
         late_s = term.parameters[0] + least_skew(term, columns, skews_s)
         return bool(late_s >= LEAST_CYCLES * cycle_s)
     if term.effect.name == DELAY:
-        excess = term.parameters[0] + min(one.fitted.model.delays_s) - cycle_s
+        delays_s = one.fitted.model.delays_s
+        own_s = min(delays_s) if term.cylinder is None else delays_s[term.cylinder]
+        excess = term.parameters[0] + own_s - cycle_s
         return bool(excess >= LEAST_EXCESS * cycle_s)
     if term.effect.name not in LAGS:
         return True

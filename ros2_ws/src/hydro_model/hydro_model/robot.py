@@ -157,6 +157,8 @@ class Valve:
     rated_voltage_v : float
         Voltage of full opening; the normalised signal is u = V / rated.
     c_pa, c_at, c_pb, c_bt : float
+    command_delay_s : float
+        How much later than the others it follows its commands.
     """
 
     name: str
@@ -166,6 +168,7 @@ class Valve:
     c_at: float
     c_pb: float
     c_bt: float
+    command_delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,7 +141,23 @@ def simulate(
     if p0 is None:
         p0 = equilibrium_pressures(models[0][1].robot, q_start, rails[0, 0], rails[0, 1])
     start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
+    commands = _late(models[0][1].robot, times, commands)
     return _run(models, times, commands, rails, torques, start, tolerance)
+
+
+def _late(robot: Robot, times: FloatArray, commands: FloatArray) -> FloatArray:
+    """Commands of valves that are later than the others: each sample has their mean over it."""
+    delays = [robot.valve_of(cylinder.name).command_delay_s for cylinder in robot.cylinders]
+    if not any(delays) or len(times) < 2:
+        return commands
+    result, ends = commands.copy(), np.append(times, 2.0 * times[-1] - times[-2])
+    for i, delay_s in enumerate(delays):
+        # The integral of what is held, before the first sample as at it.
+        whole = np.append(0.0, np.cumsum(commands[:, i] * np.diff(ends)))
+        at = ends - delay_s
+        early = np.minimum(at - ends[0], 0.0) * commands[0, i]
+        result[:, i] = np.diff(np.interp(at, ends, whole) + early) / np.diff(ends)
+    return np.ascontiguousarray(result)
 
 
 def _beginnings(robot: Robot, times: FloatArray) -> list[int]:

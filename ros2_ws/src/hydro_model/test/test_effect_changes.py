@@ -72,6 +72,33 @@ def test_command_delay_adds_to_the_robots(make_slider) -> None:
     np.testing.assert_array_equal(ours.q, theirs.q)
 
 
+@pytest.mark.parametrize("target", ["tilt_valve", "tilt_cylinder", "tilt"])
+def test_a_late_valve_follows_its_commands_of_before(target: str) -> None:
+    times, rng = np.arange(151) * 0.002, np.random.default_rng(2)
+    volts = 2.0 * np.cumsum(rng.normal(size=(151, 2)), axis=0) / 12.0
+    late = volts.copy()
+    late[:, 1] = np.concatenate([np.full(3, volts[0, 1]), volts[:-3, 1]])
+    robot = listed(CRANE, ("command_delay", target, {"delay": 0.006}))
+    ours = simulate(robot, times, volts, [0.5, -1.0])
+    theirs = simulate(CRANE, times, late, [0.5, -1.0])
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0.0, atol=1e-12)
+    assert np.abs(ours.q - simulate(CRANE, times, volts, [0.5, -1.0]).q).max() > 1e-6
+
+
+def test_a_valve_late_by_a_part_of_a_sample_has_its_commands_mean() -> None:
+    """What came through by then is the same as where the delay is all valves' and exact."""
+    times, volts = np.arange(101) * 0.002, np.zeros((101, 2))
+    volts[20:60, 0] = 3.0
+    part = listed(CRANE, ("command_delay", "lift_valve", {"delay": 0.003}))
+    exact = replace(CRANE, command_delay_s=CRANE.command_delay_s + 0.003)
+    start = [0.5, -1.0]
+    ours, theirs = (simulate(robot, times, volts, start) for robot in (part, exact))
+    plain = simulate(CRANE, times, volts, start)
+    moved = np.abs(plain.q[-1, 0] - start[0])
+    assert abs(ours.q[-1, 0] - theirs.q[-1, 0]) < 2e-3 * moved
+    assert np.abs(plain.q[:, 0] - theirs.q[:, 0]).max() > 2e-2 * moved
+
+
 def test_payload_is_taken_up_at_its_time(make_slider) -> None:
     """A constant force: the acceleration falls when the mass grows."""
     robot = replace(make_slider(), cylinders=(), valves=())

@@ -14,7 +14,7 @@ from hydro_model.effects.lines import LINE_EFFECTS
 from hydro_model.effects.mechanics import MECHANICS_EFFECTS
 from hydro_model.effects.sensors import SENSOR_EFFECTS, TIMING_EFFECTS
 from hydro_model.effects.supply import SUPPLY_EFFECTS
-from hydro_model.effects.targets import ActiveEffect, places, targets
+from hydro_model.effects.targets import ActiveEffect, known_targets, places, targets
 from hydro_model.effects.valve_edges import EDGE_EFFECTS
 from hydro_model.effects.valve_effects import VALVE_EFFECTS
 from hydro_model.errors import RobotError
@@ -122,10 +122,9 @@ def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
 
 
 def _form_at(robot: Robot, effect: Effect, target: str) -> Effect:
-    """An effect as it is at a target; the whole robot means its cylinders, if it has any."""
+    """An effect as it is at a target: the first of its forms that may be there."""
     for form in effect.forms:
-        known = targets(robot, form)
-        if target in known or (known and target == robot.name):
+        if target in known_targets(robot, form):
             return form
     return effect
 

@@ -112,8 +112,8 @@ class Effect:
         Sits at a single chamber: its targets are chambers, tried one by one.
     limits : str
         What the form leaves out, for the report; empty where it is all there is to say.
-    at_drives : Effect or None
-        What goes by the same name at a joint without cylinder, where that is another law.
+    elsewhere : Effect or None
+        What goes by the same name at other things: a joint without cylinder, a single valve.
     stages : tuple of Stage
         Those that its laws enter at.
     """
@@ -142,7 +142,7 @@ class Effect:
     needs_tip: bool = False
     sided: bool = False
     limits: str = ""
-    at_drives: Effect | None = None
+    elsewhere: Effect | None = None
     stages: tuple[Stage, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ class Effect:
     @property
     def forms(self) -> tuple[Effect, ...]:
         """All that goes by this name: at cylinders, and at drives where that differs."""
-        return (self,) if self.at_drives is None else (self, self.at_drives)
+        return (self,) if self.elsewhere is None else (self, self.elsewhere)
 
     @property
     def sizes(self) -> tuple[int, ...]:

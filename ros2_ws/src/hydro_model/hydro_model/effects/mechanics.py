@@ -207,7 +207,7 @@ BACKLASH = Effect(
     separating_experiment="reverse the load without reversing the motion, and the reverse",
     limits="how long the crossing takes, T, is read off a recording; in a roll-out the load stays"
     " on the piston, and the pin crosses once it is pushed the other way, without an impact",
-    at_drives=GEAR_BACKLASH,
+    elsewhere=GEAR_BACKLASH,
 )  # fmt: skip
 
 COUNTERBALANCE_SPRING = Effect(

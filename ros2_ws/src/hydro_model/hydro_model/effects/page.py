@@ -114,16 +114,18 @@ def _section(effect: Effect) -> str:
     ]
     if effect.limits:
         lines.append(f"- limits: {effect.limits}")
-    other = effect.at_drives
+    other = effect.elsewhere
     if other is not None:
-        lines.append(f"- at joints without cylinder: `{other.equation}` ({form(other)});")
+        place = "joints without cylinder" if other.drive_only else _target(other)
+        lines.append(f"- at {place}: `{other.equation}` ({form(other)});")
         lines.append(f"  {other.source}; {other.limits}")
     lines += [
         "",
         "| parameter | unit | meaning | bounds | typical | |",
         "|---|---|---|---|---|---|",
     ]
-    lines += [_parameter(spec) for one in effect.forms for spec in one.parameters]
+    specs = [_parameter(spec) for one in effect.forms for spec in one.parameters]
+    lines += dict.fromkeys(specs)
     return "\n".join(lines) + "\n\n"
 
 

@@ -42,6 +42,20 @@ def _later_command(robot: Robot, target: str, p: FloatArray) -> Robot:
     return replace(robot, command_delay_s=robot.command_delay_s + float(p[0]))
 
 
+def _early_valve(r: Readings, index: int, p: FloatArray) -> Readings:
+    signal = r.valve_signal.copy()
+    signal[:, index] = delayed(signal[:, index], -float(p[0]), r.step_s)
+    return replace(r, valve_signal=signal)
+
+
+def _later_valve(robot: Robot, target: str, p: FloatArray) -> Robot:
+    valves = tuple(
+        replace(v, command_delay_s=v.command_delay_s + float(p[0])) if v.cylinder == target else v
+        for v in robot.valves
+    )
+    return replace(robot, valves=valves)
+
+
 ENCODER_OFFSET = Effect(
     name="encoder_offset",
     channel="force",
@@ -100,6 +114,21 @@ PRESSURE_DELAY = Effect(
     shared=True,
 )
 
+VALVE_DELAY = Effect(
+    name="command_delay",
+    channel="timing",
+    equation="u_i(t) = u_i_command(t - tau), of the valve at hand",
+    source="an amplifier or a channel of its own that is later than the others",
+    parameters=(ParameterSpec("delay", "s", "tau", 0.0, 0.1, 0.006),),
+    terms=(),
+    channels=("timing", "flow_a", "flow_b"),
+    change=_later_valve,
+    reading=_early_valve,
+    looks_like=("valve_spool_lag", "valve_rate_limit"),
+    separating_experiment="a chirp of that valve: a delay's phase grows with frequency alone",
+    limits="a roll-out holds the mean of a sample's commands where it is no whole number of them",
+)
+
 COMMAND_DELAY = Effect(
     name="command_delay",
     channel="timing",
@@ -114,6 +143,7 @@ COMMAND_DELAY = Effect(
     looks_like=("valve_spool_lag", "valve_rate_limit"),
     separating_experiment="a chirp at two amplitudes: a delay's phase grows with frequency alone",
     limits="one delay for all valves; it adds to the robot's command_delay_s",
+    elsewhere=VALVE_DELAY,
 )
 
 SENSOR_EFFECTS = (ENCODER_OFFSET, PRESSURE_SENSOR_BIAS, PRESSURE_SENSOR_GAIN)

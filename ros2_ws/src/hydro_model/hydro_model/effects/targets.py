@@ -100,6 +100,19 @@ def targets(robot: Robot, effect: Effect) -> tuple[str, ...]:
     return tuple(place.name for place in _all(robot, effect))
 
 
+def known_targets(robot: Robot, effect: Effect) -> tuple[str, ...]:
+    """Every name that a robot file may write as an effect's target, other names of it included.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect : Effect
+    """
+    if effect.acts_on == "robot":
+        return (robot.name,)
+    return tuple(_known(robot, effect))
+
+
 def places(robot: Robot, effect: Effect, target: str, where: str) -> list[Place]:
     """What a listed target means for an effect.
 
