@@ -2,6 +2,9 @@
 
 With import-mode=importlib pytest names a test after its path (`hydro_ident.test.test_x`) and makes
 the missing parents itself: a package's folder would then stand for the package of the same name.
+
+`colcon test` runs a package with what its `package.xml` names: of the workspace it sees what it
+depends on, and there is no xdist, clarabel or plotly. What needs one of the latter two is marked.
 """
 
 from __future__ import annotations
@@ -10,20 +13,19 @@ import fcntl
 import os
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
-import hypothesis
 import pytest
-from xdist.scheduler import LoadFileScheduling
 
-import hydro_control
-import hydro_hw_bridge
-import hydro_ident
-import hydro_msgs_docs
-
-__all__ = ["hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs"]
-
+#: rosdep has no key for these. A test of a package that needs one is marked `needs` and skipped
+#: where it is not installed; from all others they are hidden, so that none needs one unsaid.
+_WITHOUT_KEY = ("clarabel", "plotly")
+_ROOT = Path(__file__).resolve().parent
 #: What a file says whose tests start processes on buses.
 _MARKED = re.compile(r"pytest\.mark\.(ros|processes)\b")
 #: What a file says that is long by itself.
@@ -32,9 +34,18 @@ _LONG = re.compile(r"pytest\.mark\.long\b")
 #: together weigh less than a tenth of a process.
 _NICER = 15
 
-# An example that has to wait for its processor is no failure.
-hypothesis.settings.register_profile("hydro", deadline=None)
-hypothesis.settings.load_profile("hydro")
+for _package in ("hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs"):
+    _found = find_spec(_package)
+    # A folder of that name alone has no origin.
+    if _found is not None and _found.origin is not None:
+        import_module(_package)
+
+if find_spec("hypothesis") is not None:
+    from hypothesis import settings
+
+    # An example that has to wait for its processor is no failure.
+    settings.register_profile("hydro", deadline=None)
+    settings.load_profile("hydro")
 
 
 @cache
@@ -46,22 +57,60 @@ def _has_processes(file: Path) -> bool:
     return _says(file, _MARKED)
 
 
-class _Scheduling(LoadFileScheduling):
-    """A file goes to one worker, and all files with processes go to the same.
-
-    Told by the files' text: xdist's own groups stand in the tests' names, which newer pytest keeps
-    (https://github.com/pytest-dev/pytest-xdist/issues/1386).
-    """
-
-    def _split_scope(self, nodeid: str) -> str:
-        file = super()._split_scope(nodeid)
-        return "processes" if _has_processes(self.config.rootpath / file) else file
-
-
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     """Keep files with processes together, unless another way was chosen on the command line."""
-    return _Scheduling(config, log) if config.getoption("dist") == "loadfile" else None
+    if config.getoption("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        """A file goes to one worker, and all files with processes go to the same.
+
+        Told by the files' text: xdist's own groups stand in the tests' names, which newer pytest
+        keeps (https://github.com/pytest-dev/pytest-xdist/issues/1386).
+        """
+
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return "processes" if _has_processes(self.config.rootpath / file) else file
+
+    return Scheduling(config, log)
+
+
+def _needed(item: pytest.Item) -> set[str]:
+    return {name for mark in item.iter_markers("needs") for name in mark.args}
+
+
+@contextmanager
+def _hidden(packages: set[str]) -> Iterator[None]:
+    """Make packages ones that are not installed, with all that was loaded of them."""
+    loaded = {
+        name: module for name, module in sys.modules.items() if name.split(".")[0] in packages
+    }
+    sys.modules.update(dict.fromkeys({*packages, *loaded}))  # type: ignore[arg-type]
+    try:
+        yield
+    finally:
+        for name in {*packages, *loaded}:
+            sys.modules.pop(name, None)
+        sys.modules.update(loaded)
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Hide what a package's test does not say that it needs; those in `tests/` may use all."""
+    of_package = not item.path.is_relative_to(_ROOT / "tests")
+    with _hidden(set(_WITHOUT_KEY) - _needed(item) if of_package else set()):
+        yield
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test that says that it needs what is not installed."""
+    for name in sorted(_needed(item)):
+        if find_spec(name) is None:
+            pytest.skip(f"{name} is not installed (rosdep has no key for it): pip install {name}")
 
 
 @pytest.hookimpl(tryfirst=True)

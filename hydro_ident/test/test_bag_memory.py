@@ -94,7 +94,16 @@ def _run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("command", ["inspect", "tracking", "identify", "diagnose"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "inspect",
+        "tracking",
+        # Where they lack something, they say that first.
+        pytest.param("identify", marks=pytest.mark.needs("clarabel", "plotly")),
+        pytest.param("diagnose", marks=pytest.mark.needs("plotly")),
+    ],
+)
 def test_a_bag_that_does_not_fit_is_refused_in_one_line(
     bomb: tuple[Path, int], tmp_path: Path, command: str
 ) -> None:

@@ -236,6 +236,7 @@ def test_joints_without_limits_are_looked_at_over_a_turn() -> None:
     assert np.isfinite(drawn_poses(check.robot)).all()
 
 
+@pytest.mark.needs("plotly")
 def test_the_command_writes_one_file_that_fetches_nothing(
     crane: Crane, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -256,6 +257,7 @@ def test_the_command_writes_one_file_that_fetches_nothing(
     assert [c["name"] for c in data["cylinders"]] == ["lift_cylinder", "tilt_cylinder"]
 
 
+@pytest.mark.needs("plotly")
 def test_a_browser_opens_the_drawing_without_errors(
     crane: Crane, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
 ) -> None:
@@ -266,6 +268,7 @@ def test_a_browser_opens_the_drawing_without_errors(
     assert views[0]["drawn"] == views[0]["figures"] == len(POSES) + 1 + 2
 
 
+@pytest.mark.needs("plotly")
 def test_the_command_fails_on_an_error_and_still_draws(crane: Crane, tmp_path: Path) -> None:
     crane.replace('upper="1.70"', 'upper="2.90"')
     page = tmp_path / "crane.html"

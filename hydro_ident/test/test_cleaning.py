@@ -123,6 +123,7 @@ def _slide(share: float) -> Recording:
     )
 
 
+@pytest.mark.needs("clarabel")
 def test_spikes_of_a_measured_force_are_seen_and_removed() -> None:
     bad = _slide(0.02)
     auto = identify(bad.robot, [bad])

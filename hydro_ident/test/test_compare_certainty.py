@@ -143,6 +143,7 @@ def _compared(old: Identification, new: Identification) -> Comparison:
     return compare(old.robot, new.robot, new.parameters, "old", Sides(*sides))
 
 
+@pytest.mark.needs("clarabel")
 def test_left_out_physics_raises_no_alarm_and_hides_no_payload(
     machine: Callable[..., Identification], write_bag: Callable[..., Path], robot: Robot
 ) -> None:
@@ -170,6 +171,7 @@ def test_left_out_physics_raises_no_alarm_and_hides_no_payload(
     assert loaded.base.test.p_adjusted < 1e-6
 
 
+@pytest.mark.needs("clarabel")
 def test_a_bag_on_both_sides_is_said(
     crane_run, write_bag: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -121,6 +121,7 @@ def test_the_report_draws_each_law_through_its_own_rows(found: Diagnosis) -> Non
     assert np.std(friction.left) < 0.2 * np.std(friction.residual)
 
 
+@pytest.mark.needs("plotly")
 def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None:
     origin = Provenance("diagnose", "1", "r", {}, {}).as_dict()
     report = report_html(found, origin)
@@ -133,6 +134,7 @@ def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None
     assert len(report.encode()) < 8_000_000
 
 
+@pytest.mark.needs("plotly")
 def test_a_browser_opens_it_without_errors(
     found: Diagnosis, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
 ) -> None:
@@ -239,6 +241,7 @@ class _Closed(HTMLParser):
         self.links += [v or "" for k, v in attrs if k in ("src", "href")]
 
 
+@pytest.mark.needs("plotly")
 def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = [str(bags[0]), "--robot", "xs031", "--validate", str(bags[1]), "--refine"]
@@ -293,6 +296,7 @@ def test_too_little_is_said_and_nothing_is_modelled(
     assert not (out / "model.yaml").exists()
 
 
+@pytest.mark.needs("plotly")
 def test_unreadable_input_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,6 +23,8 @@ FOLDER = "HYDRO_REAL_DATA"
 REAL = Path(os.environ.get(FOLDER) or Path(__file__).parents[3] / "shared" / "real")
 DATA = REAL / "emps" / "DATA_EMPS.mat"
 
+pytestmark = pytest.mark.needs("clarabel")
+
 #: Published values and how close the issue asks to come.
 REFERENCE = {
     "carriage_link.mass": (95.1, 0.01),

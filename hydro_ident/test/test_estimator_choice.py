@@ -12,6 +12,8 @@ from hydro_ident.study.synthetic import Noise, synthetic_recording, with_outlier
 from hydro_model.base_parameters import base_map
 from hydro_model.robot import Robot
 
+pytestmark = pytest.mark.needs("clarabel")
+
 
 @pytest.fixture(scope="module")
 def quiet() -> Identification:

@@ -45,6 +45,7 @@ def identified(bag: Path, out: Path, *more: str) -> dict:
     return json.loads((out / "result.json").read_text())
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_the_identified_robot_runs_freely_on_a_held_out_bag(
     crane_run, other_run, write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -118,6 +119,7 @@ def changes(result: dict) -> dict[str, dict]:
     return {row["name"]: row for row in result["compare"]["parameters"]}
 
 
+@pytest.mark.needs("clarabel")
 def test_nothing_changed_is_not_called_a_change(
     crane_run, other_run, write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -132,6 +134,7 @@ def test_nothing_changed_is_not_called_a_change(
     assert share <= 0.15, [row["name"] for row in found.values() if row["changed"]]
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_a_payload_is_found_and_named(
     crane_run, loaded_run, write_bag: Callable[..., Path], tmp_path: Path, capsys
 ) -> None:
@@ -215,6 +218,7 @@ def test_false_alarms_stay_below_the_level(robot: Robot) -> None:
     assert 2 <= alarms <= 28
 
 
+@pytest.mark.needs("clarabel")
 def test_a_model_of_another_machine_is_refused(
     crane_run, write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -225,6 +229,7 @@ def test_a_model_of_another_machine_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.needs("clarabel")
 def test_a_datasheet_can_be_compared_too(
     crane_run, write_bag: Callable[..., Path], tmp_path: Path
 ) -> None:

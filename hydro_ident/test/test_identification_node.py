@@ -87,6 +87,7 @@ def _receive(seconds: float) -> object:
     return json.loads(done.stdout)
 
 
+@pytest.mark.needs("clarabel")
 def test_a_late_subscriber_gets_the_identified_parameters(
     node: subprocess.Popen[str], robot: Robot
 ) -> None:
@@ -106,6 +107,7 @@ def test_a_late_subscriber_gets_the_identified_parameters(
     assert node.wait(timeout=60) == 0
 
 
+@pytest.mark.needs("clarabel")
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [

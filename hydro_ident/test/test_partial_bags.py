@@ -15,6 +15,8 @@ from hydro_ident.commands.identify import run
 from hydro_model.cylinder import lever, piston_force, stroke
 from hydro_model.robot import Robot
 
+pytestmark = pytest.mark.needs("clarabel", "plotly")
+
 HYDRAULIC = ("bulk_modulus", "c_pa", "c_at", "c_pb", "c_bt")
 Outcome = tuple[int, dict]
 

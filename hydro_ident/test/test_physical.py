@@ -27,6 +27,8 @@ from hydro_model.robot import STANDARD_PARAMETERS, BaseParameter, FloatArray, Ro
 from hydro_model.robot_files import datasheet_inertia, load_robot
 from hydro_model.urdf import read_chain, standard_parameters
 
+pytestmark = pytest.mark.needs("clarabel")
+
 
 def chain(seed: int, dof: int) -> Robot:
     return random_robot(np.random.default_rng([seed, dof]), dof)

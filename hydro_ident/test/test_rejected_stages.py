@@ -92,6 +92,7 @@ def test_a_listed_effect_clearly_outside_its_bounds_is_rejected(crane: Recording
     check_forces_rejected(found, "expected lift_cylinder.coulomb_friction.force from 0 to 100000")
 
 
+@pytest.mark.needs("clarabel")
 def test_a_listed_effect_below_zero_by_noise_is_held_there(crane: Recording) -> None:
     robot = replace(load_robot("xs031"), effects=COULOMB)
     rng = np.random.default_rng(5)
@@ -126,6 +127,7 @@ def test_negative_viscous_friction_is_rejected(crane: Recording) -> None:
     check_forces_rejected(found, "expected lift_cylinder.viscous_friction from 0 to inf")
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_a_rejected_stage_is_said_once_and_marked_wherever_its_numbers_stand(
     crane: Recording,
 ) -> None:
@@ -156,6 +158,7 @@ def test_a_rejected_stage_is_said_once_and_marked_wherever_its_numbers_stand(
     assert part["laws"].count(REJECTED) == 2
 
 
+@pytest.mark.needs("clarabel")
 def test_the_terminal_has_half_of_the_reports_interval(crane: Recording) -> None:
     found = identify(load_robot("xs031"), [crane])
     said = summary_text(found)
@@ -208,6 +211,7 @@ def test_forces_predicted_worse_than_by_their_mean_are_rejected(crane: Recording
     assert all(p.reason for p in found.parameters if p.name in names_of_forces(found))
 
 
+@pytest.mark.needs("clarabel")
 def test_a_negative_mass_leaves_nothing_of_a_robot_without_valves() -> None:
     robot, time = load_robot("emps"), np.arange(0.0, 20.0, 0.001)
     q = 0.12 + 0.05 * np.sin(2 * np.pi * 0.7 * time) + 0.02 * np.sin(2 * np.pi * 1.9 * time)
@@ -271,6 +275,7 @@ def cylinders(fit: HydraulicFit | None) -> tuple[CylinderFit, ...]:
     return fit.cylinders
 
 
+@pytest.mark.needs("clarabel")
 def test_a_chamber_effect_is_held_within_noise_and_rejected_beyond(
     leaking: Identification,
 ) -> None:
@@ -304,6 +309,7 @@ def test_conditioning_is_the_fit_without_the_column() -> None:
     assert not covariance[1].any()
 
 
+@pytest.mark.needs("clarabel")
 @pytest.mark.parametrize(
     ("cycles", "bound", "text"), [(-2, 0.002, "at its longest"), (2, 0.0, "at its bound 0 s")]
 )
@@ -324,6 +330,7 @@ def test_a_delay_at_its_bound_is_said_and_its_interval_stays_inside(
     assert delay.model_error
 
 
+@pytest.mark.needs("clarabel")
 def test_held_parts_are_one_readable_line_per_cylinder(crane: Recording) -> None:
     found = identify(load_robot("xs031"), [crane])
     lines = [note for note in found.notes if "below detection" in note]

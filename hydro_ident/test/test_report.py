@@ -39,6 +39,8 @@ from hydro_model.robot_files import load_robot
 
 go = pytest.importorskip("plotly.graph_objects", reason="plotly is not installed")
 
+pytestmark = pytest.mark.needs("clarabel", "plotly")
+
 ROOT = Path(__file__).resolve().parents[2]
 SECTIONS = [
     "verdict",

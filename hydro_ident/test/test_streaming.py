@@ -93,6 +93,7 @@ def test_a_pause_of_many_pieces_is_none(
         assert np.array_equal(joined, getattr(whole, name)), name
 
 
+@pytest.mark.needs("clarabel")
 def test_a_bag_in_pieces_identifies_as_in_memory(bag: Path, robot: Robot) -> None:
     whole = identify(robot, [read_recording(bag, robot)])
     cut = identify(robot, [_Pieces(bag, robot, 9.0)])
@@ -122,6 +123,7 @@ class _Pieces:
         return self.source.pieces(self.piece_s, overlap_s)
 
 
+@pytest.mark.needs("clarabel")
 def test_a_gap_across_a_cut_spoils_nothing(
     recording: Recording, robot: Robot, tmp_path: Path
 ) -> None:
@@ -155,6 +157,7 @@ class _InMemory(_Pieces):
             yield Piece(part, slice(int(a - low), int(b - low)), start)
 
 
+@pytest.mark.needs("clarabel")
 def test_memory_does_not_grow_with_the_bag(
     recording: Recording, robot: Robot, tmp_path: Path
 ) -> None:
@@ -211,6 +214,7 @@ def test_an_empty_bag_is_refused(tmp_path: Path, robot: Robot) -> None:
         list(stream_recordings(tmp_path / "empty", robot))
 
 
+@pytest.mark.needs("clarabel")
 def test_a_cluster_gives_the_same_numbers(bag: Path, robot: Robot, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     write_repeated(tmp_path / "other", synthetic_recording(robot, 30.0, seed=2), 1)
@@ -225,6 +229,7 @@ def test_a_cluster_gives_the_same_numbers(bag: Path, robot: Robot, tmp_path: Pat
     assert _relative(there, here) < 1e-9
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_no_scheduler_is_one_line_and_exit_2(
     bag: Path,
     tmp_path: Path,

@@ -15,6 +15,8 @@ from hydro_model.base_parameters import base_map
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
+pytestmark = pytest.mark.needs("clarabel")
+
 EFFECTS = (
     EffectSpec("coulomb_friction", "xs031", {"force": 2500.0, "velocity_scale": 0.005}),
     EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),

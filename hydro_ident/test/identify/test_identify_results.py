@@ -28,6 +28,7 @@ from hydro_model.robot_files import load_robot, shipped_robots
 ORIGIN = Provenance("identify bag", "1.0", "xs031", {"bag": "00"}, {})
 
 
+@pytest.mark.needs("clarabel")
 def test_the_result_has_the_keys_of_the_contract(found: Identification) -> None:
     result = json.loads(json.dumps(result_dict(found, ORIGIN)))
     assert result["schema"] == "hydro_ident/identification/1"
@@ -53,11 +54,13 @@ def test_the_result_has_the_keys_of_the_contract(found: Identification) -> None:
     assert all(keys <= set(channel) for channel in result["channels"].values())
 
 
+@pytest.mark.needs("clarabel")
 def test_the_same_bag_gives_the_same_text(found: Identification, clean: Any) -> None:
     again = identify(load_robot("xs031"), [clean.recording()])
     assert json.dumps(result_dict(again, ORIGIN)) == json.dumps(result_dict(found, ORIGIN))
 
 
+@pytest.mark.needs("clarabel")
 def test_the_model_predicts_exactly_what_the_identification_did(
     found: Identification, tmp_path: Path
 ) -> None:
@@ -91,6 +94,7 @@ class _Reader(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_the_report_is_one_file_that_fetches_nothing(
     found: Identification, tmp_path: Path
 ) -> None:
@@ -109,6 +113,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     return lambda package: monkeypatch.setitem(sys.modules, package, None)
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_without_plotly_all_but_the_report_is_written(
     found: Identification, tmp_path: Path, without: Callable[[str], None]
 ) -> None:
@@ -122,6 +127,7 @@ def test_without_plotly_all_but_the_report_is_written(
     assert {"result.json", "model.yaml", "controller.yaml"} <= left
 
 
+@pytest.mark.needs("clarabel")
 def test_without_plotly_the_command_says_so_before_its_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], without: Callable[[str], None]
 ) -> None:
@@ -168,6 +174,7 @@ def test_a_new_verdict_does_not_stand_beside_an_old_model(tmp_path: Path) -> Non
     assert sorted(p.name for p in out.iterdir()) == ["mine.txt", "result.json"]
 
 
+@pytest.mark.needs("clarabel")
 def test_where_it_is_written_does_not_change_the_result(bag: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):
         assert run([str(bag), "--robot", "xs031", "--out", str(tmp_path / name)]) == 0
@@ -201,6 +208,7 @@ def hashes_of(file: Path) -> list[dict[str, str]]:
     return [{"name": f.name, "sha256": hashlib.sha256(f.read_bytes()).hexdigest()} for f in both]
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_the_command_writes_every_file_from_a_bag(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], clean: Any
 ) -> None:
@@ -235,6 +243,7 @@ def test_the_command_writes_every_file_from_a_bag(
     assert model["provenance"]["bags"] == result["provenance"]["bags"]
 
 
+@pytest.mark.needs("clarabel", "plotly")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -258,6 +267,7 @@ def test_unreadable_input_is_one_line_and_writes_nothing(
     assert not out.exists()
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_too_little_motion_exits_1_with_a_result_and_no_model(
     clean: Any,
     write_bag: Callable[..., Path],
@@ -282,6 +292,7 @@ def test_too_little_motion_exits_1_with_a_result_and_no_model(
     assert json.loads((out / "result.json").read_text())["verdict"] == "not_enough_data"
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_residuals_far_above_the_noise_are_said(driven: Callable[..., Any]) -> None:
     hidden = (EffectSpec("coulomb_friction", "xs031", {"force": 4000.0, "velocity_scale": 0.005}),)
     run = driven(12.0, hidden)
