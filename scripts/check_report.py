@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Opens a report in Chromium and looks for what a reader would stumble over.
 
-    scripts/check_report.py REPORT.html [--shots DIR] [--wait S]
+    scripts/check_report.py REPORT.html [--widths PX...] [--shots DIR] [--wait S]
+    scripts/check_report.py --which         # only says which browser it would take
 
-At three widths, light and dark: errors on the console, anything that would be fetched, figures
-that are not drawn, their titles and numbers cut off, contents wider than the screen; then the
-report as it is printed. Prints what it measured as JSON. Exit 0 nothing found; 1 something was;
-2 no such report, no browser, or one that fails or falls silent.
+At three widths, or those given, light and dark: errors on the console, anything that would be
+fetched, figures that are not drawn, their titles and numbers cut off, contents wider than the
+screen; then the report as it is printed. Prints what it measured as JSON. Exit 0 nothing found;
+1 something was; 2 no such report, no browser, or one that fails or falls silent.
 """
 
 from __future__ import annotations
@@ -18,29 +19,39 @@ import os
 import re
 import select
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+BROWSERS = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable",
+    "chromium-headless-shell",
+)  # fmt: skip
 WIDTHS, SCHEMES = (390, 820, 1400), ("light", "dark")
 NARROW, HEIGHT = 600, 900
 #: How long the browser may say nothing, and how long it may take to end.
 WAIT_S, END_S = 60.0, 10.0
-#: Scrolls through the page, frame by frame, so that every figure is drawn; once more where a busy
-#: browser left frames out.
-SCROLL = """(async () => {
-  document.querySelectorAll('details').forEach(d => { d.open = true; });
-  // A browser without a screen may stop making frames.
+#: Waits until what was asked for is drawn, and what it called has run. A browser without a screen
+#: may stop making frames.
+FRAME = """
   const next = () => Promise.race([
     new Promise(done => requestAnimationFrame(done)),
     new Promise(done => setTimeout(done, 500)),
   ]);
   const frame = async () => { await next(); await next(); };
+"""
+#: Scrolls through the page, frame by frame, so that every figure is drawn; once more where a busy
+#: browser left frames out.
+SCROLL = (
+    f"(async () => {{{FRAME}"
+    + """
+  document.querySelectorAll('details').forEach(d => { d.open = true; });
   const left = () => [...document.querySelectorAll('.canvas')].some(
     c => !c.querySelector('.main-svg'));
   for (let pass = 0; pass < 3 && (pass === 0 || left()); pass++) {
@@ -52,6 +63,7 @@ SCROLL = """(async () => {
   scrollTo({top: 0, behavior: 'instant'});
   await frame();
 })()"""
+)
 MEASURE = """(() => {
   const width = document.documentElement.clientWidth;
   const wide = [];
@@ -111,7 +123,7 @@ class Browser:
         self._process = subprocess.Popen(
             [path, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu",
              "--no-first-run", "--hide-scrollbars", f"--user-data-dir={profile}"],
-            close_fds=False, preexec_fn=as_expected,
+            close_fds=False, preexec_fn=as_expected, start_new_session=True,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(to_browser)
@@ -182,7 +194,8 @@ class Browser:
         try:
             self._process.wait(min(END_S, self._wait_s))
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            # Some are started by a script that waits for them: all of the group.
+            os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
         os.close(self._out)
         os.close(self._in)
@@ -209,19 +222,20 @@ def complaints(events: list[dict[str, Any]]) -> list[str]:
 
 def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list[Any]:
     """Open the report at a width, in every colour scheme one after the other."""
+    # First away from the page before: it would draw all its figures for the new width and scheme.
+    _open(browser, "about:blank")
     browser.call(
         "Emulation.setDeviceMetricsOverride",
         width=width, height=HEIGHT, deviceScaleFactor=1, mobile=width < NARROW,
     )  # fmt: skip
     browser.call("Emulation.setTouchEmulationEnabled", enabled=width < NARROW)
     _choose(browser, SCHEMES[0])
-    browser.events.clear()
-    browser.call("Page.navigate", url=report.absolute().as_uri())
-    browser.until("Page.loadEventFired")
+    _open(browser, report.absolute().as_uri())
     browser.evaluate(SCROLL)
     views = []
     for scheme in SCHEMES:
         _choose(browser, scheme)
+        browser.evaluate(f"(async () => {{{FRAME}await frame();}})()")
         measured = browser.evaluate(MEASURE)
         found = complaints(browser.events)
         browser.events.clear()
@@ -235,6 +249,12 @@ def look(browser: Browser, report: Path, width: int, shots: Path | None) -> list
             _shoot(browser, shots / f"{report.stem}-{width}-{scheme}", width, measured["height"])
         views.append({"width": width, "scheme": scheme, **measured, "found": found})
     return views
+
+
+def _open(browser: Browser, url: str) -> None:
+    browser.events.clear()
+    browser.call("Page.navigate", url=url)
+    browser.until("Page.loadEventFired")
 
 
 def _choose(browser: Browser, scheme: str) -> None:
@@ -260,37 +280,54 @@ def printed(browser: Browser, report: Path, shots: Path | None) -> Any:
     return {"printed_bytes": len(pdf), "pages": pages, "found": complaints(browser.events)}
 
 
-def views_of(path: str, report: Path, shots: Path | None, wait_s: float) -> list[Any]:
+def views_of(path: str, options: argparse.Namespace) -> list[Any]:
     """What a browser at `path` makes of the report, view by view."""
+    report, shots = options.report, options.shots
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        browser = Browser(path, profile, wait_s)
+        browser = Browser(path, profile, options.wait)
         try:
             browser.start()
-            views = [view for width in WIDTHS for view in look(browser, report, width, shots)]
-            return [*views, printed(browser, report, shots)]
+            looks = [look(browser, report, width, shots) for width in options.widths]
+            return [*chain.from_iterable(looks), printed(browser, report, shots)]
         finally:
             browser.close()
+
+
+def installed() -> str | None:
+    """The path of the first browser that is there."""
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
 
 
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("report", type=Path, help="report.html")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("report", type=Path, nargs="?", help="report.html")
+    what.add_argument("--which", action="store_true", help="print the browser's path, open none")
+    parser.add_argument(
+        "--widths", type=int, nargs="+", default=WIDTHS, metavar="PX",
+        help="widths of the window (default 390 820 1400)",
+    )  # fmt: skip
     parser.add_argument("--shots", type=Path, metavar="DIR", help="folder for screenshots")
     parser.add_argument(
         "--wait", type=float, default=WAIT_S, metavar="S",
         help="how long the browser may say nothing (default %(default)g)",
     )  # fmt: skip
     options = parser.parse_args()
-    path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
-    if path is None or not options.report.is_file():
-        what = f"no browser: none of {', '.join(BROWSERS)} is installed"
-        print(what if path is None else f"{options.report}: no such file", file=sys.stderr)
+    path = installed()
+    if path is None:
+        print(f"no browser: none of {', '.join(BROWSERS)} is installed", file=sys.stderr)
+        return 2
+    if options.which:
+        print(path)
+        return 0
+    if not options.report.is_file():
+        print(f"{options.report}: no such file", file=sys.stderr)
         return 2
     if options.shots is not None:
         options.shots.mkdir(parents=True, exist_ok=True)
     try:
-        views = views_of(path, options.report, options.shots, options.wait)
+        views = views_of(path, options)
     except (RuntimeError, OSError) as error:
         print(f"{options.report}: could not be looked at: {error}", file=sys.stderr)
         return 2

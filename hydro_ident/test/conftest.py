@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import struct
 import subprocess
 import sys
@@ -264,16 +263,17 @@ def make_run() -> tuple[Callable[..., Robot], Callable[..., SimulatedRun]]:
 
 
 @pytest.fixture
-def browser_check() -> Callable[[Path], dict[str, Any]]:
-    """Opens a report in Chromium at every width: what `check_report.py` measured."""
+def browser_check() -> Callable[..., dict[str, Any]]:
+    """Opens a report in Chromium, at every width or some: what `check_report.py` measured."""
     script = Path(__file__).parents[2] / "scripts" / "check_report.py"
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-    if not any(shutil.which(name) for name in names):
-        pytest.skip("no Chromium here: the report is not opened in a browser")
+    which = subprocess.run([sys.executable, script, "--which"], capture_output=True, text=True)
+    if which.returncode:
+        pytest.skip(f"the report is not opened: {which.stderr.strip()}")
 
-    def check(report: Path) -> dict[str, Any]:
+    def check(report: Path, *widths: int) -> dict[str, Any]:
+        at = ["--widths", *map(str, widths)] if widths else []
         done = subprocess.run(
-            [sys.executable, script, report], capture_output=True, text=True, timeout=900
+            [sys.executable, script, report, *at], capture_output=True, text=True, timeout=900
         )
         assert done.stdout, done.stderr
         answer: dict[str, Any] = json.loads(done.stdout)

@@ -259,7 +259,7 @@ def test_the_command_writes_one_file_that_fetches_nothing(
 
 @pytest.mark.needs("plotly")
 def test_a_browser_opens_the_drawing_without_errors(
-    crane: Crane, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
+    crane: Crane, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
 ) -> None:
     page = tmp_path / "crane.html"
     assert main([str(crane.file), "--out", str(page)]) == 0

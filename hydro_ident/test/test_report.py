@@ -318,6 +318,20 @@ def test_what_is_not_enough_is_no_improvement(found: Identification) -> None:
         assert said not in strip
 
 
+def _looked_at(folder: Path, report: str, browser: str) -> subprocess.CompletedProcess[str]:
+    """What `check_report.py` says with a script for its browser."""
+    fake = folder / "chromium"
+    fake.write_text(f"#!/bin/sh\n{browser}\n", encoding="utf-8")
+    fake.chmod(0o755)
+    file = folder / "report.html"
+    file.write_text(report, encoding="utf-8")
+    return subprocess.run(
+        [sys.executable, ROOT / "scripts" / "check_report.py", file, "--wait", "1"],
+        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("browser", "said"),
     [("exec sleep 600", "says nothing for 1 s"), ("exit 3", "the browser is gone|Broken pipe")],
@@ -325,22 +339,22 @@ def test_what_is_not_enough_is_no_improvement(found: Identification) -> None:
 def test_a_browser_that_fails_is_no_finding(
     report: str, tmp_path: Path, browser: str, said: str
 ) -> None:
-    fake = tmp_path / "chromium"
-    fake.write_text(f"#!/bin/sh\n{browser}\n", encoding="utf-8")
-    fake.chmod(0o755)
-    file = tmp_path / "report.html"
-    file.write_text(report, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "check_report.py", file, "--wait", "1"],
-        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    done = _looked_at(tmp_path, report, browser)
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(rf"\S+: could not be looked at: .*({said}).*\n", done.stderr)
 
 
+def test_a_browser_that_a_script_started_ends_with_it(report: str, tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    done = _looked_at(tmp_path, report, f"sleep 600 &\necho $! >'{pid}'\nwait")
+    assert done.returncode == 2
+    state = Path(f"/proc/{int(pid.read_text())}/stat")
+    # It may stand there dead until somebody asks for it.
+    assert not state.exists() or state.read_text().rsplit(")", 1)[1].split()[0] == "Z"
+
+
 def test_a_browser_opens_it_without_errors_at_every_width(
-    report: str, tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
+    report: str, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
 ) -> None:
     file = tmp_path / "report <1>.html"
     file.write_text(report, encoding="utf-8")
@@ -375,6 +389,23 @@ def test_a_title_that_its_figure_cuts_off_is_found(
     for view in browser_check(file)["views"][:-1]:
         (said,) = view["found"]
         assert re.fullmatch(r"cut off: 'force in N' of 'law' by \d+ px", said)
+
+
+def test_what_fails_when_the_scheme_changes_is_found_in_that_view(
+    tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
+) -> None:
+    file = tmp_path / "report.html"
+    file.write_text(
+        "<!DOCTYPE html><title>One</title><script>"
+        'matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {'
+        "for (const end = performance.now() + 200; performance.now() < end;);"
+        'throw Error("not drawn"); });</script>',
+        encoding="utf-8",
+    )
+    light, dark, _ = browser_check(file, 390)["views"]
+    assert light["found"] == []
+    assert len(dark["found"]) == 1
+    assert "not drawn" in dark["found"][0]
 
 
 def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None:
