@@ -43,6 +43,7 @@ def _json(command: Callable[[Sequence[str]], int], folder: Path, *words: object)
     return said
 
 
+@pytest.mark.needs("clarabel", "plotly")
 @pytest.mark.parametrize("command", [identify, diagnose])
 def test_results_note_it_of_each_bag(
     command: Callable[[Sequence[str]], int], unchecked_bags: Bags, tmp_path: Path, capsys
@@ -73,6 +74,7 @@ def test_an_inspection_says_it_and_calls_it_no_damage(
     assert capsys.readouterr().out.count(SAID) == 1
 
 
+@pytest.mark.needs("clarabel", "plotly")
 def test_nothing_is_said_of_a_bag_whose_checksums_hold(bags: Bags, tmp_path: Path, capsys) -> None:
     one, two = bags
     words = (one, "--validate", two, "--robot", "xs031", "--out", tmp_path / "out")
