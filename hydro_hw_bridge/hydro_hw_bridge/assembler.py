@@ -9,7 +9,8 @@ from enum import Enum
 from hydro_hw_bridge.frames import Frame
 
 _WRAP = 1 << 32
-_HALF = _WRAP >> 1
+#: A counter further ahead than this (37 h at 500 Hz) went back, whenever it will come around.
+_FURTHEST = 1 << 26
 _ALIVE = 15
 
 
@@ -167,8 +168,8 @@ class Assembler:
         if self.counter is None:
             self._begin(counter, CycleKind.NEW)
             return True
-        ahead = (counter - self.counter + _HALF) % _WRAP - _HALF
-        if ahead < 0:
+        ahead = (counter - self.counter) % _WRAP
+        if ahead > _FURTHEST:
             return self._goes_back(counter)
         self._backward = None
         if ahead == 0:

@@ -274,8 +274,9 @@ def test_two_late_cycles_around_one_that_is_not_are_no_restart(
     assert_unmixed(codec, cycle)
 
 
-#: The last is after 49 days at 500 Hz: half of what a counter of 32 bits holds.
-@pytest.mark.parametrize("before", [1000, 2**31 - 100])
+#: After 49 days at 500 Hz half of what a counter of 32 bits holds is over; the last is 37 h before
+#: all of it is.
+@pytest.mark.parametrize("before", [1000, 2**31 - 100, 2**31 + 100, 2**32 - 2**26 - 10])
 @pytest.mark.parametrize("first", [0, 5])
 def test_two_cycles_in_a_row_from_the_past_are_a_restart(
     assembler: Assembler, frames: Frames, codec: Codec, before: int, first: int
@@ -287,6 +288,16 @@ def test_two_cycles_in_a_row_from_the_past_are_a_restart(
     assert assembler.counters.restarts == 1
     assert assembler.counters.lost == 0
     assert_unmixed(codec, cycles[0])
+
+
+@pytest.mark.parametrize(("far", "kinds"), [(0, ["new", "new"]), (1, ["restart"])])
+def test_what_is_further_ahead_than_37_hours_went_back(
+    assembler: Assembler, frames: Frames, far: int, kinds: list[str]
+) -> None:
+    feed(assembler, frames(7))
+    next_one = 7 + 2**26 + far
+    cycles = feed(assembler, frames(next_one)) + feed(assembler, frames(next_one + 1))
+    assert [c.kind.value for c in cycles] == kinds
 
 
 def test_a_restarted_lockstep_device_repeats_its_first_cycle(

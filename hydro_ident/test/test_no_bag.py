@@ -33,6 +33,7 @@ def a_log(folder: Path, ending: str) -> Path:
     return path
 
 
+@pytest.mark.needs("clarabel", "plotly")
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("ending", [".csv", ".CSV", ".csv.gz", ".lvm", ".mat", ".parquet"])
 def test_a_log_in_the_place_of_a_bag_is_sent_to_convert(

@@ -29,6 +29,8 @@ from hydro_ident.results import Provenance
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
+pytestmark = pytest.mark.needs("plotly")
+
 #: Name, length in s and seed of two runs of a machine.
 RUNS = (("train", 40.0, 0), ("check", 15.0, 3))
 DEADBAND = EffectSpec("valve_deadband", "tilt_valve", {"width": 0.02})

@@ -147,10 +147,6 @@ def _assembler() -> Iterator[Harmless]:
         ("_first_try", "True", ("pass", "False")),
     ):
         yield from _begins("assembler", init, name, values, why, first)
-    ahead = "ahead = (counter - self.counter + _HALF) % _WRAP - _HALF"
-    yield Harmless(
-        "assembler", "Assembler._sync", ahead, ahead.replace("+", "-"), _HALF_A_WRAP
-    )  # fmt: skip
 
 
 def _sample_clock() -> Iterator[Harmless]:
