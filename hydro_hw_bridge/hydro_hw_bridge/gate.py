@@ -304,7 +304,7 @@ class Gate:
         self._accepted, self._command = counter, values
         if self._inputs is not None and self._inputs.amplifiers_on is False:
             # They would come on at the voltage of then, in one step.
-            self._ramp.reset()
+            self._ramp.hold(counter)
         else:
             self._ramp.follow(counter, values)
 

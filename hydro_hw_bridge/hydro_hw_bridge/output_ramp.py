@@ -25,14 +25,16 @@ class OutputRamp:
     applied_v : tuple of float
         What the valves get.
     cleared : bool
-        A trip was cleared, and not a second was driven since.
+        A trip was cleared, and the valves were not driven for a second since.
     """
 
     def __init__(self, limits: GateLimits) -> None:
         self._limits = limits
         self._zero = (0.0,) * len(limits.valve_names)
+        # Counted are the cycles that commands answer: the first may have been an old one.
+        self._slow_cycles = round(REENABLE_S / limits.period_s) + limits.max_age_cycles
         self.cleared = False
-        self._driving_since = 0
+        self.begin(0)
         self.reset()
 
     def reset(self) -> None:
@@ -42,7 +44,12 @@ class OutputRamp:
 
     def begin(self, counter: int) -> None:
         """Driving begins with the command of this cycle."""
-        self._driving_since = counter
+        self._driving_since = self._moving_since = counter
+
+    def hold(self, counter: int) -> None:
+        """0 V to amplifiers that are off: whatever is slow at first begins when they are on."""
+        self.reset()
+        self._moving_since = counter
 
     def driven_cycles(self, counter: int) -> int:
         """How many cycles were driven until this one."""
@@ -79,8 +86,7 @@ class OutputRamp:
     def _slow(self, counter: int) -> bool:
         """Whether this is the first second of driving after a trip was cleared."""
         if self.cleared:
-            driven_s = self.driven_cycles(counter) * self._limits.period_s
-            self.cleared = driven_s < REENABLE_S
+            self.cleared = counter - self._moving_since < self._slow_cycles
         return self.cleared
 
 

@@ -56,6 +56,18 @@ def test_after_a_cleared_trip_too(driving: Make) -> None:
     assert steps == pytest.approx([10.0 * 0.002] * 39)
 
 
+def test_the_slow_second_begins_when_they_are_on(driving: Make) -> None:
+    gate = driving(6.0, 0.0, replace(LIMITS, reenable_slew_v_s=2.0))
+    gate.trip("test")
+    assert gate.clear()[0]
+    for counter in range(101, 141):
+        _cycle(gate, counter, OFF)
+    # A second, and as long as the first command may have been old.
+    slow = [_cycle(gate, counter, ON) for counter in range(141, 645)]
+    assert slow[-1] == pytest.approx(504 * 2.0 * 0.002)
+    assert _cycle(gate, 645, ON) == pytest.approx(slow[-1] + 2.0)
+
+
 def test_amplifiers_that_do_not_come_on_trip_after_100_ms(
     waiting: Make, assert_tripped: Make
 ) -> None:

@@ -82,8 +82,8 @@ def _driven_cycles() -> Iterator[Harmless]:
 
 def _output_ramp() -> Iterator[Harmless]:
     init = "OutputRamp.__init__"
-    values = ("pass", "-1", "1")
-    yield from _begins("output_ramp", init, "_driving_since", values, _DRIVING_FIRST)
+    for after in ("pass", "self.begin( -1)", "self.begin( 1)"):
+        yield Harmless("output_ramp", init, "self.begin(0)", after, _DRIVING_FIRST)
     before = "for value, before in zip(values, self.applied_v, strict="
     yield Harmless(
         "output_ramp", "OutputRamp.follow", f"{before}True)", f"{before}False)",
