@@ -19,7 +19,7 @@ from hydro_ident.mismatch.diagnosis import _too_little
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import unexplained
@@ -283,3 +283,12 @@ def seen_again(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> 
     """The plain machine on another path."""
     true_crane, simulated_run = make_run
     return simulated_run(true_crane(), SECONDS, seed=3)
+
+
+def test_in_few_motions_a_shape_at_its_end_tells_of_no_law() -> None:
+    robot = load_robot("xs031")
+    for margin_pa, told in ((1.0e5, True), (7.0e5, False), (1.0e7, True)):
+        values = {"share": 1.0, "margin": margin_pa, "outflow": 1.0}
+        spec = EffectSpec("pressure_compensation", "lift_valve", values)
+        (one,) = resolve(replace(robot, effects=(spec,)))
+        assert bool(shape_at_a_bound(one)) is told

@@ -230,6 +230,20 @@ def at_a_bound(term: ActiveEffect) -> str:
     return ""
 
 
+def shape_at_a_bound(term: ActiveEffect) -> str:
+    """Why a law in a shape that ran to the end of its range is none in a few motions.
+
+    Where motions are many such a shape may say that it does not matter; a few of them bend any law
+    until it fits.
+    """
+    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
+        # None of it is no end of a range; where a law has one shape alone, that is its own.
+        ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
+        if not spec.linear and any(abs(value - end) <= _BOUND * abs(end) for end in ends):
+            return f"in so few motions a {spec.name} at the end of its range tells of no law"
+    return ""
+
+
 def named_of(
     contenders: Sequence[Contender],
     p: float,

@@ -28,7 +28,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
-from hydro_ident.mismatch.named import Named, at_a_bound
+from hydro_ident.mismatch.named import Named, at_a_bound, shape_at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training
@@ -146,7 +146,10 @@ def verify(
         size = untold(whole, terms)
         against = size and f"held-out rows gain nothing by it, and its size is not told: {size}"
     agreement = () if silent else agreements(whole, there, terms)
-    reason = at_a_bound(mine) or _idle(without.squares - whole.squares, named, tried) or against
+    few = shape_at_a_bound(mine) if named.few > 1.0 else ""
+    reason = (
+        at_a_bound(mine) or few or _idle(without.squares - whole.squares, named, tried) or against
+    )
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
