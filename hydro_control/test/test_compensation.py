@@ -238,6 +238,8 @@ def test_looking_ahead_covers_delay_lag_hold_and_filter() -> None:
     assert ControlLaw(replace(ROBOT, command_delay_s=0.002), Gains()).lead_s == 0.0
     late = with_effects(listing("command_delay", delay=0.006))
     assert ControlLaw(late, UNFILTERED).lead_s == pytest.approx(0.006 + DT)
+    one = replace(ROBOT, effects=(EffectSpec("command_delay", "tilt_valve", {"delay": 0.009}),))
+    assert ControlLaw(one, UNFILTERED).lead_s == pytest.approx(0.009 + DT)
 
 
 def test_ahead_of_time_only_what_is_required_changes_not_what_is_published() -> None:

@@ -120,8 +120,7 @@ def simulate(
     RobotError
         An effect does not resolve.
     """
-    n, m = robot.dof, len(robot.cylinders)
-    times = _times(robot, time_s)
+    n, m, times = robot.dof, len(robot.cylinders), _times(robot, time_s)
     count = len(times)
     commands = _commands(robot, shaped("voltages", voltages, (count, m)))
     rails = np.column_stack(
@@ -141,8 +140,8 @@ def simulate(
     if p0 is None:
         p0 = equilibrium_pressures(models[0][1].robot, q_start, rails[0, 0], rails[0, 1])
     start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
-    commands = _late(models[0][1].robot, times, commands)
-    return _run(models, times, commands, rails, torques, start, tolerance)
+    late = _late(models[0][1].robot, times, commands)
+    return _run(models, times, late, rails, torques, start, tolerance)
 
 
 def _late(robot: Robot, times: FloatArray, commands: FloatArray) -> FloatArray:
