@@ -52,6 +52,16 @@ def test_sizes_within_data_sheets_are_minor(
     assert not is_minor(robot, _term(robot, name, target, large))
 
 
+def test_a_size_has_to_be_surely_beyond_the_tolerance(robot: Robot) -> None:
+    """Two deviations beyond it, which are no more than a third of the size."""
+    term = _term(robot, "dead_volume", LIFT, {"volume_a": 1.2e-5, "volume_b": 8e-6})
+    vague = _term(robot, "dead_volume", LIFT, {"volume_a": 1.6e-5, "volume_b": 8e-6})
+    known, name = {f"{LIFT}.dead_volume.volume_b": 1e-7}, f"{LIFT}.dead_volume.volume_a"
+    assert not is_minor(robot, term, known | {name: 0.9e-6})
+    assert is_minor(robot, term, known | {name: 1.1e-6})
+    assert not is_minor(robot, vague, known | {name: 1e-4})
+
+
 def test_friction_is_minor_by_what_the_cylinder_can_push(robot: Robot) -> None:
     for share, expected in ((1e-4, True), (1e-3, False)):
         force = {"force": share * _push(robot)}
@@ -94,7 +104,7 @@ def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
     for term in terms:
         one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
         found.append(Finding(named_of([one], 0.001, 1.0), None, ("lift/force",)))  # type: ignore[arg-type]
-    findings, small = parted(robot, found)
+    findings, small = parted(robot, found, {})
     assert [f.named.names for f in findings] == [("coulomb_friction",)]
     assert [f.named.names for f in small] == [("pressure_sensor_gain",)]
     (note,) = minor_notes(small)

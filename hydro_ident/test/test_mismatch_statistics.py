@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import norm
+from scipy.stats import multivariate_normal
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.chance import p_value, signs
@@ -117,34 +117,52 @@ def test_flipped_blocks_hold_the_level_where_rows_depend_on_each_other() -> None
     assert found <= 0.05 * draws + 3.0 * np.sqrt(0.05 * 0.95 * draws)
 
 
+def _folds() -> np.ndarray:
+    return np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
+
+
 def test_held_out_errors_come_from_fits_without_the_rows() -> None:
+    """scipy's Gaussian of all rows of a fold together, as the other folds predict them."""
     rng = np.random.default_rng(5)
     bench, x = _bench(rng)
-    errors = bench.held_out(3.0, 5, 0.0)
-    fold = np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
-    y = bench._y * 0.3
+    errors, fold, y = bench.held_out(3.0, 5, 0.0), _folds(), bench._y * 0.3
     for k in (0, 3):
         kept, held = x[fold != k], x[fold == k]
         theta = np.linalg.lstsq(kept, y[fold != k], rcond=None)[0]
-        inverse = np.linalg.inv(kept.T @ kept)
-        variance = 0.3**2 * (1.0 + np.einsum("ni,ij,nj->n", held, inverse, held))
-        likely = norm.logpdf(y[fold == k], held @ theta, np.sqrt(variance))
-        expected = -2.0 * likely - np.log(2.0 * np.pi * 0.3**2)
-        assert errors[fold == k] == pytest.approx(expected, rel=1e-4, abs=1e-7)
+        lever = held @ np.linalg.inv(kept.T @ kept) @ held.T
+        spread = 0.3**2 * (np.eye(len(held)) + lever)
+        likely = multivariate_normal.logpdf(y[fold == k], held @ theta, spread)
+        expected = -2.0 * likely - len(held) * np.log(2.0 * np.pi * 0.3**2)
+        assert errors[k] == pytest.approx(expected, rel=1e-5)
 
 
 def test_the_only_visit_to_a_place_is_no_evidence_against_it() -> None:
     """A coefficient that one block alone tells: its rows are predicted with what is unknown."""
     layout, rng = _layout(), np.random.default_rng(8)
-    fold = np.floor(np.arange(ROWS) * STEP_S / 3.0).astype(int) % 5
     place = np.where(np.floor(np.arange(ROWS) * STEP_S / 3.0) == 7, 1.0, 0.0)
     y = rng.standard_normal(ROWS) + 50.0 * place
     noise = Noise((np.zeros(0),), np.array([1.0]))
     columns = np.ones((ROWS, 1)), np.stack([np.ones(ROWS), place], axis=1)
     without, with_it = (Bench(layout, noise, y, x, 1.0).held_out(3.0, 5, 0.0) for x in columns)
-    there = (fold == 2) & (place > 0.0)
-    assert without[there].mean() > 2000.0
-    assert with_it[there].mean() < 50.0
+    count, rows = int(place.sum()), np.count_nonzero(_folds() == 2)
+    assert without[2] > 2000.0 * count
+    # What is unknown is so once, not row by row: the rows' own noise, and the one number.
+    assert with_it[2] < rows + 5.0 * np.sqrt(2.0 * rows) + 50.0
+
+
+def test_a_shape_that_other_folds_do_not_tell_stays_where_all_rows_have_it() -> None:
+    """Two columns that one fold alone tells apart: without a reach the others run off there."""
+    layout, rng = _layout(), np.random.default_rng(9)
+    own = rng.standard_normal(ROWS)
+    apart = own + np.where(_folds() == 1, rng.standard_normal(ROWS), 1e-3)
+    noise = Noise((np.zeros(0),), np.array([1.0]))
+    y = own + rng.standard_normal(ROWS)
+    bench = Bench(layout, noise, y, np.stack([own, apart], axis=1), 1.0)
+    free, held = (bench.held_out(3.0, 5, 0.0, r) for r in (None, np.array([np.inf, 0.1])))
+    rows = np.count_nonzero(_folds() == 1)
+    assert held[1] < free[1]
+    assert held[1] < rows + 5.0 * np.sqrt(2.0 * rows)
+    assert held[2] == pytest.approx(free[2], rel=0.02)
 
 
 def test_what_is_known_beforehand_counts_like_rows() -> None:

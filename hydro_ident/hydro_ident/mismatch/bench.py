@@ -165,16 +165,29 @@ class Bench:
         chance = scores if left_over is None else self.by_block(left * left_over[:, None])
         return Partial(left.T @ left, scores, np.sum(white**2, axis=0), chance)
 
-    def held_out(self, block_s: float, folds: int, guard_s: float) -> FloatArray:
-        """Twice the negative log-likelihood of rows that took no part, fold by fold; (M,).
+    def held_out(
+        self, block_s: float, folds: int, guard_s: float, reach: FloatArray | None = None
+    ) -> FloatArray:
+        """Twice the negative log-likelihood of rows that took no part, by folds; (folds,).
 
-        Rows are predicted no better than the other folds know the coefficients (Gaussian, of
-        variance 1 + h by the leverage h): where a fold holds all that tells one of them, its rows
-        are no evidence against it. A constant is left out.
+        The rows of a fold are predicted together, and no better than the other folds know the
+        coefficients (Gaussian, of covariance I + H by the leverages H): where a fold holds all
+        that tells one of them, its rows are no evidence against it. A constant is left out.
+
+        Parameters
+        ----------
+        block_s : float
+            Length of a block.
+        folds : int
+        guard_s : float
+            What is left out around held-out blocks.
+        reach : (p,) array, optional
+            As `solve`: a shape that a fold's rows do not tell stays where all rows have it.
         """
         times, recording = self.layout.time_s[self.rows], self.layout.recording[self.rows]
         x, y, extra = self._x / self.scale, self._y, slice(self.measured, None)
-        errors = np.zeros(self.measured)
+        stays = np.zeros(x.shape[1]) if reach is None else (reach * self.scale) ** -2.0
+        result = np.zeros(folds)
         number = [
             (np.floor((times + shift) / block_s).astype(int) + recording) % folds
             for shift in (-guard_s, 0.0, guard_s)
@@ -185,14 +198,16 @@ class Bench:
             a = np.concatenate([x[: self.measured][kept], x[extra]])
             b = np.concatenate([y[: self.measured][kept], y[extra]])
             gram = a.T @ a
-            ridge = RANK * np.trace(gram) * np.eye(gram.shape[0])
-            root = np.linalg.cholesky(gram + ridge)
+            known = gram + np.diag(RANK * np.trace(gram) + stays)
+            root = np.linalg.cholesky(known)
             half = solve_triangular(root, a.T @ b, lower=True)
-            reach = solve_triangular(root, x[: self.measured][held].T, lower=True)
-            spread = 1.0 + np.sum(reach**2, axis=0)
-            left = y[: self.measured][held] - reach.T @ half
-            errors[held] = left**2 / spread + np.log(spread)
-        return errors
+            lever = solve_triangular(root, x[: self.measured][held].T, lower=True)
+            left = y[: self.measured][held] - lever.T @ half
+            # Woodbury's identity: as many equations as coefficients, not as rows.
+            wide = np.linalg.cholesky(np.eye(x.shape[1]) + lever @ lever.T)
+            common = solve_triangular(wide, lever @ left, lower=True)
+            result[fold] = left @ left - common @ common + 2.0 * np.sum(np.log(np.diag(wide)))
+        return result
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
         white = self.noise.whitened(self.layout, columns)[self.rows]

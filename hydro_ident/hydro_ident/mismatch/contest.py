@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.chance import overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
-from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
+from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.onset import begins, settled
 from hydro_ident.mismatch.places import instant_spacing
@@ -20,7 +20,7 @@ from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import base_delay, resolved
+from hydro_ident.mismatch.worth import OF_VALVES, base_delay, resolved
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -204,7 +204,11 @@ class Contest:
         before, unit = self.held_out(without), 0.5 / found.spread
         own_gain = unit * found.modelled.held_out
         most, alike = own_gain - found.modelled.cost, dict[str, float]()
-        for name in dict.fromkeys(c.term.effect.name for c in found.tried):
+        names = dict.fromkeys(c.term.effect.name for c in found.tried)
+        if found.term.effect.name == DELAY:
+            # Beside a base whose delays have moved any law fits as well: its gain is not its own.
+            names = dict.fromkeys(name for name in names if name in OF_VALVES)
+        for name in names:
             own = self._at_all(without, noise, found, scores, name)
             if len(own) < 2:
                 continue
@@ -314,7 +318,8 @@ class Contest:
         """
         # Around held-out blocks, as far as the filters reach.
         guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
-        return float(np.sum(one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s)))
+        left = one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s, reach_of(one))
+        return float(np.sum(left))
 
 
 def _best_of_each(contenders: Sequence[Contender]) -> list[Contender]:

@@ -159,7 +159,7 @@ def _diagnosed(
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(modelled.robot, there.terms)
     run = free_run(before.robot, seen, work.check_traces, work.split, filters)
-    findings, minor = parted(work.robot, findings)
+    findings, minor = parted(work.robot, findings, whole.deviations)
     notes = [*data_notes(work), *modelled.notes, *run.rejected, *minor_notes(minor)]
     notes += [refined.note] if refined is not None else []
     channels = _channels(work, whole, work.check)

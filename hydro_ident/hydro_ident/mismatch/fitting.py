@@ -65,6 +65,12 @@ class Fitted:
         return self.bench.covariance() if self.refined is None else self.refined
 
     @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations of the numbers, by `names`."""
+        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return dict(zip(self.names, std.tolist(), strict=True))
+
+    @property
     def start_squares(self) -> float:
         """Sum of squares of the whitened residual before any further linear step."""
         return self.bench.squares
@@ -168,7 +174,7 @@ def fit_term(
     """
     current = _with_term(training, without, term, noise)
     for _ in range(passes):
-        step, factor, better = current.bench.solve(_reach(current)), 1.0, False
+        step, factor, better = current.bench.solve(reach_of(current)), 1.0, False
         step = step[without.columns.shape[1] :]
         for _ in range(_HALVINGS):
             moved = stepped(current.model.terms[-1], factor * step)
@@ -190,7 +196,7 @@ def _within_range(training: Training, current: Fitted) -> FloatArray:
 
     What else goes with a delay or a skew follows how far it really goes.
     """
-    reach = _reach(current)
+    reach = reach_of(current)
     step = current.bench.solve(reach)
     given = given_steps(training, current.model, step)
     if not given:
@@ -205,11 +211,20 @@ def _within_range(training: Training, current: Fitted) -> FloatArray:
     return step
 
 
-def _reach(one: Fitted) -> FloatArray:
+def reach_of(one: Fitted) -> FloatArray:
     """How far a step goes in what the rows do not tell: an effect's own size, or a usual one.
 
     A spring beside links of unknown weight is told by what its force at one place comes to; the
     numbers that would come to the same run off to where a step of them means nothing.
+
+    Parameters
+    ----------
+    one : Fitted
+
+    Returns
+    -------
+    (p,) array
+        Of every column; infinite for the base's.
     """
     sizes = [
         max(abs(float(term.parameters[i])), abs(spec.typical)) or np.inf

@@ -8,7 +8,8 @@ taking its part.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -34,22 +35,31 @@ _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
+#: Deviations by which a size has to be beyond what is tolerated, and the share of itself that they
+#: are at most.
+_SURE, _DOUBT = 2.0, 1.0 / 3.0
 
 
-def is_minor(robot: Robot, term: ActiveEffect) -> bool:
-    """Whether an effect is no larger than what is tolerated of every machine.
+def is_minor(
+    robot: Robot, term: ActiveEffect, deviations: Mapping[str, float] = MappingProxyType({})
+) -> bool:
+    """Whether an effect is not surely larger than what is tolerated of every machine.
 
     Parameters
     ----------
     robot : Robot
     term : ActiveEffect
         As fitted.
+    deviations : mapping of str to float
+        Of its parameters, as `Fitted.names` has them, where they are known.
     """
     name = term.effect.name
     if name in _TOLERATED:
         begin, most = _TOLERATED[name]
-        sizes = [abs(v) for n, v in _values(term) if n.startswith(begin)]
-        return max(sizes) < most
+        own = f"{term.target}.{name}."
+        sizes = [(n, abs(v)) for n, v in _values(term) if n.startswith(begin)]
+        doubts = [min(_SURE * deviations.get(own + n, 0.0), _DOUBT * v) for n, v in sizes]
+        return all(v - d < most for (_, v), d in zip(sizes, doubts, strict=True))
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
         values = dict(_values(term))
@@ -58,19 +68,23 @@ def is_minor(robot: Robot, term: ActiveEffect) -> bool:
     return False
 
 
-def parted(robot: Robot, findings: Sequence[Finding]) -> tuple[list[Finding], list[Finding]]:
+def parted(
+    robot: Robot, findings: Sequence[Finding], deviations: Mapping[str, float]
+) -> tuple[list[Finding], list[Finding]]:
     """Findings, and those that are minor.
 
     Parameters
     ----------
     robot : Robot
     findings : sequence of Finding
+    deviations : mapping of str to float
+        As `is_minor`.
 
     Returns
     -------
     findings, minor : list of Finding
     """
-    minor = [f for f in findings if is_minor(robot, f.named.term)]
+    minor = [f for f in findings if is_minor(robot, f.named.term, deviations)]
     return [f for f in findings if f not in minor], minor
 
 
@@ -117,7 +131,7 @@ def minor_notes(minor: Sequence[Finding]) -> list[str]:
         sizes = [term.effect.parameters[i].name for i in term.effect.sizes]
         told = ", ".join(f"{n} {v:.3g}{units[n]}" for n, v in _values(term) if n in sizes)
         notes.append(
-            f"{term.effect.name} of {term.target} is there, but no larger than every machine has"
+            f"{term.effect.name} of {term.target} is there, but not surely larger than every machine has"
             f" ({told}): in the model, no finding"
         )
     return notes

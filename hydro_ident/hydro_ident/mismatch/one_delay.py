@@ -22,7 +22,7 @@ from hydro_ident.mismatch.named import SPOOL, Contender, Named, at_a_bound, name
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.worth import LAGS, resolved
+from hydro_ident.mismatch.worth import OF_VALVES, resolved
 from hydro_model.effects.targets import ActiveEffect
 
 #: Passes of the fit of a lag that is begun anew: the valley is long.
@@ -48,8 +48,7 @@ def as_one_delay(
     """
     result = list(named)
     listed = any(t.effect.name == DELAY and t.cylinder is None for t in current.model.terms)
-    of_valves = (*LAGS, DELAY)
-    for names in (of_valves, *((name,) for name in of_valves)):
+    for names in (OF_VALVES, *((name,) for name in OF_VALVES)):
         lags = [n for n in result if n.term.effect.name in names and n.term.cylinder is not None]
         if listed or len({n.term.target for n in lags}) < 2:
             continue

@@ -36,6 +36,9 @@ ADDED_SHARE = 0.05
 PRECISION = 5.0e-5
 #: The same of a chamber's mass balance: edges' root law and oil of one stiffness hold no better.
 PRECISION_FLOW = 2.5e-4
+#: The same where a law acts through the oil's compression alone: no edge's flaw looks like that,
+#: and what fittings hold is known in litres (`minor`).
+PRECISION_COMPRESSED = 5.0e-5
 #: The same for a dependence without a name: no law says that it is more than the form's flaw. And
 #: for what wanders with time, or begins at an instant, which no other rows can confirm: sensors
 #: drift by as much.

@@ -19,6 +19,7 @@ from hydro_ident.mismatch.settings import (
     LEAST_EXCESS,
     LEAST_SHARE_UNCONFIRMED,
     PRECISION,
+    PRECISION_COMPRESSED,
     PRECISION_FLOW,
 )
 from hydro_ident.mismatch.skew import PRESSURE_DELAY, least_skew
@@ -28,6 +29,8 @@ from hydro_model.robot import FloatArray
 
 #: Effects that, where small, are a delay of a valve's signal or of its flow.
 LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
+#: What makes one valve later than others.
+OF_VALVES = (*LAGS, DELAY)
 #: Effects of where a machine is, not of how it moves: what a drifting transducer does, too, and
 #: the share of a usual drift from which they count.
 _STATIC = frozenset(
@@ -41,6 +44,8 @@ _STATIC_SHARE = 0.25
 #: which therefore has to explain this share (rms) of it.
 _OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinearity"})
 _OPENING_SHARE = 0.15
+#: Laws of how much oil is compressed, or how stiff it is.
+_COMPRESSED = frozenset({"dead_volume", "entrained_air"})
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -85,7 +90,8 @@ def worthy(
     acting = [k for k in np.unique(channel) if whole[mask][channel == k].any()]
     sizes = {k: measured_size(training, start.model, k) for k in acting}
     shares = {k: rms(fresh[channel == k]) / sizes[k] for k in acting}
-    if all(s < (PRECISION_FLOW if material.is_flow(k) else PRECISION) for k, s in shares.items()):
+    of_flows = PRECISION_COMPRESSED if active.effect.name in _COMPRESSED else PRECISION_FLOW
+    if all(s < (of_flows if material.is_flow(k) else PRECISION) for k, s in shares.items()):
         return False
     drifts = {k: drift_of(material, k) for k in acting}
     if active.effect.name in _STATIC and all(
