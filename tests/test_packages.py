@@ -147,3 +147,24 @@ def test_ament_flake8_finds_nothing_in_these_tests() -> None:
 def test_ament_xmllint_where_it_is_installed() -> None:
     linter = pytest.importorskip("ament_xmllint.main")
     assert linter.main(argv=[str(folder / "package.xml") for folder in FOLDERS]) == 0
+
+
+def bound_twice(source: str) -> list[str]:
+    """Names that a module's own level binds more than once: the second is what all of it sees."""
+    names: list[str] = []
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.append(node.name)
+        elif isinstance(node, ast.Assign):
+            found = (n for target in node.targets for n in ast.walk(target))
+            names += [
+                n.id for n in found if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+            ]
+    return sorted({name for name in names if names.count(name) > 1})
+
+
+@packages
+def test_no_module_gives_a_name_two_meanings(folder: Path) -> None:
+    assert bound_twice("A = 1\n\n\ndef f(): ...\n\n\nB, A = 2, 3\n") == ["A"]
+    twice = {str(p): found for p in folder.rglob("*.py") if (found := bound_twice(p.read_text()))}
+    assert not twice

@@ -54,9 +54,6 @@ def true_tip_m(path: Path, bag: Bag, recording: Recording) -> NDArray[np.float64
     return tip
 
 
-_COLUMNS = ("counter", "tip/x", "tip/y", "tip/z")
-
-
 def _read(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Sample counters (K,) and true tips (K, 3)."""
     try:

@@ -38,7 +38,9 @@ from hydro_model.robot import FloatArray
 #: What the next effect of a set has to be better by where one was refused: it is another question.
 _FURTHER = 0.1
 #: ... and what goes with rows that it should hardly change: that takes luck, or more than found.
-_PLAIN = 0.1
+_LUCK = 0.1
+#: Chance on held-out rows from which on they show a finding but faintly.
+_FAINTLY = 1.0e-3
 #: Correlation with the finding from which a shifted one is the same.
 _ALIKE = 0.7
 
@@ -142,9 +144,11 @@ def verify(
         size = untold(whole, terms)
         against = size and f"held-out rows hardly exercise it, and its size is not told: {size}"
     before, after = best.sides
-    if not against and not any(after[n] < before[n] for n in acting if n in after):
+    gains = any(after[n] < before[n] for n in acting if n in after)
+    if not against and not (gains and best.p_value <= _FAINTLY):
         size = untold(whole, terms)
-        against = size and f"held-out rows gain nothing by it, and its size is not told: {size}"
+        little = "show it but faintly" if gains else "gain nothing by it"
+        against = size and f"held-out rows {little}, and its size is not told: {size}"
     agreement = () if silent else agreements(whole, there, terms)
     few = shape_at_a_bound(mine) if named.few > 1.0 else ""
     reason = (
@@ -184,7 +188,7 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
     least, spread = STANDS * _FURTHER**named.refused, max(named.spread, 1.0)
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     against = objection(best, least)
-    plain = not against and best.p_value <= _PLAIN * least
+    plain = not against and best.p_value <= _LUCK * least
     if met and not plain and max(one.shown for one in looks) < SHOWN * spread:
         # It acts there, and as it should: what only its own recording tells was fitted to that,
         # unless more of it is there, and plainly: its size came out too small, or acts more.

@@ -1,0 +1,46 @@
+"""What two looks at held-out rows say of a finding together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
+from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.verify import _judged
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, Robot
+
+NOT_TOLD = "held-out rows exercise it and cannot tell it from nothing"
+
+
+@pytest.fixture
+def named(robot: Robot) -> Named:
+    listed = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 100.0})
+    (term,) = resolve(replace(robot, effects=(listed,)))
+    one = Contender(term, None, 400.0, 380.0, 3.0)  # type: ignore[arg-type]
+    return named_of([one], 0.0005, 1.0)
+
+
+def _look(p_value: float, shown: float) -> Look:
+    return Look(p_value, 0.0, 0.0, shown, ({"lift/force": 2.0}, {"lift/force": 1.0}), "")
+
+
+@pytest.mark.parametrize(
+    ("p_value", "shown", "against"),
+    [
+        (0.5 * STANDS, 4.0 * SHOWN, ""),
+        # They should hardly show it and do, as one in eighty of what is nothing does.
+        (0.5 * STANDS, 0.5 * SHOWN, NOT_TOLD),
+        # More of it is there, and plainly.
+        (0.05 * STANDS, 0.5 * SHOWN, ""),
+    ],
+)
+def test_what_held_out_rows_should_hardly_show_takes_more_than_luck(
+    named: Named, p_value: float, shown: float, against: str
+) -> None:
+    looks = [_look(p_value, shown), _look(p_value, shown)]
+    assert _judged(looks, named, met=True) == (looks[0], False, against)
+    # Where they do not exercise it, its own recording speaks for it, and leaves no doubt here.
+    assert _judged(looks, named, met=False)[1:] == (True, "")
