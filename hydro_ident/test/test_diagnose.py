@@ -90,7 +90,7 @@ def test_what_every_machine_has_is_modelled_and_noted_but_no_finding(
     assert found.verdict == "explained"
     assert found.robot is not None
     assert {effect.name for effect in found.robot.effects} >= {EFFECTS[0].name, EFFECTS[1].name}
-    (note,) = [note for note in found.notes if "larger than every machine has" in note]
+    (note,) = [note for note in found.notes if "surely larger than every machine" in note]
     assert note.startswith("coulomb_friction of lift_cylinder is there")
 
 

@@ -131,8 +131,8 @@ def minor_notes(minor: Sequence[Finding]) -> list[str]:
         sizes = [term.effect.parameters[i].name for i in term.effect.sizes]
         told = ", ".join(f"{n} {v:.3g}{units[n]}" for n, v in _values(term) if n in sizes)
         notes.append(
-            f"{term.effect.name} of {term.target} is there, but not surely larger than every machine"
-            f" has ({told}): in the model, no finding"
+            f"{term.effect.name} of {term.target} is there, but not surely larger than every"
+            f" machine has ({told}): in the model, no finding"
         )
     return notes
 
