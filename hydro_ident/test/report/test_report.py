@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from hydro_ident.bag.grid import find_gaps
-from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import summary_text
-from hydro_ident.identification import Identification, identify
+from hydro_ident.identification import Identification
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.report.figure import Figure
-from hydro_ident.report.identification_report import report_html
 from hydro_ident.report.page import number
 from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import (
@@ -34,14 +28,11 @@ from hydro_ident.report.recording_sections import health_section
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
-from hydro_model.kinematics import tip_position
-from hydro_model.robot_files import load_robot
 
 go = pytest.importorskip("plotly.graph_objects", reason="plotly is not installed")
 
 pytestmark = pytest.mark.needs("clarabel", "plotly")
 
-ROOT = Path(__file__).resolve().parents[2]
 SECTIONS = [
     "verdict",
     "health",
@@ -55,15 +46,8 @@ SECTIONS = [
     "provenance",
 ]
 LARGEST_BYTES = 8_000_000
-ORIGIN = {
-    "command": "identify 'a & b' --robot <robot>",
-    "version": "0.1.0",
-    "robot": "<robot>",
-    "bags": [{"name": "run<b>1</b>&.mcap", "sha256": "0" * 64}],
-    "validation": [],
-    "robot_files": [{"name": "xs031.urdf", "sha256": "1" * 64}],
-    "compared": [],
-}
+
+Page = Callable[[Identification], str]
 
 
 class Reader(HTMLParser):
@@ -106,29 +90,6 @@ def read(report: str) -> Reader:
     reader.feed(report)
     assert reader.open == []
     return reader
-
-
-@pytest.fixture(scope="module")
-def found(crane_run: Any) -> Identification:
-    robot, count = load_robot("xs031"), len(crane_run.q)
-    rail = np.ones(count)
-    recording = Recording(
-        path=Path("run"), robot=robot, stamp_ns=10**18 + np.arange(count) * 2_000_000,
-        period_s=0.002, q=crane_run.q, stroke=None, effort=None, p_a=crane_run.p_a,
-        p_b=crane_run.p_b, supply=robot.supply_pressure_pa * rail,
-        tank=robot.tank_pressure_pa * rail, valve_v=crane_run.voltage,
-        valve_source="/valve_state", command_v=crane_run.voltage, spool=None,
-        latched=np.zeros(count, dtype=bool), q_ref=None, qd_ref=None, force_ref=None,
-        tip_ref=np.asarray(tip_position(robot, crane_run.q)) + np.array([0.003, 0.0, 0.0]),
-        temperature_stamp_ns=None, temperature_c=None, losses=(), gaps=(), duplicates={},
-        notes=(), metadata={},
-    )  # fmt: skip
-    return identify(robot, [recording])
-
-
-@pytest.fixture(scope="module")
-def report(found: Identification) -> str:
-    return report_html(found, ORIGIN)
 
 
 def test_sections_stand_in_the_order_of_the_questions(report: str) -> None:
@@ -233,11 +194,11 @@ def test_rows_of_the_fit_are_shown_beside_rows_that_took_no_part(found: Identifi
         assert np.isfinite(trained.speed).all()
 
 
-def test_the_strip_counts_what_stands_in_black(found: Identification) -> None:
+def test_the_strip_counts_what_stands_in_black(found: Identification, page_of: Page) -> None:
     wide = [p for p in found.parameters if p.identifiable and not p.held][:2]
     loose = {p.name: replace(p, std=10.0 * max(abs(p.value), abs(p.datasheet or 0))) for p in wide}
     changed = tuple(loose.get(p.name, p) for p in found.parameters)
-    text = report_html(replace(found, parameters=changed), ORIGIN)
+    text = page_of(replace(found, parameters=changed))
     count, total = map(int, re.findall(r"(\d+) of (\d+) parameters are determined", text)[0])
     rows = [identified_row(p, {}) for p in changed]
     assert (count, total) == (sum(not row.off for row in rows), len(rows))
@@ -245,13 +206,13 @@ def test_the_strip_counts_what_stands_in_black(found: Identification) -> None:
 
 
 def test_values_of_an_earlier_model_are_not_called_the_datasheets(
-    found: Identification, report: str
+    found: Identification, report: str, page_of: Page
 ) -> None:
     """A model.yaml brings deviations with it, a datasheet none."""
     assert "the earlier model" not in report
     assert found.robot is not None
     assert found.robot.standard_deviations
-    html = report_html(replace(found, given=found.robot), ORIGIN)
+    html = page_of(replace(found, given=found.robot))
     text = read(html).text
     assert 'data-label="earlier model"' in html
     assert "parameters differ from the earlier model by more than" in text
@@ -266,11 +227,11 @@ def test_signs_of_parameters_are_explained_where_they_stand(report: str) -> None
     assert "flow at full opening and a pressure drop of 35 bar over the edge" in text
 
 
-def test_the_strip_tells_pressures_in_bar(found: Identification) -> None:
+def test_the_strip_tells_pressures_in_bar(found: Identification, page_of: Page) -> None:
     bulk = next(p for p in found.parameters if p.name.endswith("bulk_modulus"))
     changed = replace(bulk, value=6.0e8, std=1e6, datasheet=1.2e9)
     rest = [replace(p, datasheet=None) for p in found.parameters if p is not bulk]
-    text = read(report_html(replace(found, parameters=(changed, *rest)), ORIGIN)).text
+    text = read(page_of(replace(found, parameters=(changed, *rest)))).text
     assert "6e8 instead of 1.2e9 Pa (6000 instead of 12000 bar, -50 %)" in text
 
 
@@ -302,110 +263,20 @@ def test_a_joint_has_one_colour_everywhere(found: Identification, report: str) -
                 assert not any(other in json.dumps(figure) for other in others)
 
 
-def test_the_strip_says_no_width_of_zero(found: Identification) -> None:
+def test_the_strip_says_no_width_of_zero(found: Identification, page_of: Page) -> None:
     thin = tuple(replace(p, std=1e-9 * abs(p.value)) for p in found.parameters)
-    text = report_html(replace(found, parameters=thin), ORIGIN)
+    text = page_of(replace(found, parameters=thin))
     assert "the middle one to less than ±0.1 % (95 %)." in text
     assert "-0.0 %" not in text
     assert "±0.0 %" not in text
 
 
-def test_what_is_not_enough_is_no_improvement(found: Identification) -> None:
+def test_what_is_not_enough_is_no_improvement(found: Identification, page_of: Page) -> None:
     assert found.channels
-    html = report_html(replace(found, verdict=NOT_ENOUGH, robot=None), ORIGIN)
+    html = page_of(replace(found, verdict=NOT_ENOUGH, robot=None))
     strip = html.partition('id="verdict"')[2].partition("</section>")[0]
     for said in ("error changes", "Simulated for", "determined, the middle", "→"):
         assert said not in strip
-
-
-def _looked_at(folder: Path, report: str, browser: str) -> subprocess.CompletedProcess[str]:
-    """What `check_report.py` says with a script for its browser."""
-    fake = folder / "chromium"
-    fake.write_text(f"#!/bin/sh\n{browser}\n", encoding="utf-8")
-    fake.chmod(0o755)
-    file = folder / "report.html"
-    file.write_text(report, encoding="utf-8")
-    return subprocess.run(
-        [sys.executable, ROOT / "scripts" / "check_report.py", file, "--wait", "1"],
-        env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"},
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("browser", "said"),
-    [("exec sleep 600", "says nothing for 1 s"), ("exit 3", "the browser is gone|Broken pipe")],
-)
-def test_a_browser_that_fails_is_no_finding(
-    report: str, tmp_path: Path, browser: str, said: str
-) -> None:
-    done = _looked_at(tmp_path, report, browser)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert re.fullmatch(rf"\S+: could not be looked at: .*({said}).*\n", done.stderr)
-
-
-def test_a_browser_that_a_script_started_ends_with_it(report: str, tmp_path: Path) -> None:
-    pid = tmp_path / "pid"
-    done = _looked_at(tmp_path, report, f"sleep 600 &\necho $! >'{pid}'\nwait")
-    assert done.returncode == 2
-    state = Path(f"/proc/{int(pid.read_text())}/stat")
-    # It may stand there dead until somebody asks for it.
-    assert not state.exists() or state.read_text().rsplit(")", 1)[1].split()[0] == "Z"
-
-
-def test_a_browser_opens_it_without_errors_at_every_width(
-    report: str, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
-) -> None:
-    file = tmp_path / "report <1>.html"
-    file.write_text(report, encoding="utf-8")
-    seen = browser_check(file)
-    assert [view["found"] for view in seen["views"]] == [[]] * len(seen["views"])
-    looked = [(v["width"], v["scheme"]) for v in seen["views"] if "width" in v]
-    assert looked == [(w, s) for w in (390, 820, 1400) for s in ("light", "dark")]
-    papers = {v["scheme"]: v["paper"] for v in seen["views"] if "width" in v}
-    assert papers["light"] != papers["dark"]
-    # On paper several figures stand on a page.
-    assert 2 * seen["views"][-1]["pages"] < seen["views"][0]["figures"]
-    # A finger cannot drag in a plot: it would move the page.
-    hints = {v["width"]: v["hint"] for v in seen["views"] if "width" in v}
-    assert [("drag" in hints[w], "tap" in hints[w]) for w in (390, 820, 1400)] == [
-        (False, True), (True, False), (True, False),
-    ]  # fmt: skip
-
-
-def test_a_title_that_its_figure_cuts_off_is_found(
-    tmp_path: Path, browser_check: Callable[[Path], dict[str, Any]]
-) -> None:
-    text = '<text x="{}" y="40">force in N</text>'
-    file = tmp_path / "figure.html"
-    file.write_text(
-        '<meta name="viewport" content="width=device-width"><div class="canvas" aria-label="law">'
-        '<svg class="main-svg" width="200" height="50" style="overflow:hidden;display:block">'
-        f'{text.format(150)}</svg></div><div class="canvas" aria-label="whole" style="width:9em">'
-        f'<svg class="main-svg" width="100" height="50">{text.format(5)}</svg></div>'
-        '<style>.canvas{width:200px}</style>',
-        encoding="utf-8",
-    )  # fmt: skip
-    for view in browser_check(file)["views"][:-1]:
-        (said,) = view["found"]
-        assert re.fullmatch(r"cut off: 'force in N' of 'law' by \d+ px", said)
-
-
-def test_what_fails_when_the_scheme_changes_is_found_in_that_view(
-    tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
-) -> None:
-    file = tmp_path / "report.html"
-    file.write_text(
-        "<!DOCTYPE html><title>One</title><script>"
-        'matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {'
-        "for (const end = performance.now() + 200; performance.now() < end;);"
-        'throw Error("not drawn"); });</script>',
-        encoding="utf-8",
-    )
-    light, dark, _ = browser_check(file, 390)["views"]
-    assert light["found"] == []
-    assert len(dark["found"]) == 1
-    assert "not drawn" in dark["found"][0]
 
 
 def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None:
