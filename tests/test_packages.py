@@ -36,7 +36,7 @@ WITHOUT_KEY = {"clarabel", "plotly"}
 #: No key is known for sure, and an unknown one ends all of `rosdep install`: mcap brings both.
 BROUGHT = {"lz4": "mcap", "zstandard": "mcap"}
 #: Used where they are there; what cannot do without says so.
-OPTIONAL = {"argcomplete", "distributed", "pyarrow"}
+OPTIONAL = {"argcomplete", "distributed", "h5py", "pyarrow"}
 #: Imported by python-can's udp_multicast, and message types that recorder and player load by name.
 BY_NAME = {"python3-msgpack", "geometry_msgs", "trajectory_msgs"}
 #: Folders that measure the packages and their tests: they want requirements-test.in.

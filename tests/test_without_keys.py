@@ -21,7 +21,17 @@ import pytest
 sys.exit(pytest.main(sys.argv[2:]))
 """
 #: What a machine has not that has run `rosdep install`.
-NOT_NAMED = ("xdist", "execnet", "clarabel", "plotly", "distributed", "pyarrow", "ruff", "mypy")
+NOT_NAMED = (
+    "xdist",
+    "execnet",
+    "clarabel",
+    "plotly",
+    "distributed",
+    "h5py",
+    "pyarrow",
+    "ruff",
+    "mypy",
+)
 FILE = """
 import sys
 from importlib.util import find_spec

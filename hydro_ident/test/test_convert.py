@@ -241,6 +241,16 @@ def test_parquet_without_its_package_says_what_to_install(tmp_path: Path, monkey
         read_log(tmp_path / "log.parquet")
 
 
+def test_a_mat_file_of_hdf5_without_its_package_says_both_ways_on(
+    tmp_path: Path, monkeypatch
+) -> None:
+    log = tmp_path / "log.mat"
+    log.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(BagError, match=r"optional package h5py: python -m pip.* with '-v7' in"):
+        read_log(log)
+
+
 def test_a_difference_of_two_signals_and_a_constant_are_positions(tmp_path: Path) -> None:
     """Inclinometers give angles against the horizon; a joint that was locked is not recorded."""
     log = {

@@ -146,8 +146,8 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
     Parameters
     ----------
     path : str or Path
-        `.csv`, `.txt`, `.tsv`, `.lvm` or `.asc`, also with `.gz` behind it; `.mat` (up to version
-        7.2); `.parquet`.
+        `.csv`, `.txt`, `.tsv`, `.lvm` or `.asc`, also with `.gz` behind it; `.mat`;
+        `.parquet`.
     layout : CsvLayout, optional
 
     Returns

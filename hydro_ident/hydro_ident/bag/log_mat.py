@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,13 +13,15 @@ import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log, most_unfolded
+from hydro_ident.bag.log_mat_hdf5 import is_hdf5, read_hdf5
 from hydro_ident.errors import BagError
 
 _HEADER_BYTES, _COMPRESSED = 128, 15
+_MAX_NAMES = 12
 
 
 def read_mat_log(path: Path) -> Log:
-    """Read a MAT file of up to version 7.2.
+    """Read a MAT file.
 
     Parameters
     ----------
@@ -33,17 +36,26 @@ def read_mat_log(path: Path) -> Log:
     Raises
     ------
     BagError
-        No MAT file, one of version 7.3, or one that unfolds to more than a log would.
+        No MAT file, one of version 7.3 where h5py is not installed, or one that unfolds to more
+        than a log would.
     """
     try:
-        return _log_of(path, _content(path))
-    except NotImplementedError as error:
-        raise BagError(
-            f"{path}: MAT files of version 7.3 are HDF5: save it with '-v7' in MATLAB first"
-        ) from error
-    except Exception as error:  # scipy raises what its parts raise: IndexError, MemoryError ...
+        content, objects = read_hdf5(path) if is_hdf5(path) else (_content(path), ())
+        log = _log_of(path, content)
+    except BagError:
+        raise
+    except Exception as error:  # these libraries raise what their parts raise: IndexError ...
         line = " ".join(str(error).split()) or type(error).__name__
         raise BagError(f"{path}: not a readable MAT file: {line[:400]}") from error
+    if not objects:
+        return log
+    note = (
+        f"{', '.join(objects[:_MAX_NAMES])}: objects of MATLAB's own, or sparse; save their"
+        " numbers as arrays or structs"
+    )
+    if not log.columns:
+        raise BagError(f"{path}: expected signals, found {note}")
+    return replace(log, notes=(*log.notes, f"left out: {note}"))
 
 
 def _content(path: Path) -> dict[str, Any]:
