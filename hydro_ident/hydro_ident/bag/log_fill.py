@@ -178,7 +178,7 @@ def _fill_voltage(
         entry["unit"] = reading.unit.unit
         return "guess" if one_sided else "sure", aside
     rated = targets.rated_v(target.name)
-    if reading.unit is not None and reading.unit.quantity == "current":
+    if reading.quantity == "current":
         entry |= {"raw": FILL_IN, "span": [-rated, rated], "unit": "V"}
         return "open", ["a current: raw is what stands for minus and plus the rated signal"]
     entry["unit"] = "V"

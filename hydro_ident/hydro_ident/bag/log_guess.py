@@ -6,6 +6,7 @@ Every reason is kept, so that a person can see why, and its weight says how much
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ import numpy as np
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
-from hydro_ident.bag.log_words import parts_of
+from hydro_ident.bag.log_words import parts_of, word_set
 
 #: How sure a guess is, most sure first.
 LEVELS = ("sure", "likely", "guess", "open")
@@ -22,19 +23,30 @@ LEVELS = ("sure", "likely", "guess", "open")
 _UNIT, _WORD, _RANGE = 3, 2, 1
 _SURE, _LIKELY, _GUESS = 4, 3, 1
 
-#: Words of names by quantity, in English and German, and the usual letters.
+#: Words of names by quantity, without accents, and the usual letters. Not among them is what
+#: means something else in another language: `tension` is a voltage, or a pull.
 _WORDS: dict[str, str] = {
-    "time": "t time zeit timestamp zeitstempel clock uhrzeit sec x_value",
-    "pressure": "p press pressure druck ps pt pp",
-    "angle": "q angle winkel theta phi alpha joint gelenk encoder enc pitch inclination neigung z",
-    "length": "stroke hub weg len length laenge länge extension s x",
-    "voltage": "u valve ventil cmd command stell joystick sig voltage spannung servo uv",
+    "time": "t time zeit timestamp zeitstempel clock uhrzeit sec x_value temps tiempo",
+    "pressure": "p press pressure druck ps pt pp pression presion pressione",
+    "angle": "q angle winkel theta phi alpha joint gelenk encoder enc pitch inclination neigung z"
+    " angulo angolo",
+    "length": "stroke hub weg len length laenge länge extension s x course carrera corsa",
+    "voltage": "u valve ventil cmd command stell joystick sig voltage spannung servo uv"
+    " vanne valvula valvola tensione",
+    "current": "current strom courant corriente corrente",
     "ratio": "spool schieber lvdt",
-    "temperature": "temp temperature temperatur oil öl oel",
-    "effort": "torque moment tau force kraft",
-    "velocity": "dq qd dz vel velocity speed geschwindigkeit omega qdot",
-    "flow": "flow durchfluss volumenstrom",
+    "temperature": "temp temperature temperatur temperatura oil öl oel huile aceite olio",
+    "effort": "torque moment tau force kraft fuerza forza coppia",
+    "velocity": "dq qd dz vel velocity speed geschwindigkeit omega qdot vitesse velocidad"
+    " velocita",
+    "flow": "flow durchfluss volumenstrom debit caudal portata",
 }
+#: Words for where something is measured: they say what only where no other word does.
+_OF_PLACES = word_set(
+    "hub valve ventil cmd command stell joystick servo joint gelenk oil öl oel"
+    " vanne valvula valvola huile aceite olio"
+)
+_UMLAUTS = "äöüÄÖÜß"
 _OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
 
 
@@ -114,13 +126,19 @@ def words_of(name: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        `pA_lift [bar]` gives p, a, lift; `q12` gives q, 12; `Tankdruck` gives tank, druck.
+        `pA_lift [bar]` gives p, a, lift; `q12` gives q, 12; `Tankdruck` gives tank, druck;
+        accents are left out, umlauts are not.
     """
     unit = unit_in(name)
     bare = name[: name.rfind(unit)] if unit else name
     bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
-    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", bare)
+    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", _plain(bare))
     return tuple(word for part in parts for word in parts_of(part.lower()))
+
+
+def _plain(name: str) -> str:
+    whole = unicodedata.normalize("NFC", name)
+    return "".join(c if c in _UMLAUTS else unicodedata.normalize("NFD", c)[0] for c in whole)
 
 
 def read_columns(log: Log) -> list[Reading]:
@@ -165,6 +183,7 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
     reasons: dict[str, list[str]] = {}
     _weigh(weights, reasons, declared.quantity if declared else "", _UNIT, f"unit '{unit}'")
     seen = {q: w for w in words if (q := _OF_WORD.get(w, ""))}
+    seen = {q: w for q, w in seen.items() if w not in _OF_PLACES} or seen
     for quantity, word in seen.items():
         _weigh(weights, reasons, quantity, _WORD, f"'{word}' in the name")
     for quantity, text in _by_numbers(known).items():

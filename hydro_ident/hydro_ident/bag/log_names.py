@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, SUPPLY, TANK
+from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, OF_PRESSURES, SUPPLY, TANK, chamber_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +57,13 @@ def made_up(section: str, members: Sequence[Reading]) -> dict[str, Target]:
 def _own_chamber(words: Sequence[str], k: int) -> str:
     given = set(words)
     numbers = [int(word) for word in words if word.isdigit()]
-    chamber = "a" if given & CHAMBER_A else "b" if given & CHAMBER_B else ""
+    chamber = chamber_of(words)
     if not chamber and not numbers and given & SUPPLY:
         return "supply"
     if not chamber and not numbers and given & TANK:
         return "tank"
     stem = [w for w in words if len(w) > 1 and w not in CHAMBER_A | CHAMBER_B and not w.isdigit()]
-    stem = [w for w in stem if w not in ("press", "pressure", "druck")]
+    stem = [w for w in stem if w not in OF_PRESSURES]
     if chamber:
         return f"{'_'.join(stem) or f'cylinder{numbers[-1] if numbers else k}'}/{chamber}"
     place = (numbers[-1] if numbers else k) - 1

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_fill import fill
 from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
@@ -19,13 +20,11 @@ from hydro_ident.bag.log_signal import FILL_IN
 from hydro_ident.bag.log_suggest_times import OwnTime, times_of
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_units import UNITS
+from hydro_ident.bag.log_words import OF_PRESSURES, word_set
 from hydro_model.robot import Robot
 
-_REFERENCE_WORDS = frozenset(
-    ["ref", "reference", "soll", "sollwert", "des", "desired", "target", "setpoint"]
-)
-_MEASURED_WORDS = frozenset(
-    ["ist", "act", "actual", "meas", "measured", "applied", "state", "fb", "feedback"]
+_MEASURED_WORDS = word_set(
+    "ist act actual meas measured applied state fb feedback mesure medido misurato"
 )
 _BELOW_PA = -5e3
 
@@ -118,7 +117,7 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             guesses.append(_with_time(guess, times.own.get(reading.column, OwnTime())))
         else:
             spare = (f"{kinds[reading.column]}: no name is left for it",)
-            why = _unasked(reading) if kinds[reading.column] == "left out" else spare
+            why = _unasked(reading, targets) if kinds[reading.column] == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
     missing = targets.missing(named.values())
     start = times.start, times.start_why
@@ -134,16 +133,25 @@ def _with_time(guess: Guess, own: OwnTime) -> Guess:
     )
 
 
-def _unasked(reading: Reading) -> tuple[str, ...]:
+def _unasked(reading: Reading, targets: Targets) -> tuple[str, ...]:
+    if why := _elsewhere(reading, targets):
+        return (*reading.why, why)
     if reading.quantity in ("velocity", "acceleration"):
         return (*reading.why, "not taken: the analysis differentiates positions itself")
     return reading.why
 
 
+def _elsewhere(reading: Reading, targets: Targets) -> str:
+    unit = reading.unit is not None
+    return elsewhere(reading.quantity, reading.words, targets.words(), unit=unit)
+
+
 def _section(reading: Reading, targets: Targets) -> str:
     """Section of the mapping that takes a quantity; empty where none does."""
     words = set(reading.words)
-    if reading.quantity in ("angle", "length") and words & _REFERENCE_WORDS:
+    if _elsewhere(reading, targets):
+        return "left out"
+    if reading.quantity in ("angle", "length") and words & (REFERENCE_WORDS | COMMANDED_WORDS):
         return "references"
     if reading.quantity == "length":
         return "strokes" if targets.has_strokes else "joints"
@@ -151,7 +159,7 @@ def _section(reading: Reading, targets: Targets) -> str:
         return "valves" if words & _MEASURED_WORDS else "valve_commands"
     if reading.quantity == "current":
         # A loop's current is a transducer's, a coil's a valve's.
-        return "pressures" if {"p", "druck", "pressure", "press"} & words else "valve_commands"
+        return "pressures" if OF_PRESSURES & words else "valve_commands"
     return {
         "angle": "joints",
         "pressure": "pressures",

@@ -11,10 +11,11 @@ from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_guess import Reading, words_of
 from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, COMMON, SUPPLY, TANK
+from hydro_ident.bag.log_words import COMMON, SUPPLY, TANK, alike, chamber_of, word_set
 from hydro_model.robot import Robot
 
-_NAME, _NUMBER, _CHAMBER = 4.0, 2.0, 1.0
+_NAME, _ALIKE, _NUMBER, _CHAMBER = 4.0, 2.5, 2.0, 1.0
+_OIL = word_set("oil öl oel huile aceite olio")
 _SUPPLY_PA, _RATED_V = 2e7, 10.0
 #: Share of a joint's range by which it may be recorded beyond its ends.
 MARGIN = 0.02
@@ -140,8 +141,9 @@ class Targets:
         for section in dict.fromkeys(section for section, _ in columns.values()):
             members = [r for s, r in columns.values() if s == section]
             if section == "oil_temperature":
-                best = max(members, key=lambda r: ("oil" in r.words) + ("öl" in r.words))
-                found[best.column] = Target(section, "", "sure", ())
+                best = max(members, key=lambda r: bool(_OIL.intersection(r.words)))
+                level = "sure" if _OIL.intersection(best.words) else "likely"
+                found[best.column] = Target(section, "", level, ())
             elif section not in ("", "left out"):
                 known = self.names(section)
                 found |= self._fit(section, members, known) if known else made_up(section, members)
@@ -165,32 +167,60 @@ class Targets:
             taken.add(name)
             level = "sure" if score >= _NAME else "likely" if score > _NUMBER else "guess"
             found[column] = Target(section, name, level, (why,))
-        rest = [r.column for r in members if r.column not in found]
-        for column, name in zip(rest, [n for n in names if n not in taken], strict=False):
-            if name not in ("supply", "tank"):
-                found[column] = Target(section, name, "guess", (f"{name}: only by its place",))
+        left = [n for n in names if n not in taken and n not in ("supply", "tank")]
+        for reading in (r for r in members if r.column not in found):
+            name = next((n for n in left if self._may_be(section, reading, n)), "")
+            if name:
+                left.remove(name)
+                by_place = Target(section, name, "guess", (f"{name}: only by its place",))
+                found[reading.column] = by_place
         return found
+
+    def _may_be(self, section: str, reading: Reading, name: str) -> bool:
+        """Whether nothing in a column's name speaks against a name that it has by its place."""
+        body, _, chamber = name.partition("/")
+        others = {n.partition("/")[0] for n in self.names(section)} - {body}
+        if any(self._called(section, reading, other)[1] for other in others):
+            return self._called(section, reading, body)[1] != ""
+        if not chamber or chamber_of(reading.words):
+            return chamber_of(reading.words) in ("", chamber)
+        return not any(len(w) > 2 and w in SUPPLY | TANK for w in reading.words)
+
+    def _called(self, section: str, reading: Reading, body: str) -> tuple[float, str]:
+        """How well a column is called by a name or by another word for it, and the word."""
+        own, words = set(words_of(body)) - COMMON, set(reading.words)
+        if hit := (words & own) - {word for word in own if len(word) < 2}:
+            return _NAME, min(hit)
+        # A stroke is `Hub`, whichever cylinder's.
+        word = alike(words - {"hub"} if section == "strokes" else words, own)
+        return (_ALIKE if word else 0.0), word
+
+    def words(self) -> frozenset[str]:
+        """Words of the robot's own names, without those that every name has."""
+        sections = ("joints", "strokes", "valves") if self.robot is not None else ()
+        names = [name for section in sections for name in self.names(section)]
+        return frozenset(word for name in names for word in words_of(name)) - COMMON
 
     def _score(
         self, section: str, reading: Reading, name: str, members: Sequence[Reading]
     ) -> tuple[float, str]:
-        words = set(reading.words)
         numbers = [int(word) for word in reading.words if word.isdigit()]
         if section == "pressures" and "/" not in name:
             # `pP` and `pS` are the supply: the first p says no more than pressure.
             rest = set(reading.words[1:] if reading.words[:1] == ("p",) else reading.words)
             hit = rest & ((SUPPLY | {"p"}) if name == "supply" else TANK)
-            plain = not numbers and bool(hit) and not words & (CHAMBER_A | CHAMBER_B)
+            # `lift_p` is a cylinder's.
+            plain = not (numbers or chamber_of(reading.words) or rest & self.words())
+            plain = plain and bool(hit)
             return (_NAME if plain else 0.0), f"{name}: '{min(hit, default='')}'"
         body, _, chamber = name.partition("/")
-        own = set(words_of(body)) - COMMON
-        hit = (words & own) - {word for word in own if len(word) < 2}
         index = self._index(section, body)
-        letter = _CHAMBER if words & (CHAMBER_A if chamber == "a" else CHAMBER_B) else 0.0
+        letter = _CHAMBER if chamber and chamber_of(reading.words) == chamber else 0.0
         if chamber and not letter:
             return self._by_order(reading, members, numbers, index, chamber, name)
-        if hit:
-            return _NAME + letter, f"{name}: '{min(hit)}'"
+        called, word = self._called(section, reading, body)
+        if word:
+            return called + letter, f"{name}: '{word}'"
         if numbers and numbers[-1] - self._first(members) == index:
             # As many columns as names, all counted: no accident.
             whole = 0.5 if len(members) == len(self.names(section)) else 0.0
@@ -207,8 +237,7 @@ class Targets:
         name: str,
     ) -> tuple[float, str]:
         """p1, p2, p3, p4: chambers a and b of the first cylinder, then of the next."""
-        lettered = any(set(r.words) & (CHAMBER_A | CHAMBER_B) for r in members)
-        if lettered or not numbers or set(reading.words) & (CHAMBER_A | CHAMBER_B):
+        if not numbers or any(chamber_of(r.words) for r in members):
             return 0.0, ""
         place = numbers[-1] - self._first(members)
         return (0.5 * _NUMBER if place == 2 * index + (chamber == "b") else 0.0), (

@@ -1,4 +1,4 @@
-"""Words that columns' names have for chambers and lines, and German ones that are written as one.
+"""Words that columns' names have for chambers, lines and motions, and German compounds of them.
 
 A compound is parted only where the whole of it says which chamber, line or signal is meant: of
 `Ringleitung`, the supply's, `Ring` alone would make a rod's side, and of `Differenzdruck` a part
@@ -8,13 +8,50 @@ alone any pressure.
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Sequence
 
-CHAMBER_A = frozenset(["a", "piston", "kolben", "bore", "head", "cap", "ks"])
-CHAMBER_B = frozenset(["b", "rod", "stange", "annulus", "ring", "rs"])
-SUPPLY = frozenset(["s", "supply", "pump", "pumpe", "sys", "system", "versorgung", "ps", "pp"])
-TANK = frozenset(["t", "tank", "return", "ruecklauf", "rücklauf", "pt"])
+
+def word_set(text: str) -> frozenset[str]:
+    """Words of a text, apart.
+
+    Parameters
+    ----------
+    text : str
+    """
+    return frozenset(text.split())
+
+
+CHAMBER_A = word_set("a piston kolben bore head cap ks pistone embolo fond fondello fondo")
+CHAMBER_B = word_set("b rod stange annulus ring rs tige vastago stelo annulaire anular anulare")
+SUPPLY = word_set(
+    "s supply pump pumpe sys system versorgung ps pp"
+    " pompe alimentation bomba alimentacion pompa alimentazione"
+)
+TANK = word_set(
+    "t tank return ruecklauf rücklauf pt reservoir retour tanque retorno serbatoio ritorno"
+)
+#: Words of pressures, beside a current those of transducers.
+OF_PRESSURES = word_set("p press pressure druck pression presion pressione")
 #: Words of every name of their kind: they tell nothing apart.
-COMMON = frozenset(["cylinder", "cyl", "zylinder", "valve", "ventil", "joint", "link", "gelenk"])
+COMMON = word_set(
+    "cylinder cyl zylinder valve ventil joint link gelenk"
+    " verin vanne cilindro valvula articulacion valvola giunto"
+)
+#: Words for the same motion. Those that also name an inclination (`Neigung`) or any link are not
+#: among them, and none is more than likely: machines differ in what they call a boom.
+_ALIKE = tuple(
+    frozenset(words.split())
+    for words in (
+        "lift hub heb",
+        "tilt kipp",
+        "boom ausleger fleche pluma",
+        "arm stick dipper stiel bras brazo",
+        "bucket löffel loeffel godet cazo benna",
+        "slew swing schwenk",
+        "telescope teleskop",
+    )
+)
+_MOTIONS = "hub|heb|kipp|ausleger|stiel|arm|löffel|loeffel|schwenk|teleskop"
 
 _SIDE, _LINE = "(?:seiten?|raum|kammer)", "(?:leitungs?)"
 #: Places where pressures are measured, by the word that says which.
@@ -46,9 +83,11 @@ _COMPOUNDS = [
     *((re.compile(place), word) for word, place in _SIDES.items()),
     *((re.compile(f"{word}(winkel)"), word) for word in ("gelenk", "ist", "soll")),
     (re.compile("(?:zylinder|kolben)(weg|hub)"), "zylinder"),
-    (re.compile("ventil(spannung)"), "ventil"),
+    (re.compile("ventil(spannung|strom)"), "ventil"),
     (re.compile("(?:öl|oel)(temperatur)"), "öl"),
 ]
+#: What is parted into the motion and what is measured there.
+_OF_MOTIONS = re.compile(f"({_MOTIONS})(zylinder|ventil)?(druck|winkel|weg)?")
 
 
 def parts_of(word: str) -> tuple[str, ...]:
@@ -72,4 +111,47 @@ def parts_of(word: str) -> tuple[str, ...]:
     for pattern, first in _COMPOUNDS:
         if (match := pattern.fullmatch(word)) is not None:
             return (first, *match.groups())
+    if (match := _OF_MOTIONS.fullmatch(word)) is not None:
+        return tuple(part for part in match.groups() if part)
     return (word,)
+
+
+def chamber_of(words: Sequence[str]) -> str:
+    """The chamber that a name says.
+
+    Parameters
+    ----------
+    words : sequence of str
+
+    Returns
+    -------
+    str
+        `a`, `b`, or empty where it says none, or both.
+
+    Examples
+    --------
+    >>> chamber_of(["piston", "side"]), chamber_of(["piston", "rod", "side"]), chamber_of(["p"])
+    ('a', 'b', '')
+    """
+    text = " ".join(words).replace("piston rod", "rod").split()
+    said = [bool(CHAMBER_A.intersection(text)), bool(CHAMBER_B.intersection(text))]
+    return {(True, False): "a", (False, True): "b"}.get((said[0], said[1]), "")
+
+
+def alike(words: Collection[str], own: Collection[str]) -> str:
+    """The word for a motion that a name has in another language than its robot.
+
+    Parameters
+    ----------
+    words : collection of str
+        Of the name.
+    own : collection of str
+        Of the robot's name.
+
+    Returns
+    -------
+    str
+        Empty where there is none.
+    """
+    known = frozenset[str]().union(*(group for group in _ALIKE if group.intersection(own)))
+    return min(known.intersection(words), default="")
