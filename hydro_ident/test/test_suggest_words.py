@@ -15,7 +15,7 @@ from hydro_ident.bag.log_suggest import suggest
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
-T: FloatArray = np.arange(200) * 0.002
+T: FloatArray = np.linspace(0.0, 0.398, 200)
 CRANE = load_robot("xs031")
 
 
