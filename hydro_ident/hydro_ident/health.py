@@ -34,7 +34,8 @@ class Finding:
     signal : str
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
-        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated` or `gap`.
+        `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `gap`,
+        or `other`: the bag names another robot.
     text : str
         In words, with numbers.
     """

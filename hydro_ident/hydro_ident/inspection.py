@@ -202,7 +202,7 @@ def inspect_bag(bag: Bag, robot: Robot | None, *, strict: bool = False) -> Inspe
         channels=channels,
         losses=[{"channel": loss.channel, "reason": loss.reason} for loss in lost],
         damage=damage,
-        findings=[] if recording is None else find_irregularities(recording),
+        findings=[] if recording is None else _findings(recording),
         diagnostics=complaints_of(bag.diagnostics),
         metadata={k: v if len(v) <= 200 else f"{len(v)} bytes" for k, v in bag.metadata.items()},
     )
@@ -219,6 +219,13 @@ def _recording(bag: Bag, robot: Robot | None, strict: bool) -> tuple[Recording |
         return None, [*bag.losses, str(error)]
     # A bag without checksums is not damaged: it has a word of its own.
     return recording, [note for note in recording.notes if note not in bag.unchecked]
+
+
+def _findings(recording: Recording) -> list[Finding]:
+    name, given = recording.metadata.get("robot", ""), recording.robot.name
+    other = f"recorded as '{name}', looked at as {given}"
+    found = [Finding("robot", "other", other)] if name and name != given else []
+    return found + find_irregularities(recording)
 
 
 def _summary(bag: Bag, name: str) -> TopicSummary:

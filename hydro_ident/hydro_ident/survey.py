@@ -13,6 +13,7 @@ from hydro_ident.estimate.inertial import STILL_COUNTS, STILL_RANGE
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
 from hydro_ident.sources import Source
+from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot import FloatArray, Robot
 
 
@@ -78,7 +79,11 @@ class _Found:
 
 def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     """What is to be said of recordings themselves, each time with the recording's name."""
-    return tuple(f"{s.name}: {note}" for s in surveys for note in s.recording.notes)
+    looked_at = list(surveys)
+    others = [
+        text for s in looked_at for text in recorded_as_others(s.recording.robot, [s.recording])
+    ]
+    return (*others, *(f"{s.name}: {note}" for s in looked_at for note in s.recording.notes))
 
 
 def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:

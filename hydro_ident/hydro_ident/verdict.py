@@ -6,7 +6,7 @@ here changes a number.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,7 +100,7 @@ def judge(
     problems, enough = _force_problems(robot, recordings, inertial, hydraulic)
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
-        problems += _other_name(robot, recordings)
+        problems += recorded_as_others(robot, recordings)
     problems += _saturated(robot, recordings, hydraulic)
     if not enough:
         return Judgement(NOT_ENOUGH, tuple(problems))
@@ -138,7 +138,19 @@ def wrong_robot(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
     return found
 
 
-def _other_name(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
+def recorded_as_others(robot: Robot, recordings: Iterable[Recording]) -> list[str]:
+    """Recordings that name another robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    recordings : iterable of Recording
+
+    Returns
+    -------
+    list of str
+        A sentence per recording.
+    """
     names = {r.path.name: r.metadata.get("robot", "") for r in recordings}
     return [
         f"{bag} was recorded as robot '{name}', not {robot.name}: every parameter is that of"

@@ -62,12 +62,26 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
         names = ", ".join(shipped)
         raise RobotError(
             f"no robot file '{robot}': expected a *.hydraulics.yaml, a model.yaml"
-            f" or a shipped robot ({names})"
+            f" or a shipped robot ({names}){_instead(path)}"
         )
+    if path.suffix.lower() == ".urdf":
+        raise RobotError(f"{path}: expected a *.hydraulics.yaml, found a URDF{_instead(path)}")
     found = _robot_from(read_yaml(path), path)
     if check_strokes:
         check_pistons(found, path)
     return found
+
+
+def _instead(path: Path) -> str:
+    """What was probably meant, to go behind a message: a robot file in a folder, or beside."""
+    try:
+        folder = path.parent if path.suffix.lower() == ".urdf" else path
+        files = sorted([*folder.glob("*.hydraulics.yaml"), *folder.glob("model.yaml")])
+    except (OSError, ValueError):
+        return ""
+    if files:
+        return f"; '{files[0]}' is one"
+    return "; scripts/new_robot.sh makes one of it" if path.suffix.lower() == ".urdf" else ""
 
 
 def is_file(path: Path) -> bool:
@@ -84,12 +98,15 @@ def read_yaml(path: Path) -> Fields:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise RobotError(f"{path}: larger than {MAX_FILE_BYTES} bytes, no robot description")
         data = parse(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise RobotError(f"{path}: expected a text in UTF-8, found other bytes") from error
+    except OSError as error:
         raise RobotError(f"{path}: cannot be read: {error}") from error
     except UnusableYamlError as error:
         raise RobotError(f"{path}: not valid YAML: {error}") from error
     if not isinstance(data, dict):
-        raise RobotError(f"{path}: expected a mapping of keys, found {type(data).__name__}")
+        found = {str: "a text", list: "a list", type(None): "nothing"}.get(type(data), "a value")
+        raise RobotError(f"{path}: expected a mapping of keys, found {found}")
     return Fields(data, str(path))
 
 

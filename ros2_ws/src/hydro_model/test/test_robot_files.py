@@ -98,9 +98,10 @@ def test_a_folder_is_no_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", "expected a mapping of keys, found NoneType"),
-        ("- 1\n- 2\n", "found list"),
-        ("just a text", "found str"),
+        ("", "expected a mapping of keys, found nothing"),
+        ("- 1\n- 2\n", "found a list"),
+        ("just a text", "found a text"),
+        ("17", "found a value"),
         ("a: [1, 2", "not valid YAML"),
         ("a: b: c", "not valid YAML"),
         ("robot: !!python/object:os.system x", "not valid YAML"),
@@ -118,7 +119,18 @@ def test_text_that_is_no_description(tmp_path: Path, text: str, expected: str) -
 def test_bytes_that_are_no_text(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_bytes(b"\xff\xfe\x00\x81robot")
-    assert "cannot be read" in refused(path)
+    assert "expected a text in UTF-8" in refused(path)
+
+
+def test_what_lies_beside_a_robot_file_names_it(tmp_path: Path) -> None:
+    urdf = tmp_path / "crane.urdf"
+    urdf.write_text("<robot/>", encoding="utf-8")
+    assert "found a URDF; scripts/new_robot.sh makes one of it" in refused(urdf)
+    file = tmp_path / "crane.hydraulics.yaml"
+    file.write_text("robot: crane", encoding="utf-8")
+    assert f"found a URDF; '{file}' is one" in refused(urdf)
+    assert f"no robot file '{tmp_path}'" in refused(tmp_path)
+    assert f"; '{file}' is one" in refused(tmp_path)
 
 
 def test_a_huge_file_is_not_parsed(tmp_path: Path) -> None:
