@@ -9,7 +9,7 @@ delay). Every piece keeps the limits of joints, strokes, speeds, forces and valv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -36,6 +36,11 @@ from hydro_model.paths_check import PathCheck, check_path, joint_motion, joints_
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.terminal import advance
 
+
+class _BeyondLimitsError(IdentError):
+    """A finished path exceeds what its pieces keep at their samples."""
+
+
 LIMITS = Limits()
 SHORTEST_S = 30.0
 #: Spacing at which a finished path is checked.
@@ -43,6 +48,9 @@ _STEP_S = 0.02
 #: How far over the design's own limit of flow, which its pieces keep at their samples, a finished
 #: path may come at samples that lie between these.
 _BETWEEN = 1.01
+#: Shares of the limit of flow that the pieces are made to, until the finished path keeps it: where
+#: a quick chirp peaks, their samples are too few.
+_FLOW_SHARES = (1.0, 0.97, 0.94, 0.9)
 #: Of the validation run: deflection from the middle over the range, and the most of an angle.
 _VALIDATION_SHARE, _VALIDATION_RAD, _VALIDATION_HARMONICS = 0.28, 0.5, 5
 _VALIDATION_CANDIDATES = 8
@@ -142,10 +150,29 @@ def design_excitation(
     """
     if not duration_s >= SHORTEST_S:
         raise IdentError(f"expected a duration of {SHORTEST_S:g} s or more, found {duration_s:g}")
+    for share in _FLOW_SHARES[:-1]:
+        limits = replace(LIMITS, flow=share * LIMITS.flow)
+        try:
+            return _excitation(robot, limits, start, duration_s, folder, residual, seed)
+        except _BeyondLimitsError:
+            continue
+    limits = replace(LIMITS, flow=_FLOW_SHARES[-1] * LIMITS.flow)
+    return _excitation(robot, limits, start, duration_s, folder, residual, seed)
+
+
+def _excitation(
+    robot: Robot,
+    limits: Limits,
+    start: FloatArray,
+    duration_s: float,
+    folder: Path,
+    residual: Residual | None,
+    seed: int,
+) -> Design:
     residual = residual or Residual()
     information = ForceInformation(robot, residual)
     advance("ramps, speeds and chirps", 0, DESIGN_STAGES)
-    program = Program(robot, LIMITS, start)
+    program = Program(robot, limits, start)
     stages = {
         "slow ramps": add_ramps(program, RAMPS * duration_s),
         "speed ladder": add_ladder(program, LADDER * duration_s),
@@ -222,7 +249,9 @@ def _designed(
         most = _BETWEEN * LIMITS.flow
         check = check_path(robot, path, margin=LIMITS.margin, flow_limit=most, step_s=_STEP_S)
     except RobotError as error:
-        raise IdentError(f"no motion fits the limits of robot {robot.name}: {error}") from error
+        raise _BeyondLimitsError(
+            f"no motion fits the limits of robot {robot.name}: {error}"
+        ) from error
     step = 1.0 / robot.sensors.rate_hz
     motion = joint_motion(robot, path, np.arange(0.0, path.duration_s, step))
     return Design(content, path, check, predict(robot, motion, residual, step), left_out)
