@@ -20,6 +20,8 @@ from hydro_model.robot import Robot
 
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
 
+#: What the sentence about a bag that names another robot says.
+RECORDED_AS = "was recorded as robot"
 #: A recording with more than this share of its cycles outside a stroke is of another machine.
 _OUTSIDE_SHARE, _STROKE_MARGIN_M = 0.05, 2e-3
 #: A valve at its limit in more than this share of the cycles in which it is open says little.
@@ -153,7 +155,7 @@ def recorded_as_others(robot: Robot, recordings: Iterable[Recording]) -> list[st
     """
     names = {r.path.name: r.metadata.get("robot", "") for r in recordings}
     return [
-        f"{bag} was recorded as robot '{name}', not {robot.name}: every parameter is that of"
+        f"{bag} {RECORDED_AS} '{name}', not {robot.name}: every parameter is that of"
         " another machine unless both files describe the same one"
         for bag, name in names.items()
         if name and name != robot.name

@@ -121,7 +121,8 @@ def test_cells_are_text() -> None:
 @pytest.mark.parametrize(
     ("typed", "read"),
     [
-        ("4.9e+05 kg m^2", "4.9e5 kg m²"),
+        ("4.9e+06 kg m^2", "4.9e6 kg m²"),
+        ("1.5e+02 times, -6.5979e3 N", "150 times, -6597.9 N"),
         ("2e-07 m^3/(s sqrt(Pa))", "2e-7 m³/(s √Pa)"),
         ("1e10, e+05 and x^25", "1e10, e+05 and x^25"),
         ("8.1 +- 0.5 GPa, a+-b", "8.1 ± 0.5 GPa, a+-b"),
@@ -129,6 +130,8 @@ def test_cells_are_text() -> None:
 )
 def test_texts_read_like_the_numbers_beside_them(typed: str, read: str) -> None:
     assert written(typed) == read
+    for value in (4.9e6, 2e-7, 150.0, 1e10):
+        assert written(f"{value:.2g}") == number(value, 2)
     assert f"<code>{typed}</code>: {read}" in paragraph(f"`{typed}`: {typed}")
 
 
@@ -184,6 +187,8 @@ def test_ranges_are_told_in_bar_and_degrees_beside_si() -> None:
     assert ">Pa gauge<" in pressure
     assert "<small>" not in volts
     moved = excitation_section([one], ("lift",), ()).html()
+    # A long name wraps: the table fits a window of 800.
+    assert '<td class="text">run</td>' in moved
     assert "<small>22.9 … 71.6°, 28.6°/s</small>" in moved
 
 

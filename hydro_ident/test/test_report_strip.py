@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.unnamed_words import in_words, unnamed_part
+from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot_files import load_robot
 
 NONE = np.zeros(0)
@@ -148,6 +151,15 @@ def test_errors_of_the_strip_say_of_what_they_are() -> None:
         " rows:"
     )
     assert second == "lift/force is off by 1970 N, 66 times sensor noise alone."
+
+
+def test_a_bag_of_another_robot_is_told_before_all_else_that_is_sure() -> None:
+    robot = load_robot("xs031")
+    recording = SimpleNamespace(path=Path("run"), metadata={"robot": "mh26"})
+    (said,) = recorded_as_others(robot, [recording])  # type: ignore[list-item]
+    first, *rest = card(diagnosis(UNKNOWN, unnamed(), notes=("any", said)), "How sure")
+    assert first.startswith("Run was recorded as robot 'mh26', not xs031: ")
+    assert rest == list(card(diagnosis(UNKNOWN, unnamed()), "How sure"))
 
 
 def test_the_formula_of_the_terminal_stays_the_packages_own() -> None:

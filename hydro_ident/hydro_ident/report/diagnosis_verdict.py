@@ -32,6 +32,7 @@ from hydro_ident.report.verdict_words import (
     plain,
     shortened,
 )
+from hydro_ident.verdict import RECORDED_AS
 
 _HEADLINES = {
     MATCHES: (
@@ -154,7 +155,8 @@ def _left_out(found: Diagnosis) -> list[str]:
 
 
 def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
-    lines = health_line(found.recordings)
+    lines = [f"{note[0].upper()}{note[1:]}." for note in found.notes if RECORDED_AS in note]
+    lines += health_line(found.recordings)
     if found.verdict == NOT_ENOUGH:
         return [*lines, *loss_line(found.losses)] or ["Not at all."]
     if found.findings:

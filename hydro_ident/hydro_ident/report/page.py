@@ -182,8 +182,13 @@ _AS_TYPED = (
 )
 
 
+#: What `number` writes without an exponent, as `1.5e+02`.
+_SHORT = re.compile(rf"(?<![\w.])\d(?:\.\d+)?e\+?0*[1-{_PLAIN - 1}]\b")
+
+
 def written(text: str) -> str:
     """A text of the packages with units and exponents as the rest of the page has them."""
+    text = _SHORT.sub(lambda found: f"{float(found[0]):.10g}", text)
     for typed, read in _AS_TYPED:
         text = typed.sub(read, text)
     return text

@@ -41,7 +41,7 @@ def health_section(
         for r in recordings
     ]  # fmt: skip
     head = ("recording", "used to", "length s", "rate Hz", "gaps", "cycles missing", "longest gap")
-    body = table(head, rows) + _irregular(recordings) + _lost(losses)
+    body = table(head, rows, text=(1,)) + _irregular(recordings) + _lost(losses)
     body += bullets([f"{r.name}: {note}" for r in recordings for note in r.notes])
     for r in recordings:
         body += folded(f"Ranges of {r.name}", _ranges(r.ranges, joints))
@@ -57,7 +57,7 @@ def _irregular(recordings: Sequence[RecordingSummary]) -> str:
     if not rows:
         return paragraph("No signal is stuck, saturated, out of range or latched.", "")
     head = ("recording", "signal", "what", "in numbers")
-    return "<h3>Irregular signals</h3>" + table(head, rows, text=(0, 1, 3))
+    return "<h3>Irregular signals</h3>" + table(head, rows, text=(0, 1, 2, 3))
 
 
 def _lost(losses: Sequence[BagLoss]) -> str:
@@ -65,7 +65,7 @@ def _lost(losses: Sequence[BagLoss]) -> str:
         return ""
     rows = [(loss.bag, loss.channel, loss.reason) for loss in losses]
     head = ("recording", "channel", "reason")
-    return "<h3>Channels lost</h3>" + table(head, rows, text=(2,))
+    return "<h3>Channels lost</h3>" + table(head, rows, text=(1, 2))
 
 
 def _role(recording: RecordingSummary) -> str:
@@ -122,7 +122,7 @@ def excitation_section(
         return Section("excitation", title, lead, paragraph("No joint position was recorded."))
     head = ("joint", "recording", "from", "to", "share of range", "speed", "of limit", "moving",
             "reversals")  # fmt: skip
-    body = table(head, rows)
+    body = table(head, rows, text=(1,))
     body += paragraph(
         "Positions in rad (m), speed not passed 99 % of the time in rad/s (m/s).", "none"
     )
