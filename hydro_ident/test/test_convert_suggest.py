@@ -174,6 +174,11 @@ def test_velocities_and_the_unknown_are_left_out_with_a_reason() -> None:
     assert "the analysis differentiates" in found["dq1"].why[-1]
 
 
+def test_a_log_of_one_line_says_why_it_has_no_time() -> None:
+    guess = suggest(log_of(t=np.zeros(1), q=np.ones(1))).guesses[0]
+    assert "'t' does not increase: it has one value" in guess.why
+
+
 def test_two_columns_never_get_one_name() -> None:
     log = log_of(t=T, q1=0.5 + T, q1_raw=0.5 + T, q_1_filtered=0.5 + T)
     found = suggest(log, load_robot("xs031"))

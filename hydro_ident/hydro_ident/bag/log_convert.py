@@ -19,6 +19,7 @@ from hydro_ident.bag.log_clocks import timeline_of
 from hydro_ident.bag.log_columns import Columns
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_map import LogMap
+from hydro_ident.bag.log_plausible import unit_warnings
 from hydro_ident.bag.log_unpaired import check_times
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
@@ -147,6 +148,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         temperature = columns.of(mapping.oil_temperature, "oil_temperature")
         odd = check_times(log, mapping, columns.used)
     stamps, topics, temperature, remark = _kept(mapping, timeline.stamps_ns, topics, temperature)
+    efforts = {t: [c.fields["effort"]] for t, c in topics.items() if "effort" in c.fields}
     kept = {"mapping": mapping.source.read_text(encoding="utf-8"), **metadata}
     if mapping.robot is not None:
         kept["robot"] = mapping.robot.name
@@ -166,7 +168,7 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         counts=counts,
         unused=tuple(name for name in log.columns if name not in columns.used),
         remarks=(*log.notes, *timeline.remarks, *columns.remarks, *odd, *remark),
-        warnings=tuple(columns.warnings),
+        warnings=(*columns.warnings, *unit_warnings(mapping.robot, efforts)),
     )
 
 

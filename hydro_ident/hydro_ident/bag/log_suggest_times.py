@@ -155,7 +155,10 @@ def _step(values: FloatArray) -> float:
 def _no_time(log: Log, readings: Sequence[Reading]) -> tuple[str, ...]:
     """Why no column is the time."""
     named = [r for r in readings if r.quantity == "time"]
-    stops = [f"'{r.column}' does not increase: {stop_of(log, r.column)}" for r in named]
+    stops = [
+        f"'{r.column}' does not increase: {stop_of(log, r.column) or 'it has one value'}"
+        for r in named
+    ]
     unread = [f"'{name}': {why}" for name, why in log.unread.items()]
     return ("no time found", *stops, *unread)
 

@@ -1,0 +1,79 @@
+"""Numbers of a converted log that no machine of the mapping's robot has: units that were mistaken.
+
+Units of one quantity are ten or more apart (bar and MPa; psi and bar 14.5), so that wide limits
+find every one of them. Positions are held against the joints' ranges where they are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray
+from hydro_model.robot import Robot
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
+
+#: Shares of the supply's pressure: with the pump on some pressure is above the first; no load
+#: makes twice as much as the areas of a cylinder make of the supply (the second).
+_PRESSURE_UNDER, _PRESSURE_OVER = 0.15, 2.0
+#: Shares of a valve's rated signal.
+_SIGNAL_UNDER, _SIGNAL_OVER = 0.01, 1.5
+_BAR = 1e5
+#: Below it a cylinder has no rod side: a plunger.
+_SMALLEST_M2 = 1e-9
+
+
+def unit_warnings(robot: Robot | None, fields: Mapping[str, Iterable[FloatArray]]) -> list[str]:
+    """What cannot be in the units that the mapping says.
+
+    Parameters
+    ----------
+    robot : Robot or None
+    fields : mapping of str to iterable of (N, k) array
+        Topic to what its `effort` holds, Pa absolute or V.
+
+    Returns
+    -------
+    list of str
+        A sentence each; none without a robot.
+    """
+    if robot is None:
+        return []
+    found = []
+    largest = _largest(fields.get(CHAMBER_PRESSURES, ()))
+    if largest is not None and robot.supply_pressure_pa > 0.0 and robot.cylinders:
+        found += _of_pressures(robot, largest - robot.atmospheric_pressure_pa)
+    rated = max((valve.rated_voltage_v for valve in robot.valves), default=0.0)
+    for topic, section in ((VALVE_STATE, "valves"), (VALVE_COMMAND, "valve_commands")):
+        largest = _largest(np.abs(values) for values in fields.get(topic, ()))
+        if largest is None or not rated:
+            continue
+        if not _SIGNAL_UNDER * rated <= largest <= _SIGNAL_OVER * rated:
+            found.append(
+                f"{section}: expected up to {rated:g} V, the valves' rated signal, found at most"
+                f" {largest:.4g} V: is the unit another one{_or(largest < rated, 'did none open')}"
+            )
+    return found
+
+
+def _of_pressures(robot: Robot, largest_pa: float) -> list[str]:
+    supply = robot.supply_pressure_pa
+    ratio = max(c.area_a_m2 / max(c.area_b_m2, _SMALLEST_M2) for c in robot.cylinders)
+    if _PRESSURE_UNDER * supply <= largest_pa <= _PRESSURE_OVER * ratio * supply:
+        return []
+    return [
+        f"pressures: expected up to about {supply / _BAR:.4g} bar gauge, the supply of"
+        f" {robot.name}, found at most {largest_pa / _BAR:.4g} bar: is the unit another one"
+        f"{_or(largest_pa < supply, 'was the pump off')}"
+    ]
+
+
+def _or(small: bool, why: str) -> str:
+    return f", or {why}?" if small else "?"
+
+
+def _largest(fields: Iterable[FloatArray]) -> float | None:
+    """The largest number of some arrays; None where there is none."""
+    known = [float(v[np.isfinite(v)].max()) for v in fields if np.isfinite(v).any()]
+    return max(known, default=None)

@@ -1,0 +1,50 @@
+"""Units that were mistaken in a mapping are warned of, of every quantity that has a scale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hydro_ident.bag.log_convert import convert
+from hydro_ident.bag.log_file import read_log
+from hydro_ident.bag.log_map import read_map
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"
+
+
+def warnings(folder: Path, *changes: tuple[str, str]) -> tuple[str, ...]:
+    """Of the LabVIEW example with another mapping."""
+    text = (EXAMPLES / "labview.map.yaml").read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "map.yaml").write_text(text, encoding="utf-8")
+    log = read_log(EXAMPLES / "labview.lvm")
+    return convert(log, read_map(folder / "map.yaml"), folder / "bag", {}).warnings
+
+
+def test_nothing_is_warned_of_where_units_are_right(tmp_path: Path) -> None:
+    assert warnings(tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("bar,", "Pa,", "bar: is the unit another one, or was the pump off?"),
+        ("bar,", "MPa,", "bar: is the unit another one?"),
+        ("bar,", "psi,", "bar: is the unit another one, or was the pump off?"),
+        ("unit: V}", "unit: mV}", "V: is the unit another one, or did none open?"),
+        ("unit: V}", "unit: V, scale: 1000}", "V: is the unit another one?"),
+        ("unit: deg}", "unit: rad}", "or the unit it is in"),
+    ],
+)
+def test_a_mistaken_unit_is_warned_of(old: str, new: str, said: str, tmp_path: Path) -> None:
+    found = warnings(tmp_path, (old, new))
+    assert found
+    assert all(text.endswith(said) for text in found)
+    assert all("expected" in text and "found" in text for text in found)
+
+
+def test_without_a_robot_nothing_is_known_of_units(tmp_path: Path) -> None:
+    assert warnings(tmp_path, ("robot: xs031\n", ""), ("bar,", "Pa,")) == ()
