@@ -18,6 +18,7 @@ from hydro_ident.study.fuzz.edits import Edit, edited
 from hydro_ident.study.fuzz.sources import changed, digests
 from hydro_ident.study.fuzz.targets import TARGETS, outcome
 from hydro_ident.study.kills import MOMENTS
+from hydro_ident.study.kills import digests as killed
 
 ROOT = Path(__file__).parents[1]
 CORPUS = ROOT / "tests/corpus"
@@ -122,6 +123,8 @@ def test_what_has_changed_since_a_run_is_said_anew(tmp_path: Path) -> None:
 def test_the_committed_kills_keep_the_promise() -> None:
     found = json.loads((RESULTS / "recorder_kills.json").read_text(encoding="utf-8"))
     kills = found["kills"]
+    # Who changes what records, or reads what is left, runs them again.
+    assert found["sources"] == killed(ROOT)
     assert len(kills) >= 20
     assert all(kill["lost_s"] <= 0.3 + 3.0 * kill["late_s"] for kill in kills)
     assert sum(kill["missing"] for kill in kills) == 0

@@ -1,7 +1,7 @@
 """How much of a recording a kill costs: real recorder processes, killed at random moments,
 around the beginning of a new file, and while they close the bag.
 
-python -m hydro_ident.study.kills [--count N] [--seed S] [--json FILE]
+python -m hydro_ident.study.kills [--count N] [--seed S] [--json FILE] [--root DIR]
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import numpy as np
 from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError, IdentError
+from hydro_ident.study.sources import digests_of
 from hydro_model.command import run_command
 from hydro_model.output import write_atomically
 from hydro_msgs_docs.local_topics import stay_local
@@ -41,6 +42,11 @@ ROLL_S, AROUND_S = 0.5, (-0.02, 0.08)
 #: before it.
 CLOSING_S = 0.03
 MOMENTS = ("running", "roll-over", "closing")
+#: What such a result is of: what records, and what reads the bags that are left.
+SOURCES = (
+    "cdr", "chunks", "definitions", "described_chunks", "mcap_records", "mcap_summary", "metadata",
+    "publisher_numbers", "reader", "recorder", "recorder_topics", "signals", "writer",
+)  # fmt: skip
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
 _ROLLING = f"""
 from hydro_ident.bag.writer import BagWriter
@@ -251,6 +257,18 @@ def _judged(
     )
 
 
+def digests(root: Path) -> dict[str, str]:
+    """SHA-256 of the sources that a run is of, by their paths from the repository's top.
+
+    Parameters
+    ----------
+    root : Path
+        That top.
+    """
+    folder = root / "hydro_ident/hydro_ident/bag"
+    return digests_of(root, [folder / f"{name}.py" for name in SOURCES], ())
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="kills",
@@ -259,11 +277,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE", help="result, dated")
+    parser.add_argument(
+        "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"
+    )
     return parser
 
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
+    of = digests(options.root.resolve())  # what runs, whatever is edited meanwhile
     kills = kill_recorders(options.count, options.seed)
     lost = np.array([kill.lost_s for kill in kills])
     above = [kill for kill in kills if kill.lost_s > PROMISE_S]
@@ -276,6 +298,7 @@ def _run(arguments: Sequence[str]) -> int:
             "schema": "hydro_ident/recorder_kills/1",
             "date": time.strftime("%Y-%m-%d"),
             "seed": options.seed,
+            "sources": of,
             "kills": [asdict(kill) for kill in kills],
         }
         write_atomically(options.json, json.dumps(result, indent=1) + "\n")
