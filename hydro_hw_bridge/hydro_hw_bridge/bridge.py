@@ -207,6 +207,8 @@ class CanBridge(LifecycleNode):
         known = isinstance(error, HydroError)
         self.failure = str(error) if known else f"{type(error).__name__}: {error}"
         self.end()
+        # The last that is heard of this node: what merely stops does not say why.
+        self._publish_diagnostics()
 
     def _guarded(self, body: Callable[[], None]) -> None:
         try:
@@ -349,13 +351,16 @@ class CanBridge(LifecycleNode):
         with self._lock:
             level, text = bridge_report.summary(self._core, missing, silent=silent)
             values = bridge_report.values(self._core, self._bus, self._names)
+        if self.failure:
+            level, text = bridge_report.ERROR, self.failure
         return level, text, values | self._times.values() | self._real_time.values()
 
     def _publish_diagnostics(self) -> None:
         # One at a time: the states that threads report keep their order.
         with self._reporting:
             level, text, values = self._report()
-            if (level, text) != self._summary:
+            # A failure is the last line of the command itself.
+            if (level, text) != self._summary and not self.failure:
                 self._summary = (level, text)
                 # Two calls: rclpy binds one severity to each place that logs.
                 if level == bridge_report.ERROR:
