@@ -14,12 +14,15 @@ happens from then on:
 - `gone`: sending and receiving fail, as of an interface that went down or was unplugged.
 - `error_frames N`: N error frames of bus errors are received, once.
 - `ok`, nothing or no file: as usual. After bus-off, it starts with a "restarted" error frame.
+
+When one of these begins a line in the log says so, with the time of the monotonic clock.
 """
 
 from __future__ import annotations
 
 import errno
 import logging
+import re
 import threading
 import time
 from collections import deque
@@ -35,6 +38,25 @@ INTERFACE = "simulated_faults"
 #: How often the file is looked at.
 LOOK_S = 0.01
 _MOST = 1000
+_BEGUN = "simulated from %d ns on: '%s'"
+
+
+def begun_ns(log: str, text: str) -> int | None:
+    """When something began that a file of simulated faults says, by the log of who opened it.
+
+    Parameters
+    ----------
+    log : str
+    text : str
+        The file's content.
+
+    Returns
+    -------
+    int or None
+        Monotonic time, ns, of the first time in the log; None where it is not in there.
+    """
+    found = re.search(rf"simulated from (\d+) ns on: '{re.escape(text)}'", log)
+    return None if found is None else int(found[1])
 
 
 class SimulatedFaultsBus(can.BusABC):
@@ -120,7 +142,9 @@ class SimulatedFaultsBus(can.BusABC):
                 text = ""
             if text != self._text:
                 self._text = text
+                now_ns = time.monotonic_ns()
                 self._begin(text)
+                logging.getLogger(__name__).warning(_BEGUN, now_ns, text)
 
     def _begin(self, text: str) -> None:
         word, _, number = text.partition(" ")

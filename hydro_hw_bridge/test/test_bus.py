@@ -17,6 +17,7 @@ import pytest
 from hydro_hw_bridge.bus import Bus, BusName, open_bus, parse_bus
 from hydro_hw_bridge.error_frames import error_frame, name_of
 from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.simulated_faults import begun_ns
 
 GROUP = "239.74.163.2"
 PORT = 20_000 + os.getpid() % 20_000
@@ -209,10 +210,15 @@ def test_simulated_faults_on_command(tmp_path: Path, caplog: pytest.LogCaptureFi
         assert taken(bus) is None
         assert (bus.counters.error_frames, bus.off) == (2, False)
         assert bus.last_error == "protocol violation, bus error"
+        before_ns = time.monotonic_ns()
         control.write_text("bus_off")
         time.sleep(0.02)
         assert not bus.send(message(0x90))
         assert (bus.off, bus.counters.send_errors) == (True, 1)
+        begun = begun_ns(caplog.text, "bus_off")
+        assert begun is not None
+        assert before_ns < begun < time.monotonic_ns()
+        assert begun_ns(caplog.text, "gone") is None
         other.send(message())
         assert taken(bus) is None
         assert bus.last_error == "bus-off"

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hydro_hw_bridge.faults.bus_faults import LINK
 from hydro_hw_bridge.faults.machine_faults import MISSING
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.device_time import limits_of
@@ -21,6 +22,7 @@ from hydro_ident.study.faults.ros_end import RosEnd
 from hydro_ident.study.faults.stage import Stage
 from hydro_ident.study.faults.valve_record import excess_v
 from hydro_ident.study.faults.wall_ends import EndDeeds
+from hydro_ident.study.faults.wall_link import LinkDeeds
 from hydro_ident.study.faults.wall_outcomes import WallOutcome
 from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.faults.wall_time import WallRun
@@ -92,6 +94,14 @@ def test_it_is_driven_on(run: WallRun, kind: str) -> None:
     assert found.kind == kind
     assert found.broken == ""
     assert found.limit_ms is None
+
+
+@quiet
+@pytest.mark.parametrize("kind", LINK)
+def test_the_bridges_own_end_of_the_bus_fails(run: WallRun, kind: str) -> None:
+    found = outcome_of(run, LinkDeeds(run).deeds()[f"bus, own end: {kind}"])
+    assert found.broken == ""
+    assert found.stop_ms is not None
 
 
 @quiet

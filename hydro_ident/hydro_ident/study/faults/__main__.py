@@ -19,6 +19,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.study.faults import device_time, page, sources, wall_outcomes, wall_time
 from hydro_ident.study.faults.wall_bus import BusDeeds
 from hydro_ident.study.faults.wall_ends import EndDeeds
+from hydro_ident.study.faults.wall_link import LinkDeeds
 from hydro_ident.study.faults.wall_processes import ProcessDeeds
 from hydro_ident.study.placed import write_result
 from hydro_model.command import run_command
@@ -50,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         "--injections", type=int, default=1200, metavar="N", help="in device time (%(default)s)"
     )
     p.add_argument(
-        "--processes", type=int, default=290, metavar="N", help="in wall time (%(default)s)"
+        "--processes", type=int, default=305, metavar="N", help="in wall time (%(default)s)"
     )
     p.add_argument("--seed", type=int, default=0, help="the first (%(default)s)")
     p.add_argument(
@@ -136,7 +137,7 @@ def _in_wall_time(count: int, seed: int, root: Path) -> dict[str, Any]:
             run_ = wall_time.WallRun(stage, ros, limits, buses)
             run_.begin()
             deeds = EndDeeds(run_).deeds() | run_.deeds() | BusDeeds(run_, robot).deeds()
-            deeds |= ProcessDeeds(run_, root / BAG).deeds()
+            deeds |= LinkDeeds(run_).deeds() | ProcessDeeds(run_, root / BAG).deeds()
             found, left_out = _done(run_, list(deeds.values()), count, random.Random(seed))
             told = wall_outcomes.summary(found, stage, run_.unasked_trips, left_out)
             return told | {"minutes": (time.monotonic() - begin) / 60.0}

@@ -94,19 +94,10 @@ def summary(found: list[Outcome], period_s: float) -> dict[str, Any]:
     period_s : float
         Of the device's cycle.
     """
-    groups: dict[str, dict[str, Any]] = {}
+    by_kind: dict[str, list[Outcome]] = {}
     for one in found:
-        row = groups.setdefault(
-            f"{one.injection.group}: {one.injection.kind}",
-            {"injections": 0, "stops_promised": 0, "promised_ms": 0.0, "worst_ms": 0.0},
-        )
-        row["injections"] += 1
-        limit = one.injection.limit_cycles
-        if limit is None or one.stop_cycles is None or (one.lockstep and limit > AT_ONCE):
-            continue
-        row["stops_promised"] += 1
-        row["worst_ms"] = max(row["worst_ms"], 1e3 * period_s * one.stop_cycles)
-        row["promised_ms"] = max(row["promised_ms"], 1e3 * period_s * limit)
+        by_kind.setdefault(f"{one.injection.group}: {one.injection.kind}", []).append(one)
+    groups = {kind: _row(of, 1e3 * period_s) for kind, of in by_kind.items()}
     return {
         "injections": len(found),
         "lockstep": sum(one.lockstep for one in found),
@@ -128,6 +119,28 @@ def summary(found: list[Outcome], period_s: float) -> dict[str, Any]:
             for one in found
             if one.broken
         ],
+    }
+
+
+def _row(found: list[Outcome], cycle_ms: float) -> dict[str, Any]:
+    """A kind as a whole, and by each promise that injections of it were held to."""
+    promises: dict[int, dict[str, Any]] = {}
+    for one in found:
+        limit = one.injection.limit_cycles
+        if limit is None or one.stop_cycles is None or (one.lockstep and limit > AT_ONCE):
+            continue
+        row = promises.setdefault(
+            limit, {"promised_ms": cycle_ms * limit, "stops_promised": 0, "worst_ms": 0.0}
+        )
+        row["stops_promised"] += 1
+        row["worst_ms"] = max(row["worst_ms"], cycle_ms * one.stop_cycles)
+    rows = [promises[limit] for limit in sorted(promises)]
+    return {
+        "injections": len(found),
+        "stops_promised": sum(row["stops_promised"] for row in rows),
+        "promised_ms": max((row["promised_ms"] for row in rows), default=0.0),
+        "worst_ms": max((row["worst_ms"] for row in rows), default=0.0),
+        "promises": rows,
     }
 
 

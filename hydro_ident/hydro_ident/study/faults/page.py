@@ -66,10 +66,19 @@ def _device(found: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]
     for kind, row in found["kinds"].items():
-        times = f"{row['promised_ms']:.0f} | {row['worst_ms']:.0f}"
-        times = times if row["stops_promised"] else "- | -"
-        lines.append(f"| {kind} | {row['injections']} | {row['stops_promised']} | {times} |")
+        lines += _device_rows(kind, row)
     return "\n".join(lines) + "\n"
+
+
+def _device_rows(kind: str, row: Mapping[str, Any]) -> list[str]:
+    """One for each promise; how many injections of the kind there were is told once."""
+    if not row["stops_promised"]:
+        return [f"| {kind} | {row['injections']} | 0 | - | - |"]
+    return [
+        f"| {kind} | {'' if k else row['injections']} | {one['stops_promised']}"
+        f" | {one['promised_ms']:.0f} | {one['worst_ms']:.0f} |"
+        for k, one in enumerate(row.get("promises", [row]))
+    ]
 
 
 def _silent(found: Mapping[str, Mapping[str, int]]) -> str:
@@ -103,11 +112,18 @@ def _wall(found: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for kind, row in found["kinds"].items():
-        cells = ["-"] * 7
-        if "max_ms" in row:
-            times = (row[f"{key}_ms"] for key in ("promised", "p50", "p90", "max"))
-            cells = [f"{value:.1f}" for value in times]
-            cells += [str(row["above"]), str(row["above_with_the_timer_as_late"])]
-            cells.append(f"{row['timer_max_ms']:.1f}")
-        lines.append(f"| {kind} | {row['injections']} | {' | '.join(cells)} |")
+        # A run of before promises were told apart has one row of all.
+        rows = list(row.get("promises", [row]))
+        driven_on = row["injections"] - sum(one["injections"] for one in rows)
+        rows += [{"injections": driven_on}] if driven_on else []
+        lines += [f"| {kind} | {one['injections']} | {_wall_times(one)} |" for one in rows]
     return "\n".join(lines) + "\n"
+
+
+def _wall_times(row: Mapping[str, Any]) -> str:
+    """Cells behind the number of injections."""
+    if "max_ms" not in row:
+        return " | ".join(["-"] * 7)
+    cells = [f"{row[f'{key}_ms']:.1f}" for key in ("promised", "p50", "p90", "max")]
+    cells += [str(row["above"]), str(row["above_with_the_timer_as_late"])]
+    return " | ".join([*cells, f"{row['timer_max_ms']:.1f}"])

@@ -20,8 +20,8 @@ from hydro_model.robot import Robot
 #: Draws an injection: as those of `bus_injections`.
 Draw = Callable[[random.Random, Codec, int], Injection]
 CYCLE_MS = 2.0
-#: Without a stuck sensor, which needs a machine that moves, and without the bridge's own end of
-#: the bus, which no proxy reaches.
+#: Without a stuck sensor, which needs a machine that moves; the bridge's own end of the bus, which
+#: no proxy reaches, is that of `wall_link`.
 DRAWN: dict[str, Draw] = {
     "lost": bus_injections.lost,
     "late": bus_injections.late,

@@ -65,14 +65,21 @@ def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int)
 
 
 def _row(found: list[WallOutcome]) -> dict[str, Any]:
+    """A kind as a whole, and by each promise that injections of it were held to."""
+    row: dict[str, Any] = {"injections": len(found), **_times(found)}
+    limits = sorted({one.limit_ms for one in found if one.limit_ms is not None})
+    by_limit = [[one for one in found if one.limit_ms == limit] for limit in limits]
+    return row | {"promises": [{"injections": len(of), **_times(of)} for of in by_limit]}
+
+
+def _times(found: list[WallOutcome]) -> dict[str, Any]:
     stops = [one for one in found if one.limit_ms is not None and one.stop_ms is not None]
-    row: dict[str, Any] = {"injections": len(found)}
     if not stops:
-        return row
+        return {}
     times = [one.stop_ms or 0.0 for one in stops]
     above = [o for o in stops if (o.stop_ms or 0.0) > (o.limit_ms or 0.0)]
     stalls = [o for o in above if (o.stop_ms or 0.0) - (o.limit_ms or 0.0) <= o.late_timer_ms]
-    return row | {
+    return {
         "promised_ms": stops[0].limit_ms,
         "p50_ms": float(np.percentile(times, 50)),
         "p90_ms": float(np.percentile(times, 90)),

@@ -77,10 +77,10 @@ class WallRun:
         words = (sys.executable, "-m", module, self.machine_bus, self.bridge_bus)
         self.stage.start("proxy", *words, ready="ready")
 
-    def start_bridge(self) -> None:
-        """A bridge, configured and activated."""
+    def start_bridge(self, bus: str = "") -> None:
+        """A bridge, configured and activated; on another `bus` than its own where one is named."""
         self._cleared_ns = None  # a new one knows of no trip
-        words = ("--ros-args", "-p", f"can:={self.bridge_bus}", "-p", "clock:=real_time")
+        words = ("--ros-args", "-p", f"can:={bus or self.bridge_bus}", "-p", "clock:=real_time")
         self.stage.start(
             "bridge", executable("hydro_hw_bridge", "can_bridge"), *words, ready="bus load"
         )

@@ -1,0 +1,87 @@
+"""Every promise that a kind of injection was held to is told, each with how many and how well."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.faults.bus_injections import lost
+from hydro_hw_bridge.faults.injection import Injection
+from hydro_hw_bridge.faults.trial import Outcome
+from hydro_ident.study.faults.device_time import summary as device_summary
+from hydro_ident.study.faults.page import told
+from hydro_ident.study.faults.stage import Stage
+from hydro_ident.study.faults.wall_outcomes import WallOutcome, summary
+from hydro_model.robot import Robot
+
+LOST = "bus, drawn: lost"
+
+
+@pytest.fixture
+def stage(tmp_path: Path, robot: Robot) -> Stage:
+    """With the record of a bare timer that woke three times."""
+    pairs = np.array([[0, 1_000], [2_000_000, 5_000], [4_000_000, 2_000]], dtype="<i8")
+    (tmp_path / "timer.bin").write_bytes(pairs.tobytes())
+    return Stage(tmp_path, robot)
+
+
+def wall(*found: tuple[float | None, float | None], kind: str = LOST) -> list[WallOutcome]:
+    return [WallOutcome(kind, limit, stop, 0.1, "") for limit, stop in found]
+
+
+def published(part: str, result: dict[str, Any]) -> list[list[str]]:
+    """Cells of the rows of the table of faults."""
+    run = {"date": "2026-01-01", "minutes": 1.0, "changed_since": [], **result}
+    lines = told({part: run}).split("\n\n")[1].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_of_a_kind_in_processes_every_promise_has_its_row(stage: Stage) -> None:
+    found = wall((54.0, 49.0), (None, None), (16.0, 12.0), (16.0, 17.0), (None, None))
+    found += wall((6.0, 1.0), (6.0, 2.0), kind="machine: pump") + wall((None, None), kind="none")
+    result = summary(found, stage, 0, 0)
+    rows = published("wall_time", result)
+    # Kind, injections, promised, median, 90 %, worst, above, of them with the timer as late.
+    assert [row[:3] + row[5:7] for row in rows] == [
+        [LOST, "2", "16.0", "17.0", "1"],
+        [LOST, "1", "54.0", "49.0", "0"],
+        [LOST, "2", "-", "-", "-"],
+        ["machine: pump", "2", "6.0", "2.0", "0"],
+        ["none", "1", "-", "-", "-"],
+    ]
+    # What was published of a kind before is there as it was.
+    row = result["kinds"][LOST]
+    assert (row["injections"], row["max_ms"], row["above"]) == (5, 49.0, 1)
+
+
+def test_a_run_of_before_is_told_by_kind(stage: Stage) -> None:
+    result = summary(wall((54.0, 49.0), (54.0, 50.0), (None, None)), stage, 0, 0)
+    for row in result["kinds"].values():
+        del row["promises"]
+    assert [row[:3] for row in published("wall_time", result)] == [[LOST, "3", "54.0"]]
+
+
+def test_of_a_kind_in_device_time_every_promise_has_its_row(robot: Robot) -> None:
+    codec = Codec.load(None, None, robot)
+    by_limit: dict[int | None, Injection] = {}
+    for number in range(200):
+        injection = lost(random.Random(number), codec, 0)
+        by_limit.setdefault(injection.limit_cycles, injection)
+    assert set(by_limit) == {None, 6, 25}
+    found = [
+        Outcome(by_limit[limit], False, stop, stop is not None, "", (), 1.0, 0.0, ())
+        for limit, stop in ((None, None), (25, 8), (6, 6), (6, 5), (None, None))
+    ]
+    result = device_summary(found, 0.002)
+    # Kind, injections, of them with a promised stop, promised, worst.
+    kind = "bus: lost (device)"
+    assert published("device_time", result | {"silent": {}}) == [
+        [kind, "5", "2", "12", "12"],
+        [kind, "", "1", "50", "16"],
+    ]
+    assert result["kinds"][kind]["promised_ms"] == 50.0
