@@ -222,10 +222,9 @@ def _recording(bag: Bag, robot: Robot | None, strict: bool) -> tuple[Recording |
 
 
 def _findings(recording: Recording) -> list[Finding]:
-    name, given = recording.metadata.get("robot", ""), recording.robot.name
-    other = f"recorded as '{name}', looked at as {given}"
-    found = [Finding("robot", "other", other)] if name and name != given else []
-    return found + find_irregularities(recording)
+    name = recording.other_robot
+    other = f"recorded as '{name}', looked at as {recording.robot.name}"
+    return [*([Finding("robot", "other", other)] if name else []), *find_irregularities(recording)]
 
 
 def _summary(bag: Bag, name: str) -> TopicSummary:

@@ -80,9 +80,7 @@ class _Found:
 def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     """What is to be said of recordings themselves, each time with the recording's name."""
     looked_at = list(surveys)
-    others = [
-        text for s in looked_at for text in recorded_as_others(s.recording.robot, [s.recording])
-    ]
+    others = recorded_as_others(s.recording for s in looked_at)
     return (*others, *(f"{s.name}: {note}" for s in looked_at for note in s.recording.notes))
 
 

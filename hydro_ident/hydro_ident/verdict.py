@@ -102,7 +102,7 @@ def judge(
     problems, enough = _force_problems(robot, recordings, inertial, hydraulic)
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
-        problems += recorded_as_others(robot, recordings)
+        problems += recorded_as_others(recordings)
     problems += _saturated(robot, recordings, hydraulic)
     if not enough:
         return Judgement(NOT_ENOUGH, tuple(problems))
@@ -140,12 +140,11 @@ def wrong_robot(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
     return found
 
 
-def recorded_as_others(robot: Robot, recordings: Iterable[Recording]) -> list[str]:
+def recorded_as_others(recordings: Iterable[Recording]) -> list[str]:
     """Recordings that name another robot.
 
     Parameters
     ----------
-    robot : Robot
     recordings : iterable of Recording
 
     Returns
@@ -153,13 +152,13 @@ def recorded_as_others(robot: Robot, recordings: Iterable[Recording]) -> list[st
     list of str
         A sentence per recording.
     """
-    names = {r.path.name: r.metadata.get("robot", "") for r in recordings}
-    return [
-        f"{bag} {RECORDED_AS} '{name}', not {robot.name}: every parameter is that of"
-        " another machine unless both files describe the same one"
-        for bag, name in names.items()
-        if name and name != robot.name
-    ]
+    said = (
+        f"{r.path.name} {RECORDED_AS} '{r.other_robot}', not {r.robot.name}: every parameter is"
+        " that of another machine unless both files describe the same one"
+        for r in recordings
+        if r.other_robot
+    )
+    return list(dict.fromkeys(said))
 
 
 def _force_problems(

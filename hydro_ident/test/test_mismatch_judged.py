@@ -8,7 +8,7 @@ import pytest
 
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
 from hydro_ident.mismatch.named import Contender, Named, named_of
-from hydro_ident.mismatch.verify import _judged
+from hydro_ident.mismatch.verify import _judged, _vague
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 
@@ -44,3 +44,22 @@ def test_what_held_out_rows_should_hardly_show_takes_more_than_luck(
     assert _judged(looks, named, met=True) == (looks[0], False, against)
     # Where they do not exercise it, its own recording speaks for it, and leaves no doubt here.
     assert _judged(looks, named, met=False)[1:] == (True, "")
+
+
+@pytest.mark.parametrize(
+    ("p_value", "silent", "after", "said"),
+    [
+        (1e-4, False, 1.0, ""),
+        (1e-2, False, 1.0, "show it but faintly"),
+        (1e-4, False, 3.0, "gain nothing by it"),
+        (1e-4, True, 1.0, "hardly exercise it"),
+    ],
+)
+def test_a_size_that_is_not_told_takes_rows_that_show_it_plainly(
+    p_value: float, silent: bool, after: float, said: str
+) -> None:
+    look = replace(_look(p_value, 100.0), sides=({"lift/force": 2.0}, {"lift/force": after}))
+    size = "inertance is 1 +- 4"
+    against = _vague(look, silent, ["lift/force"], size)
+    assert against == (said and f"held-out rows {said}, and its size is not told: {size}")
+    assert not _vague(look, silent, ["lift/force"], "")

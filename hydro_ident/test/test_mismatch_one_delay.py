@@ -10,11 +10,12 @@ import pytest
 
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.worth import OF_VALVES
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -83,6 +84,24 @@ def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
     found, after = as_one_delay(contest, lags, whole)
     assert [n.names[0] for n in found] == ["command_delay"]
     assert contest.held_out(after) < contest.held_out(whole)
+
+
+def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
+    late: Residuals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once the base's delays have moved, any law gains what they do."""
+    held = EffectSpec("pressure_compensation", "lift_valve", {"share": 0.1, "margin": 7e5})
+    noise, contest = late.base.bench.noise, Contest(late.training, 1.0)
+    without = fitted(late.training, late.base.model, noise)
+    terms = _with(late, (LATE, held, LAGS[0])).terms
+    found = named_of(contest.fitted(without, terms, noise), 0.0005, 1.0)
+    assert found.term.effect.name == "command_delay"
+    assert {c.term.effect.name for c in found.tried} > {"pressure_compensation"}
+    asked: list[str] = []
+    monkeypatch.setattr(Contest, "_at_all", lambda *given: asked.append(given[-1]) or [])
+    contest.at_each(late.base, noise, found, ())
+    assert "valve_spool_lag" in asked
+    assert set(asked) <= set(OF_VALVES)
 
 
 def test_a_delay_shows_at_every_valve_though_they_differ(

@@ -155,8 +155,8 @@ def test_errors_of_the_strip_say_of_what_they_are() -> None:
 
 def test_a_bag_of_another_robot_is_told_before_all_else_that_is_sure() -> None:
     robot = load_robot("xs031")
-    recording = SimpleNamespace(path=Path("run"), metadata={"robot": "mh26"})
-    (said,) = recorded_as_others(robot, [recording])  # type: ignore[list-item]
+    recording = SimpleNamespace(path=Path("run"), robot=robot, other_robot="mh26")
+    (said,) = recorded_as_others([recording])  # type: ignore[list-item]
     first, *rest = card(diagnosis(UNKNOWN, unnamed(), notes=("any", said)), "How sure")
     assert first.startswith("Run was recorded as robot 'mh26', not xs031: ")
     assert rest == list(card(diagnosis(UNKNOWN, unnamed()), "How sure"))

@@ -100,6 +100,12 @@ class Recording:
     notes: tuple[str, ...]
     metadata: Mapping[str, str]
 
+    @property
+    def other_robot(self) -> str:
+        """The robot that the bag says it was recorded of, where it is another one; else empty."""
+        name = self.metadata.get("robot", "")
+        return "" if name == self.robot.name else name
+
     def __len__(self) -> int:
         return len(self.stamp_ns)
 

@@ -140,15 +140,7 @@ def verify(
     plainly = _PLAIN * max(named.spread, 1.0)
     met = _met(check, acting) and _exercised(training, (ahead, behind), whole, terms, plainly)
     best, silent, against = _judged(looks, named, met)
-    if silent and not against:
-        size = untold(whole, terms)
-        against = size and f"held-out rows hardly exercise it, and its size is not told: {size}"
-    before, after = best.sides
-    gains = any(after[n] < before[n] for n in acting if n in after)
-    if not against and not (gains and best.p_value <= _FAINTLY):
-        size = untold(whole, terms)
-        little = "show it but faintly" if gains else "gain nothing by it"
-        against = size and f"held-out rows {little}, and its size is not told: {size}"
+    against = against or _vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
     few = shape_at_a_bound(mine) if named.few > 1.0 else ""
     reason = (
@@ -161,6 +153,28 @@ def verify(
     reason = reason or going
     sides = best.p_value, *best.sides, best.placebo
     return Verification(*sides, not reason, reason, agreement, silent, bool(going))
+
+
+def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
+    """What speaks against a finding whose size is not told: held-out rows that hardly show it.
+
+    Parameters
+    ----------
+    best : Look
+    silent : bool
+        They do not exercise it.
+    acting : sequence of str
+        Channels that it acts on.
+    size : str
+        As `untold`.
+    """
+    before, after = best.sides
+    gains = any(after[n] < before[n] for n in acting if n in after)
+    if not size or (not silent and gains and best.p_value <= _FAINTLY):
+        return ""
+    little = "hardly exercise it" if silent else "show it but faintly"
+    little = little if silent or gains else "gain nothing by it"
+    return f"held-out rows {little}, and its size is not told: {size}"
 
 
 def _comes_and_goes(
