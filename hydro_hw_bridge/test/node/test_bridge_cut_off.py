@@ -184,6 +184,8 @@ def test_cut_off_the_valves_are_at_0_v_by_the_watchdog_and_until_it_is_cleared(
     faults.write_text("ok")
     if kind == "bus_off":
         ros.until(lambda: ros.diagnosis()["bus_off"] == "no")
+    else:
+        time.sleep(LOOK_S)
     for _ in range(2 * AGE):
         machine.asked(hears=True, answered=True)
         assert machine.rows[-1] == (False, (0.0, 0.0))
