@@ -15,7 +15,7 @@ import numpy as np
 from hydro_control.braking import DOWN, UP, braking_energies, speed_before_end
 from hydro_control.errors import ControlError
 from hydro_control.required_motion import JointMotion
-from hydro_model.cylinder import stroke
+from hydro_model.cylinder import inside_stroke
 from hydro_model.kinematics import tip_state
 from hydro_model.paths import Path, TipPath
 from hydro_model.robot import FloatArray, Robot
@@ -77,11 +77,9 @@ def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimit
     upper = np.array([joint.upper for joint in robot.joints])
     for cylinder in robot.cylinders:
         i = robot.joint_index(cylinder.joint)
-        grid = np.linspace(lower[i], upper[i], _GRID)
-        x = stroke(cylinder, grid)
-        inside = grid[(x >= 0.0) & (x <= cylinder.stroke_m)]
-        if inside.size:
-            lower[i], upper[i] = inside[0], inside[-1]
+        inside = inside_stroke(cylinder, np.linspace(lower[i], upper[i], _GRID))
+        if inside is not None:
+            lower[i], upper[i] = inside
     speeds = np.array([joint.velocity_limit for joint in robot.joints])
     return MotionLimits(
         lower=lower,

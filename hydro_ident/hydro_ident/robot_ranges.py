@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_model.cylinder import lever, stroke
+from hydro_model.cylinder import inside_stroke, lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
@@ -92,13 +92,7 @@ class CylinderRange:
     @property
     def inside(self) -> tuple[float, float] | None:
         """The longest stretch of joint positions whose strokes the cylinder has."""
-        good = (self.stroke_m >= 0.0) & (self.stroke_m <= self.cylinder.stroke_m)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-        if not edges.size:
-            return None
-        starts, ends = edges[::2], edges[1::2] - 1
-        longest = int(np.argmax(ends - starts))
-        return float(self.q[starts[longest]]), float(self.q[ends[longest]])
+        return inside_stroke(self.cylinder, self.q)
 
     @property
     def worst_force_n(self) -> float:

@@ -17,13 +17,14 @@ from hydro_ident.estimate.inertial import InertialFit
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import stroke
 from hydro_model.robot import Robot
+from hydro_model.robot_checks import LIMITS_SLACK
 
 IDENTIFIED, PARTLY, NOT_ENOUGH = "identified", "partly_identified", "not_enough_data"
 
 #: What the sentence about a bag that names another robot says.
 RECORDED_AS = "was recorded as robot"
 #: A recording with more than this share of its cycles outside a stroke is of another machine.
-_OUTSIDE_SHARE, _STROKE_MARGIN_M = 0.05, 2e-3
+_OUTSIDE_SHARE = 0.05
 #: A valve at its limit in more than this share of the cycles in which it is open says little.
 _SATURATED_SHARE, _FULL, _OPEN = 0.25, 0.999, 0.02
 
@@ -128,7 +129,8 @@ def wrong_robot(robot: Robot, recordings: Sequence[Recording]) -> list[str]:
             q = recording.q[:, robot.joint_index(cylinder.joint)]
             q = q[np.isfinite(q)]
             x = stroke(cylinder, q)
-            beyond = (x < -_STROKE_MARGIN_M) | (x > cylinder.stroke_m + _STROKE_MARGIN_M)
+            margin = LIMITS_SLACK * cylinder.stroke_m
+            beyond = (x < -margin) | (x > cylinder.stroke_m + margin)
             if q.size and float(np.mean(beyond)) > _OUTSIDE_SHARE:
                 found.append(
                     f"{recording.path.name} does not fit robot {robot.name}: {cylinder.joint} at"

@@ -84,6 +84,16 @@ def test_wide_limits_are_an_error_that_names_those_that_fit(crane: Crane) -> Non
     assert high == pytest.approx(1.70)
 
 
+def test_limits_that_are_slightly_wide_are_a_warning(crane: Crane) -> None:
+    crane.replace('lower="-0.05" upper="1.70"', 'lower="-0.11" upper="1.70"')
+    check = crane.check()
+    cylinder = check.robot.cylinder("lift_cylinder")
+    assert -0.03 * cylinder.stroke_m < stroke(cylinder, -0.11) < 0.0
+    assert not check.wrong
+    [text] = [t for t in texts(check, WARNING, "lift_cylinder") if "joint limits" in t]
+    assert "inside it is from" in text
+
+
 def test_no_position_inside_is_said(crane: Crane) -> None:
     crane.change("cylinders", 0, "x0_m", value=1.5)
     assert "no position in them is inside" in texts(crane.check(), ERROR, "lift_cylinder")[0]

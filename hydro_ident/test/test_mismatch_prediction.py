@@ -87,6 +87,25 @@ def test_contributions_are_linear_in_linear_parameters(
         assert predictor.contribution(model, term, double) == pytest.approx(2.0 * once, rel=1e-9)
 
 
+def test_a_load_adds_the_same_whatever_was_asked_before(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    """What is kept of one load's torques is neither another load's nor another instant's."""
+    predictor, model = true_model
+    robot = model.robot
+    loads = [(30.0, 2.0), (30.0, 6.0), (-12.0, 6.0), (55.0, 1.0), (8.0, 3.0), (30.0, 2.0)]
+    others = [(robot, mass, start) for mass, start in loads]
+    tilted = replace(robot, gravity_m_s2=(0.4, 0.0, -9.8))
+    others += [(tilted, 30.0, 2.0), (robot, 30.0, 2.0)]
+    for given, mass, start in others:
+        at = EffectSpec("payload_change", robot.name, {"mass": mass, "start_s": start})
+        [load] = resolve(replace(given, effects=(at,)))
+        changed = replace(model, robot=given)
+        fresh = Predictor(predictor.material).contribution(changed, load)
+        assert fresh.any()
+        assert np.array_equal(predictor.contribution(changed, load), fresh)
+
+
 def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Model]) -> None:
     predictor, model = true_model
     training = Training.of(predictor, predictor.material.moving())

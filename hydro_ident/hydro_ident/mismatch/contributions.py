@@ -24,7 +24,6 @@ from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import LEVER
 
@@ -136,19 +135,16 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
     change, plain, material = one.effect.change, model.robot, signals.material
     if change is None:
         return
-    other = change(plain, one.target, one.parameters)
     for s, stretch in enumerate(signals.stretches(model)):
         places = [p for p in material.places if p.stretch == s]
         places = [p for p in places if not material.is_flow(p.channel)]
         if not places or stretch.moved is None:
             continue
-        m = stretch.moved
-        extra = inverse_dynamics(other, m.q, m.qd, m.qdd)
-        extra = extra - inverse_dynamics(plain, m.q, m.qd, m.qdd)
-        extra *= acting_share(one, stretch.trace.time_s)[:, None]
+        extra = signals.changes.extra(plain, one, change, stretch.number, stretch.moved)
+        extra = extra * acting_share(one, stretch.trace.time_s)[:, None]
         for cylinder in () if material.forces.torque else plain.cylinders:
             joint = plain.joint_index(cylinder.joint)
-            extra[:, joint] /= lever(cylinder, m.q[:, joint])
+            extra[:, joint] /= lever(cylinder, stretch.moved.q[:, joint])
         filtered = material.filtered(stretch, extra)
         for place in places:
             into[place.rows] += filtered[:, material.joint_of(place.channel)]

@@ -65,15 +65,16 @@ def repeating(training: Training, fitted: Fitted, bench: Bench, channel: int) ->
         if not np.isfinite(seen).all() or is_scanned(seen):
             continue
         numbers = np.arange(_LEAST, most_periods(seen) + _STEP, _STEP)
+        numbers = numbers / max(float(np.ptp(seen)), 1e-300)
+        at = np.where(mask, values[variable], 0.0)
+        turned = [waves(at * number) for number in numbers]
         for times in _KINDS:
             factor = np.where(mask, factors.get(times, 1.0), 0.0)
             if times and (times not in factors or not np.isfinite(factor).all()):
                 continue
             what = channel, variable, times
-            one = _strongest(
-                training, fitted, bench, what, (np.where(mask, values[variable], 0.0), factor),
-                numbers / max(float(np.ptp(seen)), 1e-300),
-            )  # fmt: skip
+            every = [wave * factor[:, None] for wave in turned]
+            one = _strongest(training, fitted, bench, what, every, numbers)
             if one is not None:
                 yield one
 
@@ -83,13 +84,12 @@ def _strongest(
     fitted: Fitted,
     bench: Bench,
     what: tuple[int, str, str],
-    over: tuple[FloatArray, FloatArray],
+    every: list[FloatArray],
     numbers: FloatArray,
 ) -> Tried | None:
-    at, factor = over
+    """The strongest of some waves, (N, 2) each, of so many periods per unit."""
     if numbers.size == 0:
         return None
-    every = [waves(at * number) * factor[:, None] for number in numbers]
     white = bench.beyond(np.concatenate(every, axis=1)[training.mask])
     tried, gains = [], []
     for k in range(numbers.size):

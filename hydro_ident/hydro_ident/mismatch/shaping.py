@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.changed_torques import ChangedTorques
 from hydro_ident.mismatch.law_signals import (
     dry_rows,
     reshape,
@@ -52,6 +53,7 @@ class Signals:
     Attributes
     ----------
     material : Material
+    changes : ChangedTorques
     """
 
     material: Material
@@ -66,6 +68,7 @@ class Signals:
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
+    changes: ChangedTorques = field(default_factory=ChangedTorques)
 
     def regressor(self, stretch: Stretch, moved: Motion) -> FloatArray:
         """Filtered force regressor of a stretch, (T, n, p); not to be changed.

@@ -127,6 +127,30 @@ def joint_position(cylinder: Cylinder, x: ArrayLike, near: float = 0.0) -> Float
     return np.asarray(half_turn * np.pi + angle - cylinder.q0_rad)
 
 
+def inside_stroke(cylinder: Cylinder, q: FloatArray) -> tuple[float, float] | None:
+    """Ends of the longest stretch of joint positions whose strokes the cylinder has.
+
+    Parameters
+    ----------
+    cylinder : Cylinder
+    q : (N,) array
+        Joint positions that are looked at, in order, rad or m.
+
+    Returns
+    -------
+    tuple of float or None
+        Two of them; None where the piston is outside at all.
+    """
+    x = stroke(cylinder, q)
+    good = (x >= 0.0) & (x <= cylinder.stroke_m)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    if not edges.size:
+        return None
+    starts, ends = edges[::2], edges[1::2] - 1
+    longest = int(np.argmax(ends - starts))
+    return float(q[starts[longest]]), float(q[ends[longest]])
+
+
 def piston_force(cylinder: Cylinder, p_a: ArrayLike, p_b: ArrayLike) -> FloatArray:
     """Piston force ``f = p_a A1 - p_b A2`` in N (eq. 9, A2 being the annulus).
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hydro_model.cylinder import inside_stroke, stroke
 from hydro_model.errors import RobotError
 from hydro_model.robot import Robot
+
+#: Of a stroke: by how much joint limits may be too wide for it.
+LIMITS_SLACK = 0.03
+#: Positions that are looked at for where a piston leaves its cylinder.
+_POSES = 2001
+_LOG = logging.getLogger(__name__)
 
 
 def check_robot(robot: Robot, path: Path) -> None:
@@ -93,8 +102,11 @@ def check_once(what: str, names: list[str], path: Path) -> None:
         raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
 
 
-def check_pistons(robot: Robot, path: Path) -> None:
-    """Joint limits keep every piston in its cylinder.
+def within_strokes(robot: Robot, path: Path) -> Robot:
+    """A robot whose joint limits keep every piston in its cylinder.
+
+    Limits and pins that were read off drawings disagree by a little: limits that are too wide by
+    up to `LIMITS_SLACK` of the stroke end where the piston does, and a warning says so.
 
     Parameters
     ----------
@@ -102,17 +114,31 @@ def check_pistons(robot: Robot, path: Path) -> None:
     path : Path
         Of its file.
 
+    Returns
+    -------
+    Robot
+
     Raises
     ------
     RobotError
+        The limits are too wide by more.
     """
-    from hydro_model.cylinder import stroke
-
     for cylinder in robot.cylinders:
-        joint = robot.joints[robot.joint_index(cylinder.joint)]
+        at = robot.joint_index(cylinder.joint)
+        joint = robot.joints[at]
         x: Any = stroke(cylinder, np.linspace(joint.lower, joint.upper, 101))
-        if x.min() < 0.0 or x.max() > cylinder.stroke_m:
-            raise RobotError(
-                f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
-                f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
-            )
+        beyond = max(-x.min(), x.max() - cylinder.stroke_m)
+        if not beyond > 0.0:
+            continue
+        text = (
+            f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
+            f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
+        )
+        inside = inside_stroke(cylinder, np.linspace(joint.lower, joint.upper, _POSES))
+        if inside is None or beyond > LIMITS_SLACK * cylinder.stroke_m:
+            raise RobotError(text)
+        _LOG.warning("%s: taken as %.4f to %.4f", text, *inside)
+        narrowed = replace(joint, lower=inside[0], upper=inside[1])
+        joints = (*robot.joints[:at], narrowed, *robot.joints[at + 1 :])
+        robot = replace(robot, joints=joints)
+    return robot

@@ -26,7 +26,7 @@ from hydro_model.robot import (
     Sensors,
     Valve,
 )
-from hydro_model.robot_checks import check_known, check_once, check_pistons, check_robot
+from hydro_model.robot_checks import check_known, check_once, check_robot, within_strokes
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_model.shipped import shipped_robots as shipped_robots
 from hydro_model.urdf import Chain, read_chain
@@ -43,8 +43,9 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     robot : str or Path
         Path of a `*.hydraulics.yaml` or `model.yaml`, or a shipped name such as `xs031`.
     check_strokes : bool
-        Refuse joint limits that move a piston out of its cylinder. Off only for whoever looks
-        for that very mistake.
+        Refuse joint limits that move a piston out of its cylinder, and narrow those that do so
+        by a little (`robot_checks.within_strokes`). Off only for whoever looks for that very
+        mistake.
 
     Returns
     -------
@@ -67,9 +68,7 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
     if path.suffix.lower() == ".urdf":
         raise RobotError(f"{path}: expected a *.hydraulics.yaml, found a URDF{_instead(path)}")
     found = _robot_from(read_yaml(path), path)
-    if check_strokes:
-        check_pistons(found, path)
-    return found
+    return within_strokes(found, path) if check_strokes else found
 
 
 def _instead(path: Path) -> str:

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from hydro_model.base_parameters import base_map
+from hydro_model.cylinder import joint_position, stroke
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
@@ -158,6 +159,25 @@ def test_a_merge_key_bomb_ends_at_once(tmp_path: Path) -> None:
     path = tmp_path / "robot.yaml"
     path.write_text("\n".join(lines), encoding="utf-8")
     assert "aliases unfold to more than" in refused(path)
+
+
+@pytest.mark.parametrize("wide", [1e-9, 0.06])
+def test_slightly_wide_limits_end_where_the_piston_does(
+    crane: Path, caplog: pytest.LogCaptureFixture, wide: float
+) -> None:
+    urdf = crane.with_name("xs031.urdf")
+    cylinder = load_robot(crane).cylinder("lift_cylinder")
+    end = float(joint_position(cylinder, 0.0, near=0.5))
+    limits = f'lower="{end - wide!r}" upper="1.70"'
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', limits), encoding="utf-8")
+    caplog.clear()
+    joint = load_robot(crane).joints[0]
+    assert [joint.lower, joint.upper] == pytest.approx([end, 1.70], abs=2e-3)
+    assert stroke(cylinder, joint.lower) >= 0.0
+    [record] = caplog.records
+    assert "outside its stroke" in record.message
+    assert f"taken as {joint.lower:.4f} to {joint.upper:.4f}" in record.message
 
 
 def set_in(*way: str | int, value: object) -> Change:

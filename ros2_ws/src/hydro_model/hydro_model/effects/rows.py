@@ -160,13 +160,14 @@ def set_tip(s: FloatArray, robot: Robot, joint: int, q: FloatArray) -> None:
     joint : int
     q : (N, n) array
     """
-    from hydro_model.kinematics import tip_jacobian, tip_position
+    from hydro_model.kinematics import tip_state
 
     if not len(q):
         return
     up = upwards(robot)
-    s[:, sig.TIP_HEIGHT] = tip_position(robot, q) @ up
-    s[:, sig.TIP_SLOPE] = np.einsum("k,nkj->nj", up, tip_jacobian(robot, q))[:, joint]
+    position, jacobian, _ = tip_state(robot, q, np.zeros_like(q))
+    s[:, sig.TIP_HEIGHT] = position @ up
+    s[:, sig.TIP_SLOPE] = np.einsum("k,nkj->nj", up, jacobian)[:, joint]
 
 
 def _fill_motion(
