@@ -17,7 +17,7 @@ from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
 from hydro_ident.robot_units import unit_errors, unit_warnings
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.robot_checks import LIMITS_SLACK
+from hydro_model.robot_checks import slightly_wide
 from hydro_model.robot_files import datasheet_inertia
 from hydro_model.spatial import central_inertia
 
@@ -123,9 +123,8 @@ def _strokes(r: CylinderRange) -> Iterator[Remark]:
             if inside is None
             else f"inside it is from {inside[0]:.3f} to {inside[1]:.3f} {unit}"
         )
-        slight = max(-low, high - stroke) <= LIMITS_SLACK * stroke
         yield Remark(
-            WARNING if slight else ERROR,
+            WARNING if slightly_wide(r.cylinder, r.q) else ERROR,
             name,
             f"joint limits {r.q[0]:.3f} to {r.q[-1]:.3f} {unit} of {r.cylinder.joint} move the"
             f" piston from {low:.3f} to {high:.3f} m, its stroke is 0 to {stroke:.3f} m;"

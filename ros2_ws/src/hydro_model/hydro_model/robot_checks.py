@@ -6,15 +6,14 @@ import logging
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hydro_model.cylinder import inside_stroke, stroke
 from hydro_model.errors import RobotError
-from hydro_model.robot import Robot
+from hydro_model.robot import Cylinder, FloatArray, Robot
 
-#: Of a stroke: by how much joint limits may be too wide for it.
+#: Of a stroke, and of the joint's range: by how much joint limits may be too wide.
 LIMITS_SLACK = 0.03
 #: Positions that are looked at for where a piston leaves its cylinder.
 _POSES = 2001
@@ -105,8 +104,8 @@ def check_once(what: str, names: list[str], path: Path) -> None:
 def within_strokes(robot: Robot, path: Path) -> Robot:
     """A robot whose joint limits keep every piston in its cylinder.
 
-    Limits and pins that were read off drawings disagree by a little: limits that are too wide by
-    up to `LIMITS_SLACK` of the stroke end where the piston does, and a warning says so.
+    Limits and pins that were read off drawings disagree by a little: limits that are slightly
+    wide end where the piston does, and a warning says so.
 
     Parameters
     ----------
@@ -121,24 +120,48 @@ def within_strokes(robot: Robot, path: Path) -> Robot:
     Raises
     ------
     RobotError
-        The limits are too wide by more.
+        The limits are too wide by more than a little.
     """
     for cylinder in robot.cylinders:
         at = robot.joint_index(cylinder.joint)
         joint = robot.joints[at]
-        x: Any = stroke(cylinder, np.linspace(joint.lower, joint.upper, 101))
-        beyond = max(-x.min(), x.max() - cylinder.stroke_m)
-        if not beyond > 0.0:
+        poses = np.linspace(joint.lower, joint.upper, _POSES)
+        x = stroke(cylinder, poses)
+        if not (x.min() < 0.0 or x.max() > cylinder.stroke_m):
             continue
         text = (
             f"{path}: joint limits {joint.lower} to {joint.upper} move '{cylinder.name}' from"
             f" {x.min():.3f} to {x.max():.3f} m, outside its stroke 0 to {cylinder.stroke_m} m"
         )
-        inside = inside_stroke(cylinder, np.linspace(joint.lower, joint.upper, _POSES))
-        if inside is None or beyond > LIMITS_SLACK * cylinder.stroke_m:
+        inside = slightly_wide(cylinder, poses)
+        if inside is None:
             raise RobotError(text)
         _LOG.warning("%s: taken as %.4f to %.4f", text, *inside)
         narrowed = replace(joint, lower=inside[0], upper=inside[1])
         joints = (*robot.joints[:at], narrowed, *robot.joints[at + 1 :])
         robot = replace(robot, joints=joints)
     return robot
+
+
+def slightly_wide(cylinder: Cylinder, poses: FloatArray) -> tuple[float, float] | None:
+    """Ends of the positions whose strokes a cylinder has, where the others are a little more.
+
+    Parameters
+    ----------
+    cylinder : Cylinder
+    poses : (N,) array
+        From one joint limit to the other, in equal steps.
+
+    Returns
+    -------
+    tuple of float or None
+        None where they are too wide by more than `LIMITS_SLACK` of the stroke or of their range:
+        near a dead centre little stroke is much of the range, and no slip of a drawing.
+    """
+    x = stroke(cylinder, poses)
+    beyond = max(-float(x.min()), float(x.max()) - cylinder.stroke_m)
+    inside = inside_stroke(cylinder, poses)
+    if inside is None or beyond > LIMITS_SLACK * cylinder.stroke_m:
+        return None
+    cut = 1.0 - (inside[1] - inside[0]) / float(poses[-1] - poses[0])
+    return inside if cut <= LIMITS_SLACK else None

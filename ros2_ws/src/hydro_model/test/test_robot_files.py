@@ -161,7 +161,7 @@ def test_a_merge_key_bomb_ends_at_once(tmp_path: Path) -> None:
     assert "aliases unfold to more than" in refused(path)
 
 
-@pytest.mark.parametrize("wide", [1e-9, 0.06])
+@pytest.mark.parametrize("wide", [1e-9, 0.03])
 def test_slightly_wide_limits_end_where_the_piston_does(
     crane: Path, caplog: pytest.LogCaptureFixture, wide: float
 ) -> None:
@@ -178,6 +178,21 @@ def test_slightly_wide_limits_end_where_the_piston_does(
     [record] = caplog.records
     assert "outside its stroke" in record.message
     assert f"taken as {joint.lower:.4f} to {joint.upper:.4f}" in record.message
+
+
+def test_limits_past_a_dead_centre_are_refused_however_little_the_stroke(crane: Path) -> None:
+    """There the piston comes back into its cylinder: 1 % of the stroke is a fifth of the range."""
+    cylinder = load_robot(crane).cylinder("lift_cylinder")
+    shortest = float(stroke(cylinder, -cylinder.q0_rad))
+    data = yaml.safe_load(crane.read_text(encoding="utf-8"))
+    data["cylinders"][0]["x0_m"] += shortest + 0.01 * cylinder.stroke_m
+    crane.write_text(yaml.safe_dump(data), encoding="utf-8")
+    urdf = crane.with_name("xs031.urdf")
+    limits = f'lower="{-cylinder.q0_rad - 0.6}" upper="0.4"'
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('lower="-0.05" upper="1.70"', limits), encoding="utf-8")
+    with pytest.raises(RobotError, match="outside its stroke"):
+        load_robot(crane)
 
 
 def set_in(*way: str | int, value: object) -> Change:
