@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -15,8 +15,8 @@ from hydro_model.robot import Robot
 def provenance(
     command: str,
     name: str,
-    bags: Sequence[Path],
-    validation: Sequence[Path],
+    bags: Mapping[str, Path],
+    validation: Mapping[str, Path],
     robot: Robot | None = None,
     compared: Robot | None = None,
 ) -> Provenance:
@@ -27,8 +27,9 @@ def provenance(
     command : str
     name : str
         The robot, as given.
-    bags : sequence of Path
-    validation : sequence of Path
+    bags : mapping of str to Path
+        By name.
+    validation : mapping of str to Path
         Bags that predictions were scored on.
     robot : Robot, optional
         The one that was read.
@@ -48,7 +49,7 @@ def provenance(
         version = metadata.version("hydro_ident")
     except metadata.PackageNotFoundError:
         version = "unknown"
-    hashes = [{path.name: bag_sha256(path) for path in paths} for paths in (bags, validation)]
+    hashes = [{n: bag_sha256(path) for n, path in given.items()} for given in (bags, validation)]
     files = [{path.name: _sha256([path], path) for path in files_of(r)} for r in (robot, compared)]
     return Provenance(command, version, name, *hashes, *files)
 

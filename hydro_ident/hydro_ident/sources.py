@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -40,19 +40,23 @@ class BagSource:
     ----------
     path : Path
     robot : Robot
+    called : str
+        Name of its recordings, where another bag has the path's.
     """
 
     path: Path
     robot: Robot
+    called: str = ""
 
     @property
     def name(self) -> str:
         """Of the bag."""
-        return self.path.name
+        return self.called or self.path.name
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
         """The bag from its start, in pieces that overlap."""
-        return at_own_rate(stream_recordings(self.path, self.robot, piece_s, overlap_s))
+        pieces = at_own_rate(stream_recordings(self.path, self.robot, piece_s, overlap_s))
+        return (_called(piece, self.called) for piece in pieces) if self.called else pieces
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +114,52 @@ def bag_source(path: str | Path, robot: Robot) -> BagSource:
     """A bag on disk; raises BagError where there is none."""
     files_of(Path(path))
     return BagSource(Path(path), robot)
+
+
+def bag_sources(
+    bags: Sequence[str | Path], others: Sequence[str | Path], robot: Robot
+) -> tuple[list[BagSource], list[BagSource]]:
+    """Bags on disk, to learn from and to verify on, under names of their own.
+
+    Runs of one name in folders of their own are usual: theirs is put before it.
+
+    Parameters
+    ----------
+    bags, others : sequence of str or Path
+    robot : Robot
+
+    Returns
+    -------
+    sources, others : list of BagSource
+
+    Raises
+    ------
+    BagError
+        There is no bag.
+    IdentError
+        A bag is given twice.
+    """
+    sources = [bag_source(bag, robot) for bag in (*bags, *others)]
+    paths = [source.path.resolve() for source in sources]
+    for k, path in enumerate(paths):
+        if path in paths[:k]:
+            raise IdentError(f"expected each bag once, found '{sources[k].path}' twice")
+    for depth in range(2, max((len(path.parts) for path in paths), default=0)):
+        names = [source.name for source in sources]
+        twice = [names.count(name) > 1 for name in names]
+        if not any(twice):
+            break
+        longer = ["_".join(path.parts[-depth:]) for path in paths]
+        sources = [
+            replace(s, called=long) if again else s
+            for s, long, again in zip(sources, longer, twice, strict=True)
+        ]
+    return sources[: len(bags)], sources[len(bags) :]
+
+
+def _called(piece: Piece, name: str) -> Piece:
+    recording = piece.recording
+    return replace(piece, recording=replace(recording, path=recording.path.with_name(name)))
 
 
 def sources_of(recordings: Sequence[Recording | Source]) -> tuple[Source, ...]:

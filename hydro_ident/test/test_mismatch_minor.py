@@ -52,6 +52,21 @@ def test_sizes_within_data_sheets_are_minor(
     assert not is_minor(robot, _term(robot, name, target, large))
 
 
+def test_small_machines_are_held_to_less(robot: Robot) -> None:
+    """A third of a small cylinder's oil is no fitting's; nor is 5 kPa little of 5 bar."""
+    volumes = {"volume_a": 9e-6, "volume_b": 9e-6}
+    cylinder = replace(robot.cylinders[0], bore_m=0.02, rod_m=0.01, stroke_m=0.1)
+    small = replace(robot, cylinders=(cylinder, robot.cylinders[1]), supply_pressure_pa=5e5)
+    for name, target, sizes in (
+        ("dead_volume", LIFT, volumes),
+        ("pressure_sensor_bias", f"{LIFT}/a", {"bias": 4e3}),
+    ):
+        assert is_minor(robot, _term(robot, name, target, sizes))
+        assert not is_minor(small, _term(small, name, target, sizes))
+        tiny = {key: 0.05 * value for key, value in sizes.items()}
+        assert is_minor(small, _term(small, name, target, tiny))
+
+
 def test_a_size_has_to_be_surely_beyond_the_tolerance(robot: Robot) -> None:
     """Two deviations beyond it, which are no more than a third of the size."""
     term = _term(robot, "dead_volume", LIFT, {"volume_a": 1.2e-5, "volume_b": 8e-6})

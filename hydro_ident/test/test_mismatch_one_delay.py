@@ -104,6 +104,23 @@ def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
     assert set(asked) <= set(OF_VALVES)
 
 
+def test_an_effect_of_one_joint_is_not_the_whole_robots(
+    late: Residuals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An encoder's offset leaves its place to no laws at every cylinder."""
+    turned = EffectSpec("encoder_offset", "lift", {"offset": 0.01})
+    biased = EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 1e5})
+    noise, contest = late.base.bench.noise, Contest(late.training, 1.0)
+    without = fitted(late.training, late.base.model, noise)
+    terms = _with(late, (turned, biased)).terms
+    found = named_of(contest.fitted(without, terms, noise), 0.0005, 1.0)
+    found = replace(found, contenders=tuple(c for c in found.tried if c.term.joint == 0)[:1])
+    assert found.term.effect.name == "encoder_offset"
+    monkeypatch.setattr(Contest, "_at_all", lambda *given: pytest.fail(f"tried {given[-1]}"))
+    each = contest.at_each(late.base, noise, found, ())
+    assert list(each.named) == [found]
+
+
 def test_a_delay_shows_at_every_valve_though_they_differ(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

@@ -87,6 +87,22 @@ def test_contributions_are_linear_in_linear_parameters(
         assert predictor.contribution(model, term, double) == pytest.approx(2.0 * once, rel=1e-9)
 
 
+def test_a_cylinder_whose_position_is_unknown_has_no_cushions_to_try(
+    make_run: tuple,
+) -> None:
+    true_crane, simulated_run = make_run
+    given = simulated_run(true_crane(), 6.0).recording()
+    lost = replace(given, q=np.where([False, True], np.nan, given.q))
+    predictor = Predictor(_material(given.robot, lost))
+    assert {c for c in predictor.material.channels if "flow" in c} == {
+        "lift/flow_a",
+        "lift/flow_b",
+    }
+    model = start_model(given.robot, predictor, ())
+    tried = list(trials(predictor, model, ("end_cushion",)))
+    assert {t.target for t in tried} == {"lift_cylinder"}
+
+
 def test_a_load_adds_the_same_whatever_was_asked_before(
     true_model: tuple[Predictor, Model],
 ) -> None:

@@ -108,13 +108,12 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     from hydro_ident.optional import say_if_no_report
     from hydro_ident.origin import provenance
     from hydro_ident.results import REPORT_FILE
-    from hydro_ident.sources import bag_source
+    from hydro_ident.sources import bag_sources
     from hydro_model.robot_files import load_robot
 
     say_if_no_report("diagnose", REPORT_FILE, "all other files are")
     robot = load_robot(options.robot)
-    training = [bag_source(bag, robot) for bag in options.bags]
-    validation = [bag_source(bag, robot) for bag in options.validate]
+    training, validation = bag_sources(options.bags, options.validate, robot)
     # Without --out: the same input gives the same result wherever it is written.
     command = ["diagnose", *options.bags, "--robot", options.robot]
     command += ["--validate", *options.validate] if options.validate else []
@@ -124,8 +123,8 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
     origin = provenance(
         shlex.join(command),
         options.robot,
-        [source.path for source in training],
-        [source.path for source in validation],
+        {source.name: source.path for source in training},
+        {source.name: source.path for source in validation},
         robot,
     )
     refine = RefineSettings() if options.refine else None

@@ -127,7 +127,7 @@ def run(arguments: Sequence[str]) -> int:
     from hydro_ident.optional import require, say_if_no_report
     from hydro_ident.origin import provenance
     from hydro_ident.results import REPORT_FILE, result_dict
-    from hydro_ident.sources import bag_source
+    from hydro_ident.sources import bag_sources
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_ident.workers import workers_at
     from hydro_model.robot_files import load_robot
@@ -139,8 +139,7 @@ def run(arguments: Sequence[str]) -> int:
     old = load_robot(options.compare) if options.compare else None
     if old is not None:
         check_same_machine(old, robot, options.compare)
-    training = [bag_source(bag, robot) for bag in options.bags]
-    validation = [bag_source(bag, robot) for bag in options.validate]
+    training, validation = bag_sources(options.bags, options.validate, robot)
     # Without --out: the same input gives the same result wherever it is written.
     command = ["identify", *options.bags, "--robot", options.robot]
     command += ["--validate", *options.validate] if options.validate else []
@@ -149,8 +148,8 @@ def run(arguments: Sequence[str]) -> int:
     origin = provenance(
         shlex.join(command),
         options.robot,
-        [source.path for source in training],
-        [source.path for source in validation],
+        {source.name: source.path for source in training},
+        {source.name: source.path for source in validation},
         robot,
         old,
     )

@@ -16,6 +16,7 @@ import numpy as np
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
+    QUANTILES,
     bounded_bodies,
     bounded_tilt,
     instant_spacing,
@@ -249,6 +250,8 @@ def _grid(
     if effect.name == "end_cushion" and spec.name == "length":
         # As far from the stops as the piston has been, too: real ones may be longer than usual.
         at = quantiles(predictor, model, one, (PISTON_POSITION,))
+        if len(at) < len(QUANTILES):
+            return []  # nothing is known of where the piston was
         stroke_m = 0.0 if one.cylinder is None else model.robot.cylinders[one.cylinder].stroke_m
         lengths = [f * spec.typical for f in FIRST_FACTORS]
         lengths += [near for x in (at[0], at[2], at[-3], at[-1]) for near in (x, stroke_m - x)]

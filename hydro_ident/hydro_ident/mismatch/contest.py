@@ -198,7 +198,8 @@ class Contest:
             Of the step that found it: where the fits of what was not tried start.
         """
         whole = Each([found], found.modelled.fitted)
-        if found.term.cylinder is not None or noise is None:
+        of_one = found.term.cylinder is not None or found.term.joint is not None
+        if of_one or noise is None:
             return whole
         without = fitted(self.training, current.model, noise)
         before, unit = self.held_out(without), 0.5 / found.spread

@@ -50,7 +50,7 @@ from hydro_ident.mismatch.settings import (
 )
 from hydro_ident.mismatch.unknown import Unexplained, not_testable, unexplained
 from hydro_ident.recording_summary import recording_summaries
-from hydro_ident.sources import KeptSource, Source, sources_of
+from hydro_ident.sources import KeptSource, Source, check_names, sources_of
 from hydro_ident.survey import Survey, recorded_notes, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import Robot
@@ -87,7 +87,7 @@ def diagnose(
     Raises
     ------
     IdentError
-        No recording was given.
+        No recording was given, or two of one name.
     RobotError
         The robot lists an effect that does not resolve.
     """
@@ -97,6 +97,7 @@ def diagnose(
     sources, others = (
         [KeptSource(source) for source in sources_of(given)] for given in (training, validation)
     )
+    check_names((*sources, *others))
     advance("first look at the bags", 0, _STAGES)
     surveys = [survey_source(source, robot) for source in (*sources, *others)]
     losses = losses_of([s.recording for s in surveys])

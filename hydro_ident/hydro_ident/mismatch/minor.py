@@ -27,6 +27,8 @@ _TOLERATED = {
     "encoder_offset": ("offset", 5.0e-4),
     "dead_volume": ("volume", 1.0e-5),
 }
+#: Of what a small machine has they are smaller shares: of its cylinder's oil, of its supply.
+_SHARES = {"dead_volume": 0.03, "pressure_sensor_bias": 5.0e-4}
 #: Dry friction of so small a share of what the cylinder can push, at this velocity, is any seal's.
 _FRICTION = frozenset(
     {"coulomb_friction", "presliding_friction", "stribeck_friction", "asymmetric_friction"}
@@ -56,6 +58,7 @@ def is_minor(
     name = term.effect.name
     if name in _TOLERATED:
         begin, most = _TOLERATED[name]
+        most = min(most, _SHARES.get(name, np.inf) * _whole(robot, term))
         own = f"{term.target}.{name}."
         sizes = [(n, abs(v)) for n, v in _values(term) if n.startswith(begin)]
         doubts = [min(_SURE * deviations.get(own + n, 0.0), _DOUBT * v) for n, v in sizes]
@@ -66,6 +69,14 @@ def is_minor(
         size = abs(values["force"]) + _FRICTION_M_S * abs(values.get("viscous", 0.0))
         return size < _FRICTION_SHARE * push
     return False
+
+
+def _whole(robot: Robot, term: ActiveEffect) -> float:
+    """What a tolerance is a share of: the oil in the cylinder; the supply's pressure."""
+    if term.effect.name == "dead_volume" and term.cylinder is not None:
+        cylinder = robot.cylinders[term.cylinder]
+        return cylinder.area_a_m2 * cylinder.stroke_m
+    return robot.supply_pressure_pa or np.inf
 
 
 def parted(

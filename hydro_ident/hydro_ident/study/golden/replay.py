@@ -100,7 +100,7 @@ def diagnosis(folder: Path) -> dict[str, Any]:
     """
     robot, bag = load_robot(ROBOT), folder / DIAGNOSIS_BAG
     found = diagnose(robot, [bag_source(str(bag), robot)], [])
-    result = result_dict(found, provenance("golden", ROBOT, [bag], []))
+    result = result_dict(found, provenance("golden", ROBOT, {bag.name: bag}, {}))
     del result["provenance"]
     return result
 
