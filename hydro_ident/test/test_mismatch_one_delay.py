@@ -14,8 +14,11 @@ from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
 from hydro_ident.mismatch.prediction import Model
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.worth import OF_VALVES
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -204,3 +207,18 @@ def test_a_lag_is_told_from_its_valves_delay(
 def _lag_s(one: Fitted) -> float:
     frequency, damping = one.model.terms[0].parameters[:2]
     return float(damping / (np.pi * frequency))
+
+
+def test_a_delay_that_the_robot_file_states_is_the_bases(make_run: Make) -> None:
+    """Ten cycles of a slow bus keep no other number of the base from being fitted."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), command_delay_s=10.0 * CYCLE_S)
+    stated = replace(load_robot("xs031"), command_delay_s=10.0 * CYCLE_S)
+    given = replace(simulated_run(truth, 18.0).recording(), robot=stated)
+    (source,) = sources_of([given])
+    work = residuals(stated, [source], [], [survey_source(source, stated)], DiagnosisSettings())
+    assert work is not None
+    model = work.base.model
+    assert model.delays_s == pytest.approx([10.0 * CYCLE_S] * 2, abs=1e-4)
+    found = [c.bulk_modulus_pa for c in model.robot.cylinders]
+    assert found == pytest.approx([c.bulk_modulus_pa for c in truth.cylinders], rel=0.02)

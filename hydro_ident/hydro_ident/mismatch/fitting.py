@@ -119,7 +119,7 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
 
 def _owned(training: Training, model: Model) -> Model:
     """A model in which what base and effect both say is the effect's."""
-    return handed_over(training.predictor, model, training.cycle_s)
+    return handed_over(training.predictor, model, training.own_delay_s)
 
 
 def settled(training: Training, current: Fitted) -> Fitted:

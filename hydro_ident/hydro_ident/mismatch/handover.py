@@ -1,12 +1,12 @@
 """What base and effect both say, said by the effect alone.
 
-A base has a delay per valve, of up to a cycle and what is no finding yet, and a skew per pressure.
-Where the model has the effect that is the same thing, the effect has what all valves have beyond
-one cycle, and what pressures are late: the quickest valve keeps one cycle, the others what they
-are later than that, and no skew is left. A single valve's delay leaves it what the others have. A
-fit has to begin there. From a base at the end of its range what one effect says of all valves fits
-worse than an own delay for each of them, so that no step towards it would be taken, and the effect
-would lack what the base has kept.
+A base has a delay per valve, of up to its own (a cycle, or what the robot file states beyond it)
+and what is no finding yet, and a skew per pressure. Where the model has the effect that is the
+same thing, the effect has what all valves have beyond the base's own delay, and what pressures are
+late: the quickest valve keeps that delay, the others what they are later than it, and no skew is
+left. A single valve's delay leaves it what the others have. A fit has to begin there. From a base
+at the end of its range what one effect says of all valves fits worse than an own delay for each of
+them, so that no step towards it would be taken, and the effect would lack what the base has kept.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from hydro_ident.mismatch.skew import PRESSURE_DELAY, is_listed
 from hydro_model.effects.targets import ActiveEffect
 
 
-def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
-    """A model whose delays beyond a cycle, and whose skews, are in their effects.
+def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model:
+    """A model whose delays beyond the base's own, and whose skews, are in their effects.
 
     Parameters
     ----------
     predictor : Predictor
     model : Model
-    cycle_s : float
-        The recordings' interval, s.
+    own_delay_s : float
+        Of the base: the recordings' interval, or what the robot file states beyond it, s.
 
     Returns
     -------
@@ -42,7 +42,7 @@ def handed_over(predictor: Predictor, model: Model, cycle_s: float) -> Model:
         if term.effect.name == DELAY and predictor.delay_columns:
             others = [i for i in predictor.delay_columns if i != term.cylinder]
             if term.cylinder is None or not others:
-                least_s, later = min(delays_s[i] for i in predictor.delay_columns), cycle_s
+                least_s, later = min(delays_s[i] for i in predictor.delay_columns), own_delay_s
             else:
                 # One valve is later than the others are.
                 least_s = delays_s[term.cylinder]

@@ -40,9 +40,6 @@ HELD = {
 }
 #: What a law turns around over: the one that is in use is fitted.
 WAYS = (BEND.name, VELOCITY_SCALE.name)
-#: Cycles of command delay that are the base's own: one, and what is no finding yet beyond it;
-#: exactly one where the effect of the same name is in the model.
-_CYCLES = 1.0 + LEAST_EXCESS
 #: A delay of less than this share of a cycle is none: a step to less is no step.
 _NO_DELAY = 0.05
 #: Steps of the delay below this change nothing that could be measured.
@@ -84,10 +81,10 @@ def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, .
 
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
-    """Delays of the valves after a step, of up to a cycle and what fits err by."""
-    result = list(model.delays_s)
+    """Delays of the valves after a step, of up to the base's own and what fits err by."""
+    result, longest = list(model.delays_s), longest_delay(training)
     for index, at in training.predictor.delay_columns.items():
-        fresh = min(max(result[index] + float(step[at]), 0.0), _CYCLES * training.cycle_s)
+        fresh = min(max(result[index] + float(step[at]), 0.0), longest)
         if abs(fresh - result[index]) >= _LEAST_DELAY_S:
             result[index] = fresh
     return tuple(result)
@@ -150,7 +147,7 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
 
     Delays and skews go no further than their range.
     """
-    longest, result = _CYCLES * training.cycle_s, dict[int, float]()
+    longest, result = longest_delay(training), dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
         now = model.delays_s[index]
         fresh = now + float(step[at])
@@ -188,10 +185,17 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     return held
 
 
+def longest_delay(training: Training) -> float:
+    """The base's own command delay, s, and what is no finding yet beyond it.
+
+    Exactly its own is left where the effect of the same name is in the model.
+    """
+    return training.own_delay_s + LEAST_EXCESS * training.cycle_s
+
+
 def at_longest_delay(training: Training, model: Model, index: int) -> bool:
     """Whether a cylinder's valve is as late as a base may make it."""
-    longest = _CYCLES * training.cycle_s - _LEAST_DELAY_S
-    return bool(model.delays_s[index] >= longest)
+    return bool(model.delays_s[index] >= longest_delay(training) - _LEAST_DELAY_S)
 
 
 def _is_quickest(training: Training, model: Model, index: int) -> bool:

@@ -32,7 +32,7 @@ class Training:
         Least noise of every channel.
     prior : Prior or None
     cycle_s : float
-        Sampling interval: the longest command delay that is the base's.
+        Sampling interval.
     block_s : float
         Length of the blocks whose signs are flipped.
     smooth : tuple of (n_k, m_k) array
@@ -67,6 +67,11 @@ class Training:
         )
         cycle_s = max(steps, default=0.002)
         return Training(predictor, mask, layout, floor, prior, cycle_s, block_of(layout), smooth)
+
+    @property
+    def own_delay_s(self) -> float:
+        """The command delay that is the base's: a cycle, or what the robot file states beyond."""
+        return max(self.cycle_s, self.predictor.material.robot.command_delay_s)
 
     def noise(self, residual: FloatArray) -> Noise:
         """Noise of a residual on the training rows: what no smooth function of the state tells.
