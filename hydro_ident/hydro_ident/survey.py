@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
-from hydro_ident.estimate.inertial import STILL_COUNTS, STILL_RANGE
+from hydro_ident.estimate.inertial import least_travel
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
 from hydro_ident.sources import Source
@@ -94,9 +94,8 @@ def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
 
 def still_joints_of(robot: Robot, signals: SignalSurvey) -> tuple[int, ...]:
     """Joints that do not move in any recording."""
-    least = max(STILL_RANGE, STILL_COUNTS * 2.0 * np.pi / robot.sensors.encoder_counts_per_rev)
     travel: FloatArray = signals.high - signals.low
-    return tuple(int(i) for i in np.flatnonzero(~(travel >= least)))
+    return tuple(int(i) for i in np.flatnonzero(~(travel >= least_travel(robot))))
 
 
 def still_positions(

@@ -46,6 +46,7 @@ __all__ = [
     "force_rows",
     "identifiable_parameters",
     "inertial_fit",
+    "least_travel",
     "measured_force",
     "parameter_bounds",
     "parameter_scales",
@@ -72,11 +73,22 @@ def still_joints(robot: Robot, traces: Sequence[Trace]) -> tuple[int, ...]:
     -------
     tuple of int
     """
-    count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-    least = max(STILL_RANGE, STILL_COUNTS * count)
     low = np.min([trace.q.min(axis=0) for trace in traces], axis=0)
     high = np.max([trace.q.max(axis=0) for trace in traces], axis=0)
-    return tuple(int(i) for i in np.flatnonzero(~(high - low >= least)))
+    return tuple(int(i) for i in np.flatnonzero(~(high - low >= least_travel(robot))))
+
+
+def least_travel(robot: Robot) -> FloatArray:
+    """Travel of each joint, rad or m, below which it stands still, (n,).
+
+    Parameters
+    ----------
+    robot : Robot
+        Of its slides, counts per revolution say nothing.
+    """
+    count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
+    turning = max(STILL_RANGE, STILL_COUNTS * count)
+    return np.array([STILL_RANGE if joint.prismatic else turning for joint in robot.joints])
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,8 +71,7 @@ def flow_noise(
     cylinder, i = chamber.cylinder, chamber.index
     span = max(1, round(windows.length_s / survey.step_s)) * survey.step_s
     area = cylinder.area_a_m2 if chamber.side == "a" else cylinder.area_b_m2
-    joint = survey.q[robot.joint_index(cylinder.joint)]
-    piston = survey.mean_arm(i) * joint.noise(_encoder_count(robot))
+    piston = survey.mean_arm(i) * encoder_noise(survey)[robot.joint_index(cylinder.joint)]
     sensor = (survey.p_a if chamber.side == "a" else survey.p_b)[i]
     pressure = sensor.noise(robot.sensors.pressure_resolution_pa)
     volume = survey.mean_volume(i, chamber.side)
@@ -87,12 +86,15 @@ def encoder_noise(survey: SignalSurvey) -> FloatArray:
     ----------
     survey : SignalSurvey
     """
-    count = _encoder_count(survey.robot)
-    return np.array([sensor.noise(count) for sensor in survey.q])
-
-
-def _encoder_count(robot: Robot) -> float:
-    return 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
+    count = 2.0 * math.pi / survey.robot.sensors.encoder_counts_per_rev
+    # Counts per revolution are no resolution of a slide: what was seen of it stands for it.
+    slides = [joint.prismatic for joint in survey.robot.joints]
+    return np.array(
+        [
+            sensor.noise(sensor.smallest_change if slide else count)
+            for sensor, slide in zip(survey.q, slides, strict=True)
+        ]
+    )
 
 
 def _gains(step_s: float, settings: FilterSettings) -> tuple[float, float]:

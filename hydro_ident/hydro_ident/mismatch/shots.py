@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.noise import encoder_noise
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.mismatch.material import Stretch
@@ -107,10 +107,9 @@ class Shots:
 
 def sensor_noise(robot: Robot, signals: SignalSurvey) -> FloatArray:
     """Noise of positions and pressures, (n + 2 m,), in the order of `Shots.errors`."""
-    count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
     fine = robot.sensors.pressure_resolution_pa
     pressures = [sensor.noise(fine) for sensor in (*signals.p_a, *signals.p_b)]
-    return np.array([*(sensor.noise(count) for sensor in signals.q), *pressures])
+    return np.array([*encoder_noise(signals), *pressures])
 
 
 def weights_of(errors: Sequence[FloatArray], noise: FloatArray) -> FloatArray:

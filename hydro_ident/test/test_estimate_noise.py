@@ -1,0 +1,48 @@
+"""What is known of the sensors' noise before anything is fitted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.noise import encoder_noise
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.traces import traces_of
+from hydro_ident.mismatch.shots import sensor_noise
+from hydro_ident.survey import still_joints_of
+from hydro_model.robot import Robot
+
+STEP_M = 1.0e-4
+
+
+def _telescope(robot: Robot, counts: int) -> Robot:
+    """The crane with a slide for its second joint, and encoders of so many counts."""
+    joints = (robot.joints[0], replace(robot.joints[1], prismatic=True))
+    return replace(
+        robot, joints=joints, sensors=replace(robot.sensors, encoder_counts_per_rev=counts)
+    )
+
+
+def _seen(robot: Robot, crane_run: Any) -> SignalSurvey:
+    """The run, its slide going 50 mm and read to a tenth of a millimetre."""
+    slide = np.linspace(0.0, 1.0, len(crane_run.q)) ** 2
+    q = np.stack([crane_run.q[:, 0], np.round(0.05 * slide / STEP_M) * STEP_M], axis=1)
+    return SignalSurvey.of(robot, traces_of([crane_run.recording(q=q)]))
+
+
+def test_counts_per_revolution_are_no_resolution_of_a_slide(robot: Robot, crane_run: Any) -> None:
+    """12 bits are 1.5 mrad of a turn; of a slide's metres they say nothing."""
+    coarse, fine = (_telescope(robot, counts) for counts in (4096, 1048576))
+    noise = [encoder_noise(_seen(one, crane_run)) for one in (coarse, fine)]
+    assert noise[0][0] == pytest.approx(2.0 * math.pi / 4096 / math.sqrt(12.0), rel=0.01)
+    assert noise[1][0] < 0.1 * noise[0][0]
+    assert noise[0][1] == noise[1][1]
+    assert noise[0][1] == pytest.approx(STEP_M / math.sqrt(12.0), rel=0.5)
+    for one, expected in zip((coarse, fine), noise, strict=True):
+        survey = _seen(one, crane_run)
+        assert sensor_noise(one, survey)[:2] == pytest.approx(expected)
+        assert still_joints_of(one, survey) == ()
