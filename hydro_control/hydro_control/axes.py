@@ -64,10 +64,11 @@ def axes_of(robot: Robot) -> tuple[Axis, ...]:
                 f" {SHORTEST_LEVER_M} m either way over the limits of joint '{joint.name}',"
                 f" found {np.min(arm):.4f} to {np.max(arm):.4f} m"
             )
-        if not joint.velocity_limit > 0.0:
+        if not 0.0 < joint.velocity_limit < np.inf:
+            # A URDF's 0 stands for none: nothing would brake the joint before its ends.
             raise ControlError(
-                f"joint '{joint.name}': expected a velocity limit above 0,"
-                f" found {joint.velocity_limit}"
+                f"joint '{joint.name}': expected a velocity limit above 0 in the URDF's <limit>,"
+                f" found {'none' if joint.velocity_limit > 0.0 else joint.velocity_limit}"
             )
         places = robot.cylinders.index(cylinder), robot.valves.index(valve)
         axes.append(Axis(joint, cylinder, valve, *places))

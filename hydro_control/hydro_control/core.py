@@ -94,7 +94,7 @@ class ControllerCore:
         self._watch = AppliedWatch()
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         if self.path is not None:
-            check_path(self.robot, self.path)
+            check_path(self.law.robot, self.path)
             refuse_fast(self.path, self.tip_speed_m_s)
         self._warm_up()
 
@@ -225,8 +225,8 @@ class ControllerCore:
         return sample.p_a - atmosphere, sample.p_b - atmosphere, p_s, p_t
 
     def _reference(self, sample: Sample) -> Reference:
-        """The reference at a sample; a pose that is not finite starts nothing."""
-        run, finite = self._run, math.isfinite(sum(sample.q.tolist()))
+        """The reference at a sample; one that is not finite starts nothing and is none seen."""
+        run, finite = self._run, _is_finite(sample)
         if run is None:
             if not finite:
                 still = np.zeros_like(sample.q)
@@ -250,7 +250,8 @@ class ControllerCore:
 
     def _first(self, sample: Sample) -> ReferenceRun:
         """Capture the pose, and start the path from it."""
-        run = ReferenceRun.begin(self.robot, sample, self.tip_speed_m_s)
+        # What a listed load or tilt asks of the cylinders counts for what they can hold.
+        run = ReferenceRun.begin(self.law.robot, sample, self.tip_speed_m_s)
         self._play_path(run)
         return run
 
@@ -344,3 +345,10 @@ class ControllerCore:
         self.counts.refused += 1
         self.message = f"trajectory refused: {why}"
         return ControlError(self.message)
+
+
+def _is_finite(sample: Sample) -> bool:
+    """Whether a sample's readings are numbers: others are answered by 0 V."""
+    rails = (0.0 if rail is None else rail for rail in (sample.p_s, sample.p_t))
+    read = (*sample.q.tolist(), *sample.p_a.tolist(), *sample.p_b.tolist(), *rails)
+    return math.isfinite(sum(read))

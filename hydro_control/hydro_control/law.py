@@ -91,10 +91,10 @@ class ControlLaw:
     ) -> None:
         self.plan = plan(robot)
         robot = self.robot = self.plan.robot
+        self._axes = axes_of(robot)
         self.limits = limits_of(robot, tip_speed_m_s)
         self.gains = gains
         self.dt_s = 1.0 / robot.sensors.rate_hz if dt_s is None else dt_s
-        self._axes = axes_of(robot)
         self.compensation = self._compensation()
         self.adaptation = (
             Adaptation(robot, adaptation, self.dt_s, self.plan.active)

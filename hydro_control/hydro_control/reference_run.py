@@ -18,6 +18,8 @@ from hydro_model.robot import FloatArray, Robot
 #: machines to begin together. More is a stamp of another clock, or of one that was put forward:
 #: the arm would begin by itself when everybody has forgotten.
 MOST_AHEAD_S = 10.0
+#: Longest trajectory, and its most points: nobody is heard while it is checked.
+LONGEST_S, MOST_POINTS = 600.0, 5000
 
 _SECOND_NS = 1_000_000_000
 
@@ -156,6 +158,12 @@ class ReferenceRun:
         if self.following:
             raise ControlError("the valves do not get the commands")
         wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
+        if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
+            raise ControlError(
+                f"expected at most {MOST_POINTS} points over {LONGEST_S:g} s, found"
+                f" {len(waypoints)} over {waypoints[-1].time_s:g} s: send it in parts, or give it"
+                " as the controller's path"
+            )
         if wait_s < 0.0:
             raise ControlError(f"it should start now or later, found {-wait_s:.3f} s ago")
         if wait_s > MOST_AHEAD_S:

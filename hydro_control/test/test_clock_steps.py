@@ -37,7 +37,8 @@ class Loop:
 
     def __init__(self, path: JointPath | None = None, delay_s: float = 0.0) -> None:
         self.core = ControllerCore(ROBOT, Gains(), path, delay_s)
-        self.q = POSE
+        self.q, self.p_a = POSE, np.full(2, 8e6)
+        self.p_s: float | None = None
         self.begin(NOW_NS)
 
     def begin(self, ros_ns: int) -> None:
@@ -60,9 +61,9 @@ class Loop:
         """Samples on; the last answer."""
         answer = None
         for _ in range(cycles):
-            half = np.full(2, 8e6)
             stamp = self.clock.stamp_ns(self.clock.extend(self.counter))
-            answer = self.core.answer(Sample(stamp, self.q, half, half, None, None))
+            p_b = np.full(2, 8e6)
+            answer = self.core.answer(Sample(stamp, self.q, self.p_a, p_b, self.p_s, None))
             self.counter += 1
         return answer
 
@@ -103,6 +104,19 @@ def test_a_start_too_far_ahead_is_refused(space: str) -> None:
     assert loop.core.moving
 
 
+@pytest.mark.parametrize(("count", "last_s"), [(2, 600.1), (5001, 30.0)])
+def test_a_trajectory_too_long_to_be_checked_soon_is_refused(count: int, last_s: float) -> None:
+    """Nobody is heard meanwhile; who gave milliseconds for seconds would wait for minutes."""
+    loop = Loop()
+    loop.run()
+    times = np.linspace(0.0, last_s, count + 1)[1:]
+    points = [Waypoint(t, np.array([0.62]), EMPTY, EMPTY) for t in times.tolist()]
+    expected = f"at most 5000 points over 600 s, found {count} over {last_s:g} s"
+    with pytest.raises(ControlError, match=f"trajectory refused: .*{expected}"):
+        loop.core.request_trajectory("joint", ["lift"], points)
+    assert loop.stands(POSE, 10)
+
+
 @pytest.mark.parametrize("away_ns", [60_000_000, 5 * SECOND_NS, HOUR_NS])
 @pytest.mark.parametrize("played", ["waits", "runs", "is asked for"])
 def test_a_machine_that_begins_anew_carries_no_motion_on(played: str, away_ns: int) -> None:
@@ -135,17 +149,19 @@ def test_a_hold_is_held_where_the_robot_is_after_a_gap() -> None:
     assert loop.core.message == said
 
 
-@pytest.mark.parametrize("usable", [True, False])
-def test_a_motion_goes_on_over_a_short_gap_and_over_no_longer_one(usable: bool) -> None:
+@pytest.mark.parametrize("lost", ["", "q", "p_a", "p_s"])
+def test_a_motion_goes_on_over_a_short_gap_and_over_no_longer_one(lost: str) -> None:
+    """Whatever is lost: at 0 V for as long the arm is no longer where the motion is."""
     for cycles, goes_on in ((GAP, True), (GAP + 1, False)):
         loop = Loop(PATH)
         loop.run(300)
-        if usable:
-            loop.counter += cycles - 1
-        else:
-            loop.q = np.array([np.nan, -1.5])
+        if lost:
+            before = getattr(loop, lost)
+            setattr(loop, lost, np.nan if lost == "p_s" else np.array([np.nan, before[1]]))
             loop.run(cycles - 1)
-            loop.q = POSE
+            setattr(loop, lost, before)
+        else:
+            loop.counter += cycles - 1
         assert np.any(loop.reference()[1]) == goes_on
         assert loop.core.moving == goes_on
 

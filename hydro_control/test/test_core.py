@@ -18,7 +18,7 @@ from hydro_model.paths import JointPath, TipPath, load_path
 from hydro_model.paths_check import joints_at_tip
 from hydro_model.paths_segments import Quintic
 from hydro_model.rigid_body import forward_dynamics, inverse_dynamics
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import edge_flows
 
@@ -261,3 +261,21 @@ def test_a_wrong_model_is_followed_worse_but_stably() -> None:
     assert 1e-4 < errors.max() < 0.05
     # It comes to rest, off by what the wrong weight leaves.
     assert np.ptp(errors[-100:]) < 5e-5
+
+
+def test_what_a_listed_load_makes_too_heavy_is_refused() -> None:
+    """The feed-forward knows the load; where no pressure can hold it the arm would sink."""
+    path = JointPath((Quintic.at_rest([-1.5], [-0.9], 6.0),), joints=("tilt",))
+    loaded = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 500.0}),))
+    ControllerCore(ROBOT, Gains(), path)
+    with pytest.raises(RobotError, match="'lift_cylinder' would have to hold"):
+        ControllerCore(loaded, Gains(), path)
+    there = [Waypoint(6.0, np.array([-0.9]), EMPTY, EMPTY)]
+    for robot, accepted in ((ROBOT, True), (loaded, False)):
+        core = ControllerCore(robot, Gains())
+        answered(core, 0)
+        if accepted:
+            core.request_trajectory("joint", ["tilt"], there)
+            continue
+        with pytest.raises(ControlError, match="'lift_cylinder' would have to hold"):
+            core.request_trajectory("joint", ["tilt"], there)

@@ -308,9 +308,10 @@ def test_a_robot_that_cannot_be_controlled_is_refused() -> None:
     wide = replace(ROBOT.joints[0], lower=-3.0)
     with pytest.raises(ControlError, match="lever arm"):
         ControlLaw(replace(ROBOT, joints=(wide, ROBOT.joints[1])), Gains())
-    stuck = replace(ROBOT.joints[0], velocity_limit=0.0)
-    with pytest.raises(ControlError, match="velocity limit above 0"):
-        ControlLaw(replace(ROBOT, joints=(stuck, ROBOT.joints[1])), Gains())
+    for limit, found in ((0.0, "0.0"), (np.inf, "none"), (np.nan, "nan")):
+        endless = replace(ROBOT.joints[0], velocity_limit=limit)
+        with pytest.raises(ControlError, match=f"velocity limit above 0 .* found {found}"):
+            ControlLaw(replace(ROBOT, joints=(endless, ROBOT.joints[1])), Gains())
 
 
 @pytest.mark.parametrize("name", [f.name for f in fields(Gains)])

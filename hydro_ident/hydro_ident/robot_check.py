@@ -241,7 +241,7 @@ def _joints(robot: Robot) -> Iterator[Remark]:
         absent = [
             key
             for key, value in (("velocity", joint.velocity_limit), ("effort", joint.effort_limit))
-            if not value > 0.0
+            if not 0.0 < value < np.inf
         ]
         if absent:
             text = f"the URDF's <limit> has no {' and no '.join(absent)}: `excite` needs both"
