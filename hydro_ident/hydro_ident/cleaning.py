@@ -23,6 +23,9 @@ from hydro_model.robot import FloatArray, Robot
 #: A dropout holds still for this many samples, and leaps by this many deviations to either side.
 _FROZEN, _LONGEST = 3, 250
 _LEAP_SIGMAS = 40.0
+#: Dropouts are rare. More than these and this share of a stretch are how the sensor reads: held
+#: from reading to reading, or coarse.
+_FEW, _MOST = 3, 0.02
 #: Readings of the whole machine, without which no edge's flow is known.
 _RAILS = ("supply", "tank")
 
@@ -171,6 +174,8 @@ def _clean_run(
 ) -> tuple[FloatArray, BoolArray]:
     """One stretch without gaps."""
     dropped = _dropouts(values, noise)
+    if dropped is None:
+        return values, np.zeros(values.size, dtype=bool)
     index = np.arange(values.size)
     filled = np.interp(index, index[~dropped], values[~dropped])
     spikes = (spike_sizes(filled, lone) > SPIKE_SIGMAS * noise + floor) & ~dropped
@@ -181,11 +186,14 @@ def _clean_run(
     return np.where(dropped, np.nan, cleaned), dropped | spikes
 
 
-def _dropouts(values: FloatArray, noise: float) -> BoolArray:
-    """Readings that leap to a value, stand still on it and leap back."""
+def _dropouts(values: FloatArray, noise: float) -> BoolArray | None:
+    """Readings that leap to a value, stand still on it and leap back.
+
+    None where that is how the sensor reads: the edges of its steps are no spikes either.
+    """
     step = np.diff(values)
     leap = np.abs(step) > _LEAP_SIGMAS * noise
-    dropped = np.zeros(values.size, dtype=bool)
+    dropped, count = np.zeros(values.size, dtype=bool), 0
     for begin, end in runs(step == 0.0):
         if not _FROZEN <= end - begin + 1 <= _LONGEST:
             continue
@@ -193,4 +201,7 @@ def _dropouts(values: FloatArray, noise: float) -> BoolArray:
         right = end < step.size and leap[end]
         if left and right:
             dropped[begin : end + 1] = True
+            count += 1
+    if count > _FEW and dropped.mean() > _MOST:
+        return None
     return dropped

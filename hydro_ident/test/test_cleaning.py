@@ -162,3 +162,15 @@ def test_a_sensor_at_rest_is_no_dropout() -> None:
     ramp = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 500))
     held = np.concatenate([np.zeros(500), ramp, np.ones(500)])
     assert not without_outliers(held, 1e-4)[1].any()
+
+
+def test_readings_that_are_held_are_no_dropouts() -> None:
+    wave = np.sin(np.linspace(0.0, 200.0, 60_000))
+    held = np.repeat(wave[::10], 10)
+    cleaned, bad = without_outliers(held, 1e-6)
+    assert not bad.any()
+    np.testing.assert_array_equal(cleaned, held)
+    # A lone one is found in a short stretch, too.
+    spoilt = wave[:500].copy()
+    spoilt[200:220] = 5.0
+    assert np.flatnonzero(without_outliers(spoilt, 1e-3)[1]).tolist() == [*range(200, 220)]

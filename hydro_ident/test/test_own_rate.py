@@ -10,6 +10,7 @@ import pytest
 
 from hydro_ident.bag.own_rate import samples_per_reading
 from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
 from hydro_ident.health import find_irregularities
@@ -72,6 +73,51 @@ def test_one_sensor_at_its_full_rate_is_enough() -> None:
     p_a = read.p_a.copy()
     p_a[:, 0] += 4e3 * np.random.default_rng(1).standard_normal(len(read))
     assert samples_per_reading(replace(read, p_a=p_a)) == 1
+
+
+def held(read: Recording, every: int, slips: bool = False) -> Recording:
+    """As a bus delivers it that is slower than the log: each reading until the next one."""
+    count = len(read)
+    steps = np.full(count, every)
+    if slips:
+        steps += np.random.default_rng(3).integers(-1, 2, count)
+    taken = np.concatenate([[0], np.cumsum(steps)])
+    at = taken[np.searchsorted(taken, np.arange(count), side="right") - 1]
+    return map_columns(read, lambda v: v if v.dtype == np.int64 else v[at])
+
+
+@pytest.mark.parametrize("slips", [False, True])
+def test_readings_that_are_held_are_thinned_and_said(slips: bool) -> None:
+    read = held(recording(1e-5), 10, slips)
+    assert samples_per_reading(read) == 10
+    piece = next(MemorySource(read).pieces())
+    assert len(piece.recording) == pytest.approx(len(read) / 10, abs=1)
+    [note] = piece.recording.notes
+    assert "stand still over 10 samples at a time: about 100 readings per second" in note
+    assert [f.text for f in find_irregularities(read)] == [note.split("; one sample")[0]]
+
+
+def test_coarse_readings_that_are_held_are_thinned() -> None:
+    assert samples_per_reading(held(recording(0.0, 1, 1e-3), 10)) == 10
+
+
+@pytest.mark.parametrize("quantum", [3e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_coarse_encoder_alone_is_not_taken_for_one_that_is_held(
+    noise: float, quantum: float
+) -> None:
+    """It repeats itself as long as its joint takes for a count: now three samples, now forty."""
+    read = recording(noise, 1, quantum)
+    assert samples_per_reading(replace(read, p_a=None, p_b=None)) == 1
+    # Even at a constant speed: it never passes over a count.
+    ramp = 2e-4 * np.arange(len(read))[:, None] * np.ones(2)
+    even = quantum * np.floor(ramp / quantum + 1e-9)
+    assert samples_per_reading(replace(read, q=even, p_a=None, p_b=None)) == 1
+
+
+def test_held_pressures_beside_quick_positions_are_not_thinned() -> None:
+    quick, slow = recording(1e-5), held(recording(1e-5), 10)
+    assert samples_per_reading(replace(slow, q=quick.q)) == 1
 
 
 def choices(read: Recording) -> Choices:

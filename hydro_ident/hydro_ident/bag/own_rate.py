@@ -1,12 +1,13 @@
-"""Recordings that were interpolated to more samples than were taken, brought back to their rate.
+"""Recordings with more samples than were taken, brought back to their own rate.
 
-Between two samples that were taken an interpolated signal runs straight. Such samples carry no
-information, sensors' noise looks far smaller in them than it is, and every count of them is wrong.
+Between two samples that were taken an interpolated signal runs straight, one that is held (by a
+bus slower than the log) stands still. Such samples carry no information, sensors' noise looks far
+smaller in them than it is, and every count of them is wrong.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,12 @@ _FEWEST, _LONGEST_S = 3, 0.5
 _COVERED = 0.5
 #: Fewest samples to judge.
 _SHORTEST = 200
+#: Share of the changes of a sensor message that come on the beat of its readings. Two clocks slip
+#: by a sample now and then: beside a beat of fewer than `_SLIPPING` samples that would be chance.
+_ON_BEAT, _SLIPPING = 0.9, 5
+#: A coarse encoder passes its counts one by one. Readings that are held pass over some: this share
+#: of the changes is of more than so many of the smallest.
+_PASSING, _COUNTS = 0.1, 1.5
 
 
 def samples_per_reading(recording: Recording) -> int:
@@ -38,13 +45,53 @@ def samples_per_reading(recording: Recording) -> int:
     -------
     int
         Of the sensor that was read most often; 1 unless all sensors' signals that change at all
-        were interpolated. Fewer than four samples per reading are not seen.
+        were interpolated or held. Of interpolated ones fewer than four samples per reading are
+        not seen.
     """
-    sensors = (recording.q, recording.stroke, recording.effort, recording.p_a, recording.p_b)
-    columns = [c for values in sensors if values is not None for c in values.T]
-    known = [column[np.isfinite(column)] for column in columns]
-    spacings = [_spacing(c, recording.period_s) for c in known if c.size and np.ptp(c) > 0.0]
+    joints = _columns(recording.q, recording.stroke, recording.effort)
+    pressures = _columns(recording.p_a, recording.p_b)
+    spacings = []
+    for message in (joints, pressures):
+        beat = _beat(message, recording.period_s)
+        known = [column[np.isfinite(column)] for column in message]
+        spacings += [max(_spacing(c, recording.period_s), beat) for c in known]
     return int(min(spacings, default=1.0))
+
+
+def _columns(*sensors: FloatArray | None) -> list[FloatArray]:
+    """Signals that change at all."""
+    columns = [c for values in sensors if values is not None for c in values.T]
+    return [c for c in columns if np.isfinite(c).any() and np.nanmin(c) < np.nanmax(c)]
+
+
+def _beat(message: Sequence[FloatArray], period_s: float) -> float:
+    """Samples from one change of a message's readings to the next; 1 where they have no beat.
+
+    All readings of a message change together and by what their signals moved, a coarse encoder's
+    whenever its joint is a count further.
+    """
+    if not message or message[0].size < _SHORTEST:
+        return 1.0
+    # A reading that is missing counts as a change: no cycle may be left out for it.
+    steps = np.diff(np.stack(message), axis=1)
+    at = np.flatnonzero((steps != 0.0).any(axis=0))
+    apart = np.diff(at)
+    # Readings of a machine at rest repeat themselves.
+    apart = apart[apart <= _LONGEST_S / period_s]
+    if apart.size < 2 or apart.sum() < _COVERED * steps.shape[1]:
+        return 1.0
+    beat = float(np.round(np.median(apart)))
+    off = np.abs(apart - beat * np.maximum(np.round(apart / beat), 1.0))
+    slip = 1.0 if beat >= _SLIPPING else 0.0
+    if beat < 2.0 or np.mean(off <= slip) < _ON_BEAT:
+        return 1.0
+    return beat if any(_passes_over(step) for step in np.abs(steps)) else 1.0
+
+
+def _passes_over(sizes: FloatArray) -> bool:
+    """Whether a signal often changes by more than its resolution at once."""
+    changed = sizes[sizes > 0.0]
+    return changed.size > 0 and float(np.mean(changed > _COUNTS * changed.min())) > _PASSING
 
 
 def _spacing(values: FloatArray, period_s: float) -> float:
@@ -64,31 +111,38 @@ def _spacing(values: FloatArray, period_s: float) -> float:
 
 
 def interpolation_text(recording: Recording, every: int) -> str:
-    """In words, how far a recording was interpolated."""
+    """In words, how far a recording was interpolated, or its readings were held."""
     rate = 1.0 / recording.period_s
+    columns = _columns(recording.q, recording.stroke, recording.effort)
+    columns += _columns(recording.p_a, recording.p_b)
+    # What is interpolated changes in every sample, what is held in one of many.
+    still = all(np.mean(np.diff(column) != 0.0) < _COVERED for column in columns)
+    runs_how, how = ("stand still", "held") if still else ("run straight", "interpolated")
     return (
-        f"its signals run straight over {every} samples at a time: about {rate / every:.3g}"
-        f" readings per second, interpolated to {rate:.4g} Hz"
+        f"its signals {runs_how} over {every} samples at a time: about {rate / every:.3g}"
+        f" readings per second, {how} to {rate:.4g} Hz"
     )
 
 
 def at_own_rate(pieces: Iterable[Piece]) -> Iterator[Piece]:
-    """Pieces of a recording, of an interpolated one with about one sample per reading.
+    """Pieces of a recording, of an interpolated or held one with about one sample per reading.
 
     The first piece tells. A note says what was left out.
     """
-    every = 0
+    every, text = 0, ""
     for piece in pieces:
-        every = every or samples_per_reading(piece.recording)
-        yield piece if every == 1 else _thinned(piece, every)
+        if not every:
+            every = samples_per_reading(piece.recording)
+            text = interpolation_text(piece.recording, every)
+        yield piece if every == 1 else _thinned(piece, every, text)
 
 
-def _thinned(piece: Piece, every: int) -> Piece:
+def _thinned(piece: Piece, every: int, text: str) -> Piece:
     recording = piece.recording
     since = (recording.stamp_ns - piece.start_ns) * 1e-9 / recording.period_s
     kept: BoolArray = np.asarray(np.round(since).astype(np.int64) % every == 0)
     thin = map_columns(recording, lambda values: values[kept])
-    note = f"{interpolation_text(recording, every)}; one sample in {every} is used"
+    note = f"{text}; one sample in {every} is used"
     thin = replace(thin, period_s=recording.period_s * every, notes=(*recording.notes, note))
     begin, end = (int(kept[:at].sum()) for at in (piece.core.start, piece.core.stop))
     return Piece(thin, slice(begin, end), piece.start_ns)
