@@ -272,6 +272,57 @@ def test_stretches() -> None:
     assert runs(np.zeros(3, dtype=np.bool_)) == []
 
 
+def jittered(kept: np.ndarray, sigma_ns: float, seed: int) -> np.ndarray:
+    """Stamps of some cycles, each late or early by chance, in order."""
+    late = sigma_ns * np.random.default_rng(seed).normal(size=len(kept))
+    return np.sort(START_NS + PERIOD_NS * kept + np.round(late).astype(np.int64))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("sigma_ns", [2e5, 4e5])
+def test_stamps_that_jitter_are_no_gaps(sigma_ns: float, seed: int) -> None:
+    stamps = jittered(np.arange(30_000), sigma_ns, seed)
+    period_s = float(np.median(np.diff(stamps))) * 1e-9
+    assert contiguous(stamps, period_s) == (slice(0, 30_000),)
+    assert find_gaps(stamps, period_s) == ()
+
+
+@pytest.mark.parametrize("sigma_ns", [0.0, 2e5, 3e5])
+def test_missing_cycles_are_found_among_stamps_that_jitter(sigma_ns: float) -> None:
+    gone = {1: 1, 700: 1, 712: 1, 1500: 3, 2000: 40, 2998: 1}
+    lost = np.concatenate([np.arange(at, at + n) for at, n in gone.items()])
+    kept = np.setdiff1d(np.arange(3000), lost)
+    for seed in range(5):
+        stamps = jittered(kept, sigma_ns, seed)
+        found = find_gaps(stamps, 0.002)
+        assert [g.missing for g in found] == list(gone.values())
+        cuts = np.searchsorted(kept, list(gone))
+        # A neighbour may be as wide as the interval of a lone cycle that is missing.
+        edges = np.array([part.stop for part in contiguous(stamps, 0.002)][:-1])
+        assert np.abs(edges - cuts).max() <= (1 if sigma_ns else 0)
+
+
+def test_a_late_stamp_and_those_queued_behind_it_are_no_gap() -> None:
+    stamps = START_NS + PERIOD_NS * np.arange(400)
+    stamps[200:204] = stamps[203] + 1000 * np.arange(4)
+    assert contiguous(stamps, 0.002) == (slice(0, 400),)
+
+
+def test_gaps_of_a_log_whose_times_were_rounded() -> None:
+    """64 Hz in whole milliseconds: intervals of 15 and 16 ms, whose median is 2 % too long."""
+    kept = np.setdiff1d(np.arange(2000), [500, 1000, 1001])
+    stamps = np.round(kept * 1e3 / 64.0).astype(np.int64) * 1_000_000
+    assert [g.missing for g in find_gaps(stamps, 0.016)] == [1, 2]
+
+
+def test_gaps_close_to_one_another_are_told_apart() -> None:
+    kept = np.array([*range(10), 12, 15, 16, 18, *range(20, 40), *range(90, 200, 1)])
+    stamps = START_NS + PERIOD_NS * kept
+    wide = np.flatnonzero(np.diff(kept) > 1)
+    assert [g.missing for g in find_gaps(stamps, 0.002)] == (np.diff(kept)[wide] - 1).tolist()
+    assert [part.start for part in contiguous(stamps, 0.002)[1:]] == (wide + 1).tolist()
+
+
 def test_a_robot_with_a_model_file_reads_alike(write_bag, run_columns) -> None:
     path = write_bag(run_columns(10))
     robot = load_robot("xs031")

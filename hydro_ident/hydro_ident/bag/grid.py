@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.series import Series
 
-#: An interval of more than this many periods is a gap.
-_GAP_PERIODS = 1.5
+#: Behind a gap stamps are late, and stay late, by more than this many periods; those that follow
+#: a late stamp make up for it. No shorter interval can hold a gap, even if both its ends jitter.
+_LATE, _WIDE = 0.5, 1.25
+#: Stamps to either side whose median says how late they are. With jitter of a fifth of a period
+#: the two medians differ by half a period once in a million times.
+_AROUND = 25
 #: A command this far from 0 V asks for motion; the applied voltage may follow it this many
 #: cycles later. A shorter disagreement is delay, not a latch.
 _COMMANDED_V = 1e-3
@@ -163,12 +167,45 @@ def find_gaps(stamp_ns: IntArray, period_s: float) -> tuple[Gap, ...]:
     -------
     tuple of Gap
     """
-    step = np.diff(stamp_ns)
-    wide = np.flatnonzero(step > _GAP_PERIODS * period_s * 1e9)
     return tuple(
-        Gap(int(stamp_ns[i]), int(stamp_ns[i + 1]), round(step[i] * 1e-9 / period_s) - 1)
-        for i in wide
+        Gap(int(stamp_ns[i]), int(stamp_ns[i + 1]), max(1, round(late)))
+        for i, late in _late_from(stamp_ns, period_s)
     )
+
+
+def _late_from(stamp_ns: IntArray, period_s: float) -> list[tuple[int, float]]:
+    """Last stamps before gaps, and by how many periods all behind each is late."""
+    step = np.diff(stamp_ns) / (period_s * 1e9)
+    wide = np.flatnonzero(step > _WIDE)
+    if not wide.size:
+        return []
+    # A period that is a little off would add up over the stamps that are looked at.
+    usual = step[np.abs(step - 1.0) <= _LATE]
+    each = float(usual.mean()) if usual.size else 1.0
+    late = (stamp_ns - stamp_ns[0]) / (period_s * 1e9) - each * np.arange(len(stamp_ns))
+    ahead = np.arange(1, _AROUND + 1)
+    before = _medians(late, wide[:, None] + 1 - ahead)
+    shift = _medians(late, wide[:, None] + ahead) - before
+    wide = wide[shift > _LATE]
+    gaps = []
+    for i, following in pairwise([*wide.tolist(), len(late)]):
+        first = max(0, i + 1 - _AROUND)
+        before_it = float(np.median(late[first : i + 1]))
+        # The next gap makes what is behind it later still, jitter a few stamps before it.
+        behind = late[i + 1 : i + 1 + _AROUND]
+        near = float(np.median(behind[: following - i]))
+        by = min(near, float(np.median(behind))) - before_it
+        if by > _LATE:
+            late[first : i + 1] += by
+            gaps.append((i, by))
+    return gaps
+
+
+def _medians(values: FloatArray, at: IntArray) -> FloatArray:
+    """Medians of the values at each row of places, as far as these are within the array."""
+    inside = (at >= 0) & (at < len(values))
+    there = np.where(inside, values[np.clip(at, 0, len(values) - 1)], np.nan)
+    return np.asarray(np.nanmedian(there, axis=1))
 
 
 def contiguous(stamp_ns: IntArray, period_s: float) -> tuple[slice, ...]:
@@ -183,8 +220,7 @@ def contiguous(stamp_ns: IntArray, period_s: float) -> tuple[slice, ...]:
     -------
     tuple of slice
     """
-    wide = np.flatnonzero(np.diff(stamp_ns) > _GAP_PERIODS * period_s * 1e9) + 1
-    edges = [0, *(int(i) for i in wide), len(stamp_ns)]
+    edges = [0, *(i + 1 for i, _ in _late_from(stamp_ns, period_s)), len(stamp_ns)]
     return tuple(slice(a, b) for a, b in pairwise(edges) if b > a)
 
 

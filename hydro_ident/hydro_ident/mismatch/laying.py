@@ -137,7 +137,7 @@ def _starts(trace: Trace, chamber: Chamber, windows: WindowSettings) -> IndexArr
     known: BoolArray = np.asarray(np.isfinite(np.stack(signals)).all(axis=0))
     steps = np.where(known[1:] & known[:-1], 0.0, np.nan)[:, None]
     rows = window_rows(steps, trace, trace.valve_signal[:, i], windows)
-    return np.searchsorted(trace.time_s, rows.time_s - 0.25 * trace.step_s).astype(np.intp)
+    return np.searchsorted(trace.time_s, rows.time_s).astype(np.intp)
 
 
 def _force_known(forces: ForceModel, stretch: Stretch) -> list[bool]:
