@@ -133,7 +133,9 @@ def _pressures(recording: Recording) -> list[Finding]:
     findings = []
     atmosphere_pa = recording.robot.atmospheric_pressure_pa
     full_pa = recording.robot.sensors.pressure_range_pa
-    for name, p in pressure_columns(recording).items():
+    # Dead transducers' columns are NaN; what they read says why.
+    dead = {k: np.full(len(recording), v) for k, v in recording.dead.items() if "/" in k}
+    for name, p in (pressure_columns(recording) | dead).items():
         findings += _not_finite(name, p)
         findings += _stuck(recording, name, p)
         full = float(np.mean(p >= _FULL_SHARE * full_pa))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
+from hydro_ident.bag.rails import LONGEST_S, silence_s
 from hydro_model.robot import Cylinder, Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
@@ -19,12 +22,15 @@ class Loss:
     ----------
     channel : str
         `<joint>/force`, `<joint>/flow_a`, `<joint>/flow_b`, `<joint>/torque`; `supply` or
-        `tank` where the robot file's constant stands in.
+        `tank` where the robot file's constant stands in or that was not read for long.
     reason : str
+    stands : bool
+        Of a bag that is read piece by piece: said although other pieces give the channel.
     """
 
     channel: str
     reason: str
+    stands: bool = False
 
 
 def _missing(values: FloatArray | None, column: int) -> bool:
@@ -64,6 +70,8 @@ def find_losses(
     sources: tuple[FloatArray | None, FloatArray | None],
     valve_v: FloatArray | None,
     valve_source: str,
+    period_s: float,
+    dead: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Loss, ...]:
     """Every channel lost, with its reason.
 
@@ -80,6 +88,9 @@ def find_losses(
     valve_v : (N, m) array or None
     valve_source : str
         Topic of `valve_v`.
+    period_s : float
+    dead : mapping of str to float
+        As of `Recording`.
 
     Returns
     -------
@@ -92,27 +103,57 @@ def find_losses(
         joint = cylinder.joint
         position = _position_reason(robot, cylinder, i, blind, stroke)
         valve = _valve_reason(robot, cylinder, valve_v, valve_source)
-        dry = [_chamber_reason(cylinder, side, chambers, i) for side in (0, 1)]
+        dry = [_chamber_reason(robot, i, side, chambers, dead) for side in (0, 1)]
         reasons = {
             f"{joint}/force": [*dict.fromkeys(r for r in dry if r), *_angles_reason(blind)],
             f"{joint}/flow_a": [r for r in (dry[0], position, valve) if r],
             f"{joint}/flow_b": [r for r in (dry[1], position, valve) if r],
         }
-        losses += [Loss(channel, "; ".join(why)) for channel, why in reasons.items() if why]
-    driven = {c.joint for c in robot.cylinders} if hydraulic or effort is None else set()
+        stands = any(f"{cylinder.name}/{side}" in dead for side in "ab")
+        losses += [Loss(c, "; ".join(why), stands) for c, why in reasons.items() if why]
+    losses += _torque_losses(robot, effort, hydraulic, blind, dead)
+    return (*losses, *(_rail_losses(robot, sources, period_s) if hydraulic else ()))
+
+
+def _torque_losses(
+    robot: Robot,
+    effort: FloatArray | None,
+    hydraulic: bool,
+    blind: list[str],
+    dead: Mapping[str, float],
+) -> list[Loss]:
+    """Torques of joints whose force no pressure gives."""
+    losses = []
+    torques = effort is not None or any(name.endswith(" effort") for name in dead)
+    driven = {c.joint for c in robot.cylinders} if hydraulic or not torques else set()
     for i, joint in enumerate(robot.joint_names):
         if joint in driven:
             continue
+        reading = dead.get(f"{joint} effort") if _missing(effort, i) else None
         why = [f"no effort of {joint} in {JOINT_STATES}"] if _missing(effort, i) else []
+        if reading is not None:
+            why = [f"effort of {joint} reads {reading:g} throughout while {joint} moves"]
         why += _angles_reason(blind)
         if why:
-            losses.append(Loss(f"{joint}/torque", "; ".join(why)))
+            losses.append(Loss(f"{joint}/torque", "; ".join(why), stands=reading is not None))
+    return losses
+
+
+def _rail_losses(
+    robot: Robot, sources: tuple[FloatArray | None, FloatArray | None], period_s: float
+) -> Iterator[Loss]:
+    """Rails that were not recorded, or not read for so long that nobody knows what they did."""
     constants = (robot.supply_pressure_pa, robot.tank_pressure_pa)
     for name, values, constant in zip(("supply", "tank"), sources, constants, strict=True):
-        if values is None and hydraulic:
+        if values is None:
             text = f"not in {CHAMBER_PRESSURES}: the robot file's {constant / 1e5:g} bar used"
-            losses.append(Loss(name, text))
-    return tuple(losses)
+            yield Loss(name, text, stands=True)
+            continue
+        silent_s = float(silence_s(values, period_s).max(initial=0.0))
+        if silent_s > LONGEST_S:
+            how = f"for {silent_s:.1f} s at a time" if np.isfinite(silent_s) else "for a while"
+            text = f"not in {CHAMBER_PRESSURES} {how}: flows are left out there"
+            yield Loss(name, text, stands=True)
 
 
 def _angles_reason(blind: list[str]) -> list[str]:
@@ -129,8 +170,18 @@ def _position_reason(
 
 
 def _chamber_reason(
-    cylinder: Cylinder, side: int, chambers: tuple[FloatArray | None, FloatArray | None], i: int
+    robot: Robot,
+    i: int,
+    side: int,
+    chambers: tuple[FloatArray | None, FloatArray | None],
+    dead: Mapping[str, float],
 ) -> str:
+    cylinder = robot.cylinders[i]
+    reading = dead.get(f"{cylinder.name}/{'ab'[side]}")
+    if reading is not None and _missing(chambers[side], i):
+        bar = (reading + robot.atmospheric_pressure_pa) / 1e5
+        name = f"{cylinder.name}/{'ab'[side]}"
+        return f"{name} reads {bar:g} bar throughout while {cylinder.joint} moves"
     if all(p is None for p in chambers):
         return f"no {CHAMBER_PRESSURES}"
     if _missing(chambers[side], i):

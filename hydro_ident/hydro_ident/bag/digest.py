@@ -59,14 +59,18 @@ class Digest:
             self._thin()
 
     def recording(self) -> Recording:
-        """The thinned recording, with what is lost in every piece of it."""
-        lost = [
-            loss
+        """The thinned recording, with what is lost in every piece of it or stands for it."""
+        lost = {
+            channel: loss
             for channel, loss in self._losses[-1].items()
             if all(channel in some for some in self._losses)
-        ]
+        }
+        for some in self._losses:
+            for channel, loss in some.items():
+                if loss.stands:
+                    lost.setdefault(channel, loss)
         whole = _concatenated(self._parts)
-        return replace(whole, losses=tuple(lost), gaps=tuple(self._gaps))
+        return replace(whole, losses=tuple(lost.values()), gaps=tuple(self._gaps))
 
     def _thin(self) -> None:
         whole = _concatenated(self._parts)

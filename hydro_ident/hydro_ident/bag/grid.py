@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.series import Series
 
+BoolArray = NDArray[np.bool_]
+
 #: Behind a gap stamps are late, and stay late, by more than this many periods; those that follow
 #: a late stamp make up for it. No shorter interval can hold a gap, even if both its ends jitter.
 _LATE, _WIDE = 0.5, 1.25

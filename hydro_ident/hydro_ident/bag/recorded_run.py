@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +70,9 @@ class Recording:
         Damage, what is under no checksum and irregularities, in words.
     metadata : mapping of str to str
         The project's own metadata of the bag.
+    dead : mapping of str to float
+        Sensors that read the same throughout while their joint moved (`<joint> effort`,
+        `<cylinder>/a`), and their readings; their columns are NaN.
     """
 
     path: Path
@@ -99,6 +102,7 @@ class Recording:
     duplicates: Mapping[str, int]
     notes: tuple[str, ...]
     metadata: Mapping[str, str]
+    dead: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def other_robot(self) -> str:

@@ -8,7 +8,7 @@ Nothing is resampled or filled in: a cycle that is not there is a gap.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
 from hydro_ident.bag.channels import find_losses
+from hydro_ident.bag.dead_sensors import without_dead
 from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
@@ -71,8 +72,30 @@ def read_recording(path: str | Path, robot: Robot) -> Recording:
     return recording_of(read_bag(path, RECORDING_TOPICS), robot)
 
 
-def recording_of(bag: Bag, robot: Robot) -> Recording:
-    """As `read_recording`, from a bag that was read already."""
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """What earlier pieces of a bag told that holds for those that follow.
+
+    Attributes
+    ----------
+    rails : frozenset of str
+        Supply and tank, where they were recorded: no constant takes their place from then on.
+    dead : mapping of str to float
+        As of `Recording`.
+    """
+
+    rails: frozenset[str] = frozenset()
+    dead: Mapping[str, float] = field(default_factory=dict)
+
+    def after(self, recording: Recording) -> Earlier:
+        """With what one more piece told."""
+        told = {rail for rail in ("supply", "tank") if getattr(recording, rail) is not None}
+        return Earlier(self.rails | told, recording.dead)
+
+
+def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Recording:
+    """As `read_recording`, from a bag that was read already; a piece of one after `earlier`."""
+    earlier = earlier or Earlier()
     topics = {name: _topic(bag, name) for name in _TYPES}
     joints, pressures = topics[JOINT_STATES], topics[CHAMBER_PRESSURES]
     if joints is None:
@@ -101,7 +124,9 @@ def recording_of(bag: Bag, robot: Robot) -> Recording:
         notes=(*bag.losses, *bag.unchecked, *_irregular(topics), *notes),
         metadata=bag.metadata,
     )
-    return _with_losses(recording)
+    silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
+    lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}
+    return _with_losses(without_dead(replace(recording, **lost), earlier.dead))
 
 
 def _joint_columns(grid: IntArray, joints: Topic, robot: Robot) -> dict[str, Any]:
@@ -191,6 +216,8 @@ def _with_losses(recording: Recording) -> Recording:
             sources=(recording.supply, recording.tank),
             valve_v=recording.valve_v,
             valve_source=recording.valve_source,
+            period_s=recording.period_s,
+            dead=recording.dead,
         ),
     )
 

@@ -27,7 +27,7 @@ from hydro_ident.bag.reader import (
     no_message,
 )
 from hydro_ident.bag.recorded_run import BoolArray
-from hydro_ident.bag.recording import RECORDING_TOPICS, Recording, recording_of
+from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
@@ -121,6 +121,7 @@ class _Reader:
     begun: bool = False  # these are known; a stamp may be negative
     period_s: float = 0.0
     latched: bool = False
+    earlier: Earlier = field(default_factory=Earlier)
 
     def __post_init__(self) -> None:
         self.decoder = Decoder(self.path, self.notes, diagnostics=False)
@@ -208,7 +209,8 @@ class _Reader:
         return piece
 
     def _recording(self, bag: Bag) -> Recording:
-        recording = recording_of(bag, self.robot)
+        recording = recording_of(bag, self.robot, self.earlier)
+        self.earlier = self.earlier.after(recording)
         if self.period_s == 0.0:
             self.period_s = recording.period_s
         return replace(recording, period_s=self.period_s)

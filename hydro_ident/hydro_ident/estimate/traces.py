@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.bag.cdr import IntArray
 from hydro_ident.bag.grid import runs
+from hydro_ident.bag.rails import between_readings, followed
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
 from hydro_model.cylinder import stroke
@@ -38,9 +40,10 @@ class Trace:
     p_a, p_b : (N, m) array
         Gauge chamber pressures in Pa.
     supply, tank : (N,) array
-        Gauge pressures in Pa, recorded or the robot file's.
+        Gauge pressures in Pa, recorded (straight between readings) or the robot file's.
     valve_signal : (N, m) array
-        Normalised signal by cylinder, limited to [-1, 1]; NaN while latched or unknown.
+        Normalised signal by cylinder, limited to [-1, 1]; NaN while latched or unknown, or while
+        a rail was not read for long.
     joint_torque : (N, n) array
         Measured joint torque, N m or N, where the robot has no cylinder on the joint.
     cycle : int
@@ -104,14 +107,40 @@ def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
 def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
     """The contiguous traces of a piece of recording; those that own no sample are left out."""
     traces = []
-    for k, part in enumerate(_pieces(piece.recording)):
+    recording = _with_rails(piece.recording)
+    for k, part in enumerate(_pieces(recording)):
         core = max(part.start, piece.core.start), min(part.stop, piece.core.stop)
         if core[1] > core[0]:
             own = core[0] - part.start, core[1] - part.start
-            label = f"{piece.recording.path.name}#{k}"
-            trace = _trace(piece.recording, part, label, piece.start_ns)
+            label = f"{recording.path.name}#{k}"
+            trace = _trace(recording, part, label, piece.start_ns)
             traces.append(replace(trace, core=own))
     return tuple(traces)
+
+
+def _with_rails(recording: Recording) -> Recording:
+    """Rails that were recorded in every cycle; where one was not read for long, no valve signal.
+
+    The equations of the edges' flows need supply and tank, those of forces do not.
+    """
+    robot, stamps, period_s = recording.robot, recording.stamp_ns, recording.period_s
+    known = followed(recording.supply, len(recording), period_s)
+    known &= followed(recording.tank, len(recording), period_s)
+    valve_v = recording.valve_v
+    if valve_v is not None and not known.all():
+        valve_v = np.where(known[:, None], valve_v, np.nan)
+    return replace(
+        recording,
+        supply=_rail(recording.supply, stamps, robot.supply_pressure_pa),
+        tank=_rail(recording.tank, stamps, robot.tank_pressure_pa),
+        valve_v=valve_v,
+    )
+
+
+def _rail(values: FloatArray | None, stamp_ns: IntArray, constant_pa: float) -> FloatArray:
+    if values is None or not np.isfinite(values).any():
+        return np.full(len(stamp_ns), constant_pa)
+    return between_readings(values, stamp_ns)
 
 
 def _pieces(recording: Recording) -> list[slice]:
@@ -120,13 +149,12 @@ def _pieces(recording: Recording) -> list[slice]:
     A sensor that is missing for long takes its own channels away, not those of the others.
     """
     usable = np.ones(len(recording), dtype=bool)
-    watched = (recording.p_a, recording.p_b, _used_efforts(recording), recording.supply)
-    for values in (recording.q, *watched, recording.tank):
+    watched = (recording.p_a, recording.p_b, _used_efforts(recording))
+    for values in (recording.q, *watched):
         if values is not None:
-            columns = values.reshape(len(recording), -1)
-            missing = np.isnan(columns).mean(axis=0)
+            missing = np.isnan(values).mean(axis=0)
             least = 1.0 if values is recording.q else LONG_LOSS
-            usable &= np.isfinite(columns[:, missing < least]).all(axis=1)
+            usable &= np.isfinite(values[:, missing < least]).all(axis=1)
     return [
         slice(segment.start + begin, segment.start + end)
         for segment in recording.segments
@@ -154,8 +182,8 @@ def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Tra
         stroke=_strokes(robot, q, _cut(recording.stroke, piece, (count, cylinders))),
         p_a=_cut(recording.p_a, piece, (count, cylinders)),
         p_b=_cut(recording.p_b, piece, (count, cylinders)),
-        supply=_constant(recording.supply, piece, count, robot.supply_pressure_pa),
-        tank=_constant(recording.tank, piece, count, robot.tank_pressure_pa),
+        supply=_cut(recording.supply, piece, (count,)),
+        tank=_cut(recording.tank, piece, (count,)),
         valve_signal=_signals(recording, piece, count),
         joint_torque=_cut(recording.effort, piece, q.shape),
         cycle=round((int(recording.stamp_ns[piece.start]) - start_ns) * 1e-9 / recording.period_s),
@@ -183,14 +211,6 @@ def _oil_temperature(recording: Recording, piece: slice) -> FloatArray | None:
     begin = recording.stamp_ns[0]
     at, readings = recording.temperature_stamp_ns[known], recording.temperature_c[known]
     return np.asarray(np.interp(recording.stamp_ns[piece] - begin, at - begin, readings))
-
-
-def _constant(
-    values: FloatArray | None, piece: slice, count: int, constant_pa: float
-) -> FloatArray:
-    if values is None or not np.isfinite(values[piece]).all():
-        return np.full(count, constant_pa)
-    return values[piece].copy()
 
 
 def _strokes(robot: Robot, q: FloatArray, measured: FloatArray) -> FloatArray:

@@ -1,0 +1,61 @@
+"""Supply and tank between their readings: followed over short pauses, unknown in long ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_ident.bag.cdr import FloatArray, IntArray
+from hydro_ident.bag.grid import BoolArray
+
+#: A rail goes with pump and accumulator, over tenths of a second: between readings further apart
+#: than this a straight line may miss what it did.
+LONGEST_S = 0.3
+
+
+def between_readings(values: FloatArray, stamp_ns: IntArray) -> FloatArray:
+    """A rail in every cycle.
+
+    Parameters
+    ----------
+    values : (N,) array
+        NaN where there is no reading; at least one is needed.
+    stamp_ns : (N,) int64 array
+
+    Returns
+    -------
+    (N,) array
+        Straight from reading to reading, held before the first and behind the last.
+    """
+    at, known = stamp_ns - stamp_ns[0], np.isfinite(values)
+    return np.asarray(np.interp(at, at[known], values[known]))
+
+
+def silence_s(values: FloatArray, period_s: float) -> FloatArray:
+    """How long a rail was not read for around every cycle.
+
+    Parameters
+    ----------
+    values : (N,) array
+        NaN where there is no reading.
+    period_s : float
+
+    Returns
+    -------
+    (N,) array
+        Recorded time from the reading before to the one behind, to the cycle itself where there
+        is none; 0 in cycles with a reading, infinite where there is no reading at all. A pause of
+        the whole recording is no silence of a rail.
+    """
+    cycle, read = np.arange(values.size), np.flatnonzero(np.isfinite(values))
+    if not read.size:
+        return np.full(values.size, np.inf)
+    behind = read[np.minimum(np.searchsorted(read, cycle), read.size - 1)]
+    before = read[np.maximum(np.searchsorted(read, cycle, side="right") - 1, 0)]
+    return np.asarray((np.maximum(behind, cycle) - np.minimum(before, cycle)) * period_s)
+
+
+def followed(values: FloatArray | None, count: int, period_s: float) -> BoolArray:
+    """In which cycles a rail is known, where it was recorded: pauses are short."""
+    if values is None:
+        return np.ones(count, dtype=np.bool_)
+    return np.asarray(silence_s(values, period_s) <= LONGEST_S)
