@@ -195,6 +195,24 @@ def test_effort_without_pressures_gives_joint_torques(crane_run, identify_bag) -
     assert not any(name.endswith(HYDRAULIC) for name in values(result))
 
 
+def test_an_effort_of_zero_is_worth_as_much_as_none(crane_run, identify_bag) -> None:
+    cylinder = crane_run.robot.cylinders[0]
+    torque = np.full_like(crane_run.q, np.nan)
+    force = piston_force(cylinder, crane_run.p_a[:, 0], crane_run.p_b[:, 0])
+    torque[:, 0] = lever(cylinder, crane_run.q[:, 0]) * force
+    found = []
+    for name, filled in (("none", np.nan), ("zero", 0.0)):
+        columns = without(crane_run.columns(), "/chamber_pressures")
+        torque[:, 1] = filled
+        columns["/joint_states"][1]["effort"] = torque.copy()
+        found.append(identify_bag(columns, name=name)[1])
+    none, zero = found
+    assert lost(none)["tilt/torque"] == "no effort of tilt in /joint_states"
+    assert lost(zero)["tilt/torque"] == "effort of tilt reads 0 throughout while tilt moves"
+    assert set(lost(zero)) == set(lost(none))
+    assert (zero["channels"], values(zero)) == (none["channels"], values(none))
+
+
 def test_a_stroke_sensor_stands_in_for_the_joint_angle(crane_run, identify_bag) -> None:
     robot = crane_run.robot
     columns = crane_run.columns()
