@@ -49,13 +49,15 @@ def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
     noise = sensor.noise(material.robot.sensors.pressure_resolution_pa)
     u = trace.valve_signal[:, chamber.index]
     drop = np.abs(np.where((u > 0.0) == first, trace.supply - pressure, pressure - trace.tank))
+    # A window may end at a sample whose signal is unknown: which edge is open there nobody knows.
+    drop[~np.isfinite(u)] = np.nan
     change = np.abs(np.diff(pressure, prepend=pressure[:1]))
     starts, span = stretch.starts[number], stretch.span
     if not starts.size:
         return np.zeros(0, dtype=np.bool_)
-    least = np.maximum(_over_windows(drop, starts, span).min(axis=1), 1.0)
+    least = np.maximum(np.fmin.reduce(_over_windows(drop, starts, span), axis=1), 1.0)
     most = _over_windows(change, starts, span).max(axis=1)
-    flow = _over_windows(np.abs(u) * np.sqrt(drop), starts, span).max(axis=1)
+    flow = np.fmax.reduce(_over_windows(np.abs(u) * np.sqrt(drop), starts, span), axis=1)
     usual = float(np.sqrt(np.mean(flow**2))) or 1.0
     off = noise**2 / (8.0 * least**2) + most / (16.0 * least)
     return np.asarray(off * flow <= _OFF * usual)
