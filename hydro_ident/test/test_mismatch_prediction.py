@@ -14,10 +14,13 @@ from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.traces import traces_of
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.skew import least_skew
+from hydro_ident.mismatch.stepping import moved
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
@@ -201,3 +204,50 @@ def test_parts_of_a_long_recording_keep_its_time_axis(
     for part in parts:
         assert part.time_s[0] == pytest.approx(part.cycle * 0.1)
         assert part.recording == long.recording
+
+
+def test_numbers_of_a_cylinder_are_its_own_wherever_it_is_alone(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    """Recordings to check on may lack the first cylinder: the second keeps its own numbers."""
+    predictor, model = true_model
+    robot, (stretch,) = predictor.material.robot, predictor.material.stretches
+    trace = stretch.trace
+    unknown = np.where([True, False], np.nan, np.ones((trace.samples, 1)))
+    alone = replace(
+        trace, p_a=trace.p_a * unknown, p_b=trace.p_b * unknown,
+        valve_signal=trace.valve_signal * unknown,
+    )  # fmt: skip
+    own = predictor.material
+    there = Predictor(
+        material_of(robot, own.forces, [alone], own.filters, own.windows, {}, own.rest_speed)
+    )
+    assert set(there.names) < set(predictor.names)
+    # As a fit leaves them: a step from a model that has none yet.
+    training = Training.of(predictor, own.moving())
+    step = np.zeros(len(predictor.names))
+    for columns in (predictor.ripple_columns, predictor.skew_columns):
+        for k, at in enumerate(columns.values()):
+            step[at] = 1e-5 * (k + 1)
+    fitted = moved(training, replace(model, terms=()), step)
+    everywhere = dict(zip(predictor.names, predictor.parameters(fitted), strict=True))
+    told = dict(zip(there.names, there.parameters(fitted), strict=True))
+    assert everywhere["lift_cylinder.pressure_skew_b"] == pytest.approx(2e-5)
+    assert everywhere["tilt_cylinder.pressure_skew_a"] == pytest.approx(3e-5)
+    assert told == {name: everywhere[name] for name in there.names}
+
+
+def test_what_a_late_pressure_takes_over_is_its_own_chambers(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    predictor, model = true_model
+    skews_s = (1e-4, 2e-4, 3e-4, 4e-4)
+    spec = EffectSpec("pressure_delay", "tilt_cylinder/a", {"delay": 0.004})
+    (late,) = resolve(replace(model.robot, effects=(spec,)))
+    later = handed_over(predictor, replace(model, terms=(late,), skews_s=skews_s), 0.002)
+    assert later.skews_s == (1e-4, 2e-4, 0.0, 4e-4)
+    assert later.terms[0].parameters[0] == pytest.approx(0.0043)
+    assert least_skew(late, predictor.skew_columns, skews_s) == 3e-4
+    # Where the first cylinder was not recorded, the chamber is still the same one.
+    assert least_skew(late, (2, 3), skews_s) == 3e-4
+    assert least_skew(late, (2, 3), ()) == 0.0

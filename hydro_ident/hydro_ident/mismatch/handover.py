@@ -37,7 +37,7 @@ def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model
         The same one where it has no such effect, or nothing to hand over.
     """
     delays_s, skews_s, terms = list(model.delays_s), list(model.skews_s), list(model.terms)
-    chambers = list(predictor.skew_columns)[: len(skews_s)]
+    chambers = list(predictor.skew_columns) if skews_s else []
     for k, term in enumerate(terms):
         if term.effect.name == DELAY and predictor.delay_columns:
             others = [i for i in predictor.delay_columns if i != term.cylinder]
@@ -51,7 +51,7 @@ def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model
             for index in late_valves(term, predictor.delay_columns):
                 delays_s[index] -= own[0]
         elif term.effect.name == PRESSURE_DELAY:
-            at = [i for i, chamber in enumerate(chambers) if is_listed([term], chamber)]
+            at = [chamber for chamber in chambers if is_listed([term], chamber)]
             own = [skews_s[i] for i in at]
             for i in at:
                 skews_s[i] = 0.0

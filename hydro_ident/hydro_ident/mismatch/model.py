@@ -131,10 +131,8 @@ def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, t
 def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) -> tuple[str, ...]:
     """Which pressures are read earlier or later than positions: no model file knows."""
     notes = []
-    for (chamber, at), skew_s in zip(
-        predictor.skew_columns.items(), fitted.model.skews_s, strict=False
-    ):
-        error_s = std[predictor.names[at]]
+    for chamber, at in predictor.skew_columns.items() if fitted.model.skews_s else ():
+        skew_s, error_s = fitted.model.skews_s[chamber], std[predictor.names[at]]
         if abs(skew_s) >= max(_SKEW_S, _DEVIATIONS * error_s):
             cylinder = predictor.material.robot.cylinders[chamber // 2].name
             when = "after" if skew_s > 0.0 else "before"

@@ -149,8 +149,8 @@ class Predictor:
             (self.ripple_columns, model.ripples),
             (self.skew_columns, model.skews_s),
         ):
-            names = [self.names[at] for at in columns.values()]
-            values |= dict(zip(names, own, strict=False))
+            # By cylinder and chamber: other recordings may lack some of those that were fitted.
+            values |= {self.names[at]: own[i] for i, at in columns.items() if own}
         return np.array([values.get(name, 0.0) for name in self.names])
 
     def _joint_of(self, cylinder: int) -> int:

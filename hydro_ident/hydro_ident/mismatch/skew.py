@@ -19,7 +19,7 @@ of it, and half an interval is as far as it goes. What is later than that is a f
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from hydro_ident.mismatch.settings import LEAST_CYCLES
 from hydro_model.effects.readings import EVERY_CHAMBER
@@ -58,14 +58,16 @@ def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:
     )
 
 
-def least_skew(term: ActiveEffect, chambers: Iterable[int], skews_s: Iterable[float]) -> float:
+def least_skew(term: ActiveEffect, chambers: Iterable[int], skews_s: Sequence[float]) -> float:
     """The least skew of the chambers that an effect delays, s; 0 of none.
 
     Parameters
     ----------
     term : ActiveEffect
-    chambers, skews_s : iterable of int and float
-        Chambers, two per cylinder, and their skews.
+    chambers : iterable of int
+        Those whose skew is fitted.
+    skews_s : sequence of float
+        Of all chambers, two per cylinder; empty: none.
     """
-    own = [s for c, s in zip(chambers, skews_s, strict=False) if is_listed([term], c)]
+    own = [skews_s[c] for c in chambers if skews_s and is_listed([term], c)]
     return min(own, default=0.0)

@@ -65,19 +65,20 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
         terms.append(stepped(term, step[at : at + width]))
         at += width
     most, now = largest_ripple(training.cycle_s), predictor.parameters(model)
-    ripples = tuple(
-        float(np.clip(now[k] + step[k], -most, most)) for k in predictor.ripple_columns.values()
-    )
-    return Model(robot, theta, delays, tuple(terms), ripples, _skews(training, model, step))
+    ripples = list(model.ripples or (0.0,) * len(robot.cylinders))
+    for index, k in predictor.ripple_columns.items():
+        ripples[index] = float(np.clip(now[k] + step[k], -most, most))
+    skews = _skews(training, model, step)
+    return Model(robot, theta, delays, tuple(terms), tuple(ripples), skews)
 
 
 def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
     """How late pressures are read after a step; none beside an effect that says so."""
     most, now = largest_skew(training.cycle_s), training.predictor.parameters(model)
-    return tuple(
-        0.0 if is_listed(model.terms, chamber) else float(np.clip(now[at] + step[at], -most, most))
-        for chamber, at in training.predictor.skew_columns.items()
-    )
+    result = list(model.skews_s or (0.0,) * (2 * len(model.robot.cylinders)))
+    for chamber, at in training.predictor.skew_columns.items():
+        result[chamber] = float(np.clip(now[at] + step[at], -most, most))
+    return tuple(0.0 if is_listed(model.terms, c) else s for c, s in enumerate(result))
 
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
