@@ -79,9 +79,7 @@ class Check:
 
     def known(self, training: Training) -> Prior | None:
         """What the training's fits know of the base beforehand, by these rows' parameters."""
-        if training.prior is None:
-            return None
-        return training.prior.taken(training.predictor.names, self.predictor.names)
+        return training.known(self.predictor)
 
     def training(self, training: Training) -> Training:
         """The rows as if they were to be fitted, with what is known of the base as there."""

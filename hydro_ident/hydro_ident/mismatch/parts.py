@@ -2,42 +2,79 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.settings import PART_S
+from hydro_ident.mismatch.training import Training
+
+#: Rows of a channel below this share of what a search would have of it are told: of so few a
+#: search sees effects of twice the usual size at best, as what rows tell grows with their root.
+_THIN = 0.25
 
 
 def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:
     """Evenly spread parts of long recordings; recordings of usual length as they are.
 
+    Windows of `PART_S` or a little more lie evenly over all traces, one after the other. A trace
+    that is shorter than a window is taken whole or not at all: filters take half a second and more
+    off both ends of every piece, and of many short pieces they would leave nothing.
+
     Parameters
     ----------
     traces : tuple of Trace
     longest_s : float
-        Length of all parts together, each of `PART_S` or what a trace's share makes.
+        Length of all parts together, up to what whole traces make of it.
 
     Returns
     -------
     tuple of Trace
-        The same object where nothing is left out.
+        Each of `PART_S` at least, or a whole trace; the same object where nothing is left out.
     """
-    total = _length_s(traces)
+    total = length_s(traces)
     if total <= longest_s:
         return traces
+    windows = max(1, math.floor(longest_s / PART_S + 1e-9))
+    window_s = longest_s / windows
     parts: list[Trace] = []
+    before_s = 0.0
     for trace in traces:
-        own_s = trace.samples * trace.step_s * longest_s / total
-        count = max(1, round(own_s / PART_S))
-        size = round(own_s / count / trace.step_s)
-        for k in range(count):
-            begin = max(round((k + 0.5) * trace.samples / count - 0.5 * size), 0)
-            parts.append(_part(trace, begin, min(begin + size, trace.samples), k))
+        own_s = length_s([trace])
+        # Windows are counted by their middles, half a spacing from where theirs begins.
+        begin, end = (windows * s / total for s in (before_s, before_s + own_s))
+        if own_s >= window_s:
+            parts += _cut(trace, math.floor(end + 0.5) - math.floor(begin + 0.5), window_s)
+        elif abs((0.5 * (begin + end)) % 1.0 - 0.5) * total / windows <= 0.5 * window_s:
+            parts.append(trace)
+        before_s += own_s
     return tuple(parts)
 
 
-def _length_s(traces: Sequence[Trace]) -> float:
+def _cut(trace: Trace, windows: int, window_s: float) -> list[Trace]:
+    """Evenly spread parts of a trace, of so many windows together; longer where they touch."""
+    own_s = length_s([trace])
+    count = min(windows, math.floor(own_s / window_s + 1e-9))
+    if not count:
+        return []
+    size = round(min(windows * window_s, own_s) / count / trace.step_s)
+    begins = [max(round((k + 0.5) * trace.samples / count - 0.5 * size), 0) for k in range(count)]
+    return [
+        _part(trace, begin, min(begin + size, trace.samples), k) for k, begin in enumerate(begins)
+    ]
+
+
+def length_s(traces: Sequence[Trace]) -> float:
+    """Length of traces together.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+    """
     return sum(t.samples * t.step_s for t in traces)
 
 
@@ -46,9 +83,38 @@ def partly(what: str, whole: tuple[Trace, ...], parts: tuple[Trace, ...]) -> tup
     if parts is whole:
         return ()
     return (
-        f"{what} {_length_s(parts):.0f} s of {_length_s(whole):.0f} s recorded, in {len(parts)}"
+        f"{what} {length_s(parts):.0f} s of {length_s(whole):.0f} s recorded, in {len(parts)}"
         " evenly spread parts (--longest for more)",
     )
+
+
+def thinly(fitted: Training, searched: Training, share: float) -> tuple[str, ...]:
+    """Which channels have far fewer rows to search on than their share of those that are fitted.
+
+    Parameters
+    ----------
+    fitted, searched : Training
+    share : float
+        Length of what is searched by that of what is fitted.
+    """
+    there = list(searched.predictor.material.channels)
+    counts = np.bincount(_channels(searched), minlength=len(there))
+    of_fitted = np.bincount(_channels(fitted))
+    notes = []
+    for k, rows in enumerate(of_fitted.tolist()):
+        name = fitted.predictor.material.channels[k]
+        part = counts[there.index(name)] / max(rows, 1) if name in there else 0.0
+        if rows and part < _THIN * share:
+            notes.append(
+                f"effects are searched on {100.0 * part:.2g} % of the rows of {name} that are"
+                f" fitted, where {100.0 * share:.2g} % are usual:"
+                " what acts there may be missed"
+            )
+    return tuple(notes)
+
+
+def _channels(training: Training) -> NDArray[np.intp]:
+    return training.predictor.material.channel[training.mask]
 
 
 def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:

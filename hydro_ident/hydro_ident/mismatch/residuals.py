@@ -20,7 +20,7 @@ from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.parts import partly, spread_parts
+from hydro_ident.mismatch.parts import length_s, partly, spread_parts, thinly
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples, with_skews
 from hydro_ident.mismatch.scoring import Bank
@@ -174,12 +174,11 @@ def residuals(
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
     training, base = _refitted(robot, predictor, fit_rows & moving, settings)
+    notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
     scan = training
     if looked_at is not whole:
-        seen = laid.material(looked_at)
-        rows = seen.masks(split)[0] & telling(seen, signals)
-        scan = Training.of(Predictor(seen), rows, training.prior)
-    notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
+        scan = _searched(laid, looked_at, split, signals, training)
+        notes += thinly(training, scan, length_s(looked_at) / length_s(traces))
     if others:
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
@@ -194,6 +193,20 @@ def residuals(
         check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
+
+
+def _searched(
+    laid: _Laid,
+    traces: Sequence[Trace],
+    split: HoldOut,
+    signals: SignalSurvey,
+    training: Training,
+) -> Training:
+    """Rows of parts of what is fitted, which may lack channels that all of it has."""
+    material = laid.material(traces)
+    rows = material.masks(split)[0] & telling(material, signals)
+    predictor = Predictor(material)
+    return Training.of(predictor, rows, training.known(predictor))
 
 
 def _refitted(

@@ -86,6 +86,18 @@ class Training:
                 left[own] = rest * np.sqrt(basis.shape[0] / (basis.shape[0] - basis.shape[1]))
         return noise_of(self.layout, left, self.floor)
 
+    def known(self, predictor: Predictor) -> Prior | None:
+        """What is known of the base beforehand, by the parameters of other rows.
+
+        Parameters
+        ----------
+        predictor : Predictor
+            Of the other rows: they may lack channels.
+        """
+        if self.prior is None:
+            return None
+        return self.prior.taken(self.predictor.names, predictor.names)
+
     def offset(self, model: Model) -> FloatArray:
         """How far a model's base is from what was known of it, in deviations."""
         if self.prior is None:
