@@ -101,5 +101,14 @@ def still_joints_of(robot: Robot, signals: SignalSurvey) -> tuple[int, ...]:
 def still_positions(
     surveys: Sequence[Survey], still: Sequence[int]
 ) -> Mapping[str, Mapping[int, float]]:
-    """Where the joints that stand still are, by recording."""
-    return {s.name: {j: s.signals.q[j].mean for j in still} for s in surveys}
+    """Where joints are that stand still, by recording: those in which they move leave them out.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Also of recordings that are not fitted.
+    still : sequence of int
+        Joints that stand still in all that are fitted.
+    """
+    held = {s.name: still_joints_of(s.signals.robot, s.signals) for s in surveys}
+    return {s.name: {j: s.signals.q[j].mean for j in still if j in held[s.name]} for s in surveys}

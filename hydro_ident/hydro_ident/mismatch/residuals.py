@@ -26,7 +26,7 @@ from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples, w
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.slowness import settled
-from hydro_ident.mismatch.telling import telling, within
+from hydro_ident.mismatch.telling import telling, unfitted, within
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
 from hydro_ident.survey import (
@@ -150,7 +150,8 @@ def residuals(
     signals = merged_signals(robot, surveys[: len(sources)])
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
     forces = own_forces(robot, torque)
-    still = still_positions(surveys, still_joints_of(robot, signals))
+    locked = still_joints_of(robot, signals)
+    still = still_positions(surveys, locked)
     cleaner, cleaned = Cleaner.of(robot, signals, _GROSS), dict[str, int]()
     whole = whole_traces(sources, cleaner, cleaned)
     if not whole:
@@ -169,11 +170,11 @@ def residuals(
     material = laid.material(traces)
     split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     fit_rows, check_rows = material.masks(split)
-    moving = telling(material, signals)
+    told = telling(material, signals)
     predictor = Predictor(material)
-    if not _enough(material, fit_rows & moving, len(predictor.names)):
+    if not _enough(material, fit_rows & told, len(predictor.names)):
         return None
-    training, base = _refitted(robot, predictor, fit_rows & moving, settings)
+    training, base = _refitted(robot, predictor, fit_rows & told, settings)
     notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
     scan = training
     if looked_at is not whole:
@@ -182,15 +183,15 @@ def residuals(
     if others:
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
+        moving = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
+        notes += _unlocked(robot, moving)
         there = laid.material(traces)
         if not there.size:
             return None
-        known = within(material, training.mask, there)
-        own = np.isin(np.array(there.channels)[there.channel], material.channels)
-        check = Check(Predictor(there), known, telling(there, signals), own & ~known)
+        check = _elsewhere(there, training, signals, moving)
     else:
         known = within(material, training.mask, material)
-        check = Check(predictor, check_rows & known, moving, check_rows & ~known)
+        check = Check(predictor, check_rows & known, told, check_rows & ~known)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
 
@@ -207,6 +208,30 @@ def _searched(
     rows = material.masks(split)[0] & telling(material, signals)
     predictor = Predictor(material)
     return Training.of(predictor, rows, training.known(predictor))
+
+
+def _elsewhere(
+    there: Material,
+    training: Training,
+    signals: SignalSurvey,
+    moving: Mapping[str, Sequence[int]],
+) -> Check:
+    """Rows of other recordings: verified on are fitted channels, where their joints have been."""
+    material = training.predictor.material
+    foreign = unfitted(there, moving)
+    known = within(material, training.mask, there) & ~foreign
+    own = np.isin(np.array(there.channels)[there.channel], material.channels)
+    return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
+
+
+def _unlocked(robot: Robot, moving: Mapping[str, Sequence[int]]) -> tuple[str, ...]:
+    """Which recordings move joints that nothing fitted has moved."""
+    return tuple(
+        f"{name}: {', '.join(robot.joint_names[j] for j in joints)} moves, which stood still in"
+        " all that was fitted: forces there, and flows of its own, are not verified on"
+        for name, joints in moving.items()
+        if joints
+    )
 
 
 def _refitted(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -94,4 +96,30 @@ def within(material: Material, rows: BoolArray, there: Material) -> BoolArray:
             margin = _BEYOND * float(np.ptp(known))
             inside = (other >= known.min() - margin) & (other <= known.max() + margin)
             result |= inside & (there.channel == k)
+    return result
+
+
+def unfitted(there: Material, moving: Mapping[str, Collection[int]]) -> BoolArray:
+    """Which rows ask for what a joint's motion alone would have told: it stood still in the fit.
+
+    A force depends on how all joints lie and move: in a recording in which such a joint does, no
+    force is predicted. A chamber's balance knows its own joint only.
+
+    Parameters
+    ----------
+    there : Material
+    moving : mapping of str to collection of int
+        By recording, the joints that move there and stood still in all that was fitted.
+
+    Returns
+    -------
+    (M,) bool array
+        Rows of `there`.
+    """
+    result = np.zeros(there.size, dtype=np.bool_)
+    for number, name in enumerate(there.recordings):
+        joints = moving.get(name, ())
+        for k in range(len(there.channels)) if joints else ():
+            if not there.is_flow(k) or there.joint_of(k) in joints:
+                result |= (there.recording == number) & (there.channel == k)
     return result

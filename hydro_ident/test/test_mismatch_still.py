@@ -1,0 +1,72 @@
+"""A joint that is locked while a base is fitted and moves in what it is verified on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.cylinder import stroke
+
+JOINT = 1
+
+
+def _locked(run: Any, begin: int = 0, end: int | None = None) -> Any:
+    """The run with the tilt joint locked where it is at the beginning, as its encoder sees it."""
+    at, q, voltage = slice(begin, end), run.q.copy(), run.voltage.copy()
+    noise = np.random.default_rng(4).normal(0.0, 3e-6, q[at, JOINT].shape)
+    q[at, JOINT] = q[begin, JOINT] + noise
+    voltage[at, JOINT] = 0.0
+    return replace(run, q=q, voltage=voltage)
+
+
+@pytest.fixture(scope="module")
+def half(crane_run: Any, lay_out: Callable[..., Residuals]) -> Residuals:
+    """Fitted with the tilt joint locked; verified on a run with it locked, and on a free one."""
+    return lay_out(_locked(crane_run), [_locked(crane_run), crane_run])
+
+
+def test_a_joint_is_held_where_it_stands_still_alone(half: Residuals, crane_run: Any) -> None:
+    trained = half.training.predictor.material.stretches
+    locked, free = half.check.predictor.material.stretches
+    for stretch in (*trained, locked):
+        assert stretch.moved is not None
+        assert np.ptp(stretch.moved.q[:, JOINT]) < 1e-9
+    assert free.moved is not None
+    recorded = crane_run.q[:, JOINT]
+    # Behind the filters, which leave the motion as it is.
+    assert np.abs(free.moved.q[:, JOINT] - recorded)[50:-50].max() < 0.01 * np.ptp(recorded)
+    assert np.ptp(free.trace.stroke[:, JOINT]) > 0.9 * np.ptp(
+        stroke(half.robot.cylinders[JOINT], recorded)
+    )
+
+
+def test_rows_that_the_base_cannot_predict_are_not_verified_on(half: Residuals) -> None:
+    material, check = half.check.predictor.material, half.check
+    free = material.recording == material.recordings.index("check1")
+    for k, name in enumerate(material.channels):
+        own = material.channel == k
+        # Of a mass balance its own joint alone matters; of a force all of them do.
+        kept = material.is_flow(k) and name.startswith("lift")
+        assert bool((check.mask & own & free).any()) == kept, name
+        assert check.beyond is not None
+        if not kept:
+            assert not (check.beyond & own & free).any()
+    lift = material.channel == material.channels.index("lift/force")
+    assert (check.mask & lift & ~free).any()
+    (note,) = [n for n in half.notes if "stood still" in n]
+    assert note.startswith("check1: tilt moves, which stood still in all that was fitted")
+
+
+def test_a_joint_that_moves_everywhere_is_told_nothing_of(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    work = lay_out(crane_run, [_locked(crane_run)])
+    assert not any("stood still" in n for n in work.notes)
+    stretch = work.check.predictor.material.stretches[0]
+    assert stretch.moved is not None
+    assert np.ptp(stretch.moved.q[:, JOINT]) > 0.0
