@@ -14,6 +14,7 @@ from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motio
 from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.lost_signals import held_trace, out_of_reach
 from hydro_ident.mismatch.material import IndexArray, Material, Place, Stretch
 from hydro_model.robot import FloatArray, Robot
 
@@ -126,16 +127,25 @@ def _stretch(
         q = held_still(trace.q, still.get(trace.recording, {}))
         if trace.samples > 3 * filters.order:
             moved = Motion(*motion(q, trace.step_s, filters))
-    starts = tuple(_starts(trace, chamber, windows) for chamber in chambers_of(robot))
     span = max(1, round(windows.length_s / trace.step_s))
-    return Stretch(trace, moved, kept if moved is not None else kept[:0], starts, span)
+    held = held_trace(trace, span)
+    starts = tuple(
+        _starts(trace, held, chamber, windows, robot.command_delay_s)
+        for chamber in chambers_of(robot)
+    )
+    return Stretch(held, moved, kept if moved is not None else kept[:0], starts, span)
 
 
-def _starts(trace: Trace, chamber: Chamber, windows: WindowSettings) -> IndexArray:
+def _starts(
+    trace: Trace, held: Trace, chamber: Chamber, windows: WindowSettings, delay_s: float
+) -> IndexArray:
+    """First samples of windows that touch no unknown one, and none that a delay may move there."""
     i = chamber.index
     signals = (trace.stroke[:, i], trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
     known: BoolArray = np.asarray(np.isfinite(np.stack(signals)).all(axis=0))
-    steps = np.where(known[1:] & known[:-1], 0.0, np.nan)[:, None]
+    known = known[1:] & known[:-1]
+    known &= out_of_reach(held.valve_signal[:, i], trace.step_s, delay_s)
+    steps = np.where(known, 0.0, np.nan)[:, None]
     rows = window_rows(steps, trace, trace.valve_signal[:, i], windows)
     return np.searchsorted(trace.time_s, rows.time_s).astype(np.intp)
 

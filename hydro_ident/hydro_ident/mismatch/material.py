@@ -47,6 +47,7 @@ class Stretch:
     Attributes
     ----------
     trace : Trace
+        Valve signals are held over holes that are short beside a window.
     moved : Motion or None
         None where a joint angle is missing.
     kept : (T,) int array
@@ -174,12 +175,22 @@ class Material:
 
     @staticmethod
     def windowed(stretch: Stretch, chamber: int, steps: FloatArray) -> FloatArray:
-        """Volumes per sampling interval, (N - 1, ...), as mean flows of a chamber's windows."""
+        """Volumes per sampling interval, (N - 1, ...), as mean flows of a chamber's windows.
+
+        A window that touches an unknown volume counts nothing, in no column: one that lacks a part
+        of its balance would be a flow that nothing explains.
+        """
         start = stretch.starts[chamber]
-        finite = np.where(np.isfinite(steps), steps, 0.0)
+        known = np.isfinite(steps)
+        finite = np.where(known, steps, 0.0)
         total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(finite, axis=0)])
         step_s = stretch.trace.step_s
-        return np.asarray((total[start + stretch.span] - total[start]) / (stretch.span * step_s))
+        means = np.asarray((total[start + stretch.span] - total[start]) / (stretch.span * step_s))
+        broken = np.asarray(~known.all(axis=tuple(range(1, steps.ndim))))
+        if start.size and broken[start[0] :].any():
+            count = np.concatenate([[0], np.cumsum(broken)])
+            means[count[start + stretch.span] > count[start]] = 0.0
+        return means
 
     def on_rows(self, stretch: Stretch, channel: int, values: NDArray[Value]) -> NDArray[Value]:
         """Samples (T, ...) of a stretch at the middles of a channel's rows."""

@@ -18,6 +18,7 @@ from hydro_ident.mismatch.law_signals import (
     with_edges,
     with_pressures,
 )
+from hydro_ident.mismatch.lost_signals import last_known
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import (
     Model,
@@ -230,7 +231,8 @@ class Signals:
         if kept is None or kept[0] is not trace:
             before = self._spool(model, stretch, cylinder, laws[:-1])
             signals, known = self._own_rows(model, stretch, cylinder), np.isfinite(before)
-            signals[:, VALVE_SIGNAL] = np.where(known, before, 0.0)
+            # A spool that remembers would ring after every hole that it took for 0.
+            signals[:, VALVE_SIGNAL] = last_known(before)
             law = _mean_signal(laws[-1], signals, trace.step_s)
             kept = trace, np.where(known, law, np.nan)
         if len(self._spools) >= _KEPT_SPOOLS * max(len(self.material.stretches), 1):
