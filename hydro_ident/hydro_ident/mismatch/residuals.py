@@ -170,11 +170,11 @@ def residuals(
     material = laid.material(traces)
     split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     fit_rows, check_rows = material.masks(split)
-    told = telling(material, signals)
+    moving = telling(material, signals)
     predictor = Predictor(material)
-    if not _enough(material, fit_rows & told, len(predictor.names)):
+    if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
-    training, base = _refitted(robot, predictor, fit_rows & told, settings)
+    training, base = _refitted(robot, predictor, fit_rows & moving, settings)
     notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
     scan = training
     if looked_at is not whole:
@@ -183,15 +183,15 @@ def residuals(
     if others:
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
-        moving = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
-        notes += _unlocked(robot, moving)
+        unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
+        notes += _unlocked(robot, unlocked)
         there = laid.material(traces)
         if not there.size:
             return None
-        check = _elsewhere(there, training, signals, moving)
+        check = _elsewhere(there, training, signals, unlocked)
     else:
         known = within(material, training.mask, material)
-        check = Check(predictor, check_rows & known, told, check_rows & ~known)
+        check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
 
@@ -214,22 +214,22 @@ def _elsewhere(
     there: Material,
     training: Training,
     signals: SignalSurvey,
-    moving: Mapping[str, Sequence[int]],
+    unlocked: Mapping[str, Sequence[int]],
 ) -> Check:
     """Rows of other recordings: verified on are fitted channels, where their joints have been."""
     material = training.predictor.material
-    foreign = unfitted(there, moving)
+    foreign = unfitted(there, unlocked)
     known = within(material, training.mask, there) & ~foreign
     own = np.isin(np.array(there.channels)[there.channel], material.channels)
     return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
 
 
-def _unlocked(robot: Robot, moving: Mapping[str, Sequence[int]]) -> tuple[str, ...]:
+def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str, ...]:
     """Which recordings move joints that nothing fitted has moved."""
     return tuple(
         f"{name}: {', '.join(robot.joint_names[j] for j in joints)} moves, which stood still in"
         " all that was fitted: forces there, and flows of its own, are not verified on"
-        for name, joints in moving.items()
+        for name, joints in unlocked.items()
         if joints
     )
 
