@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -61,9 +62,10 @@ def robot_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "arm.hydraulics.yaml"
 
 
-def _motion(seconds: float, seed: int) -> tuple[np.ndarray, ...]:
-    """Positions, velocities and accelerations of sums of sines, (N, 2) each."""
-    rng, time = np.random.default_rng(seed), STEP_S * np.arange(round(seconds / STEP_S))
+def _motion(seconds: float, seed: int, late_s: float = 0.0) -> tuple[np.ndarray, ...]:
+    """Positions, velocities and accelerations of sums of sines, (N, 2) each, some time ago."""
+    rng = np.random.default_rng(seed)
+    time = STEP_S * np.arange(round(seconds / STEP_S)) - late_s
     omega = 2.0 * np.pi * np.array([0.11, 0.23, 0.41, 0.67, 1.03])
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
     size = rng.uniform(0.5, 1.0, (2, 5)) * np.array([0.5, 0.35, 0.2, 0.12, 0.08])
@@ -109,13 +111,15 @@ def diagnosed(
 ) -> Callable[..., dict[str, Any]]:
     """What is told of the arm with some effects, by two recordings of it."""
 
-    def run(*effects: str) -> dict[str, Any]:
+    def run(*effects: str, late_s: float = 0.0) -> dict[str, Any]:
         bags = []
         for name, seconds, seed in (("train", 25.0, 1), ("check", 16.0, 2)):
             q, qd, qdd = _motion(seconds, seed)
             rng = np.random.default_rng(10 + seed)
             torque = _torque(q, qd, qdd, effects)
             seen = _seen(q, torque, effects)
+            if late_s:
+                torque = _torque(*_motion(seconds, seed, late_s), effects)
             torque += rng.normal(size=q.shape) * TORQUE_NOISE
             columns = {"/joint_states": (JOINTS, {"position": seen, "effort": torque})}
             bags.append(str(write_bag(columns, name=name)))
@@ -126,6 +130,21 @@ def diagnosed(
         return found
 
     return run
+
+
+@pytest.mark.parametrize("late_s", [-1.6e-3, 4.0e-3])
+def test_torques_that_are_read_early_or_late_are_no_physics(
+    diagnosed: Callable[..., dict[str, Any]], late_s: float
+) -> None:
+    """A command that is held over its cycle, or currents two cycles old."""
+    found = diagnosed("coulomb", late_s=late_s)
+    assert _named(found) == {
+        ("shoulder/torque", "coulomb_friction"): pytest.approx(COULOMB, rel=0.02)
+    }
+    when = "before" if late_s < 0.0 else "after"
+    [note] = [n for n in found["notes"] if n.startswith("the torques are read")]
+    read_ms = float(re.findall(rf"read (\S+) \+- \S+ ms {when} positions", note)[0])
+    assert read_ms == pytest.approx(1e3 * abs(late_s), abs=0.1)
 
 
 def _named(found: dict[str, Any]) -> dict[tuple[str, str], float]:

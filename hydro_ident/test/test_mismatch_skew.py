@@ -75,7 +75,7 @@ def test_the_base_takes_skews_up(make_run: Make, lay_out: Callable[..., Residual
     predictor = late.training.predictor
     columns = predictor.skew_columns
     assert predictor.names[columns[0]] == skew_name("lift_cylinder", "a")
-    before, after = (np.array(w.base.model.skews_s).reshape(2, 2) for w in (plain, late))
+    before, after = (np.array(w.base.model.skews_s[:-1]).reshape(2, 2) for w in (plain, late))
     assert np.abs(before).max() < 5e-5
     assert (after - before)[0] == pytest.approx(added_s, abs=3e-5)
     std = np.sqrt(np.diag(late.base.covariance))[list(columns.values())].reshape(2, 2)
@@ -108,14 +108,15 @@ def test_what_is_later_than_half_a_cycle_is_the_effect(
     run = _run(make_run, 0.0)
     p_a, p_b = (np.concatenate([p[:1], p[:-1]]) for p in (run.p_a, run.p_b))
     work = lay_out(replace(run, p_a=p_a, p_b=p_b))
-    most = largest_skew(work.training.cycle_s)
-    skews = work.base.model.skews_s
+    most = largest_skew(0, work.training.cycle_s)
+    *skews, torques = work.base.model.skews_s
+    assert torques == 0.0
     assert skews == pytest.approx((most,) * len(skews))
     found = _fitted(work, work.base, LATE)
     assert found.gain > 1000.0
     assert resolved(work.training, work.base, found)
     # Beside skews that something else has pulled the other way it only brings them back.
-    back = replace(found.fitted.model, skews_s=(-most,) * len(skews))
+    back = replace(found.fitted.model, skews_s=(*(-most for _ in skews), 0.0))
     pulled = replace(found, fitted=replace(found.fitted, model=back))
     assert not resolved(work.training, work.base, pulled)
     whole = settled(work.training, fit(work.training, found.fitted.model))

@@ -60,6 +60,19 @@ def test_a_knee_is_found_where_it_is(bent: Residuals) -> None:
     assert knee == pytest.approx(0.06, rel=0.1)
 
 
+def test_what_is_next_to_all_that_is_left_is_no_flaw_of_the_valves_form(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """Little beside how far the valve opens, dead oil in one chamber is what is left there."""
+    true_crane, simulated_run = make_run
+    more = EffectSpec("valve_gain_nonlinearity", "lift_valve", {"progression": 0.8})
+    dead = EffectSpec("dead_volume", "lift_cylinder", {"volume_a": 3e-4, "volume_b": 0.0})
+    work = lay_out(simulated_run(replace(true_crane(), effects=(more, dead)), 18.0))
+    found = _searched(work).named
+    assert [n.names for n in found] == [("valve_gain_nonlinearity",), ("dead_volume",)]
+    assert found[1].term.parameters[0] == pytest.approx(3e-4, rel=0.05)
+
+
 def test_a_load_holding_valve_of_a_low_pilot_ratio_is_found(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

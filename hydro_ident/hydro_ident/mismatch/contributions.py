@@ -72,19 +72,20 @@ def measured(material: Material, stretch: Stretch) -> FloatArray:
 
 
 def skewed(material: Material, stretch: Stretch) -> FloatArray:
-    """What the cylinders' forces are off by per second that a chamber is read late, (T, 2 c).
+    """What measured forces are off by per second that a reading is late, (T, 2 c + n).
 
-    Chambers a and b of each cylinder in turn.
+    Chambers a and b of each cylinder in turn, then the joints' torques.
     """
     trace, settings = stretch.trace, material.filters
     areas = [area for c in material.robot.cylinders for area in (-c.area_a_m2, c.area_b_m2)]
     pressures = np.stack([trace.p_a, trace.p_b], axis=2).reshape(trace.samples, -1)
-    rates = pressure_rates(pressures, trace.step_s, settings)
-    return material.filtered(stretch, np.array(areas) * rates)
+    slopes = np.array(areas) * pressure_rates(pressures, trace.step_s, settings)
+    late = -pressure_rates(trace.joint_torque, trace.step_s, settings)
+    return material.filtered(stretch, np.concatenate([slopes, late], axis=1))
 
 
 def pressure_rates(pressures: FloatArray, step_s: float, filters: FilterSettings) -> FloatArray:
-    """Rates of pressures (N, ...), as quick as forces are looked at; Pa/s."""
+    """Rates of pressures or torques (N, ...), as quick as forces are looked at; per second."""
     finite = np.where(np.isfinite(pressures), pressures, 0.0)
     if len(finite) < 2:
         return np.zeros_like(finite)

@@ -13,6 +13,7 @@ from hydro_ident.estimate.inertial import parameter_scales
 from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY, Predictor
+from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.targets import ActiveEffect
@@ -129,16 +130,19 @@ def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, t
 
 
 def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) -> tuple[str, ...]:
-    """Which pressures are read earlier or later than positions: no model file knows."""
-    notes = []
-    for chamber, at in predictor.skew_columns.items() if fitted.model.skews_s else ():
-        skew_s, error_s = fitted.model.skews_s[chamber], std[predictor.names[at]]
+    """Which readings come earlier or later than positions: no model file knows."""
+    notes, robot = [], predictor.material.robot
+    for reading, at in predictor.skew_columns.items() if fitted.model.skews_s else ():
+        skew_s, error_s = fitted.model.skews_s[reading], std[predictor.names[at]]
         if abs(skew_s) >= max(_SKEW_S, _DEVIATIONS * error_s):
-            cylinder = predictor.material.robot.cylinders[chamber // 2].name
+            what = "torques are"
+            if reading != TORQUES:
+                cylinder = robot.cylinders[reading // 2].name
+                what = f"pressure of {cylinder}/{'ab'[reading % 2]} is"
             when = "after" if skew_s > 0.0 else "before"
             notes.append(
-                f"the pressure of {cylinder}/{'ab'[chamber % 2]} is read {1e3 * abs(skew_s):.2f}"
-                f" +- {1e3 * error_s:.2f} ms {when} positions: taken out, not in the model"
+                f"the {what} read {1e3 * abs(skew_s):.2f} +- {1e3 * error_s:.2f} ms {when}"
+                " positions: taken out, not in the model"
             )
     return tuple(notes)
 

@@ -30,7 +30,7 @@ class Model:
         Of each cylinder's pressures, as `ripple`; Pa s. 0 where none is fitted; empty: none.
     skews_s : tuple of float
         How late each chamber's pressure is read, as `skew`: chambers a and b of each cylinder in
-        turn. 0 where that is not fitted; empty: not at all.
+        turn, then all torques. 0 where that is not fitted; empty: not at all.
     shaping : bool
         Whether an effect enters through the edges.
     shape : tuple

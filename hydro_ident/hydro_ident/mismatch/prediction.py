@@ -20,14 +20,14 @@ from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals
-from hydro_ident.mismatch.skew import skew_name
+from hydro_ident.mismatch.skew import TORQUE_SKEW, TORQUES, skew_name
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["DELAY", "Model", "Predictor", "shapes"]
 
 DELAY = "command_delay"
-#: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), and skews' columns (T, 2 c).
+#: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), skews' columns (T, 2 c + n).
 ForceRows = tuple[FloatArray, FloatArray, FloatArray]
 #: Flow rows kept per stretch: some models' worth of chambers.
 _KEPT_FLOWS = 64
@@ -53,7 +53,8 @@ class Predictor:
     delay_columns, ripple_columns : dict of int to int
         Where among `names` the delay of each cylinder's valve is, and the ripple of its pressures.
     skew_columns : dict of int to int
-        Where the skew of each chamber's pressure is: chambers a and b of each cylinder in turn.
+        Where the skew of each chamber's pressure is, chambers a and b of each cylinder in turn,
+        and that of all measured torques, `TORQUES`.
     """
 
     material: Material
@@ -84,6 +85,7 @@ class Predictor:
         read = dict.fromkeys([*self._read_by_pressures(), *(c.index for c in chambers)])
         skews = {2 * i + k: skew_name(cylinders[i].name, side)
                  for i in read for k, side in enumerate("ab")}  # fmt: skip
+        skews |= {TORQUES: TORQUE_SKEW} if self._read_by_torques() else {}
         self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
         self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
         self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
@@ -102,7 +104,9 @@ class Predictor:
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
                 for one, at in self.skew_columns.items():
-                    if self._joint_of(one // 2) == joint:
+                    if one == TORQUES and joint in self._read_by_torques():
+                        x[place.rows, at] = skew[:, 2 * len(material.robot.cylinders) + joint]
+                    elif one != TORQUES and self._joint_of(one // 2) == joint:
                         x[place.rows, at] = skew[:, one]
         stretches = self.signals.stretches(model)
         self._ripple_base(model, stretches, x)
@@ -167,6 +171,14 @@ class Predictor:
         cylinders = range(len(material.robot.cylinders))
         return [i for i in cylinders if self._joint_of(i) in forced]
 
+    def _read_by_torques(self) -> list[int]:
+        """Joints with rows of a torque that is measured."""
+        material = self.material
+        forced = {material.joint_of(p.channel) for p in material.places
+                  if not material.is_flow(p.channel)}  # fmt: skip
+        dry = material.robot.dry_joints
+        return [j for j in sorted(forced) if material.forces.torque or j in dry]
+
     def _rippled(self) -> list[int]:
         """Such cylinders beside a balance that knows the valve."""
         known = dict.fromkeys(c.index for c in self._flow_chambers())
@@ -221,7 +233,7 @@ class Predictor:
     def _force_rows(self, stretch: Stretch) -> ForceRows:
         forces, n = self.material.forces, self.material.robot.dof
         if stretch.moved is None or not stretch.kept.size:
-            count = 2 * len(self.material.robot.cylinders)
+            count = 2 * len(self.material.robot.cylinders) + n
             return np.zeros((0, n)), np.zeros((0, n, len(forces.names))), np.zeros((0, count))
         material, columns = self.material, self.signals.regressor(stretch, stretch.moved)
         return measured(material, stretch), columns, skewed(material, stretch)

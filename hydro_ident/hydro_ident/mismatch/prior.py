@@ -17,7 +17,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
-from hydro_ident.mismatch.skew import USUAL_S
+from hydro_ident.mismatch.skew import usual_skew
 from hydro_model.robot import FloatArray, Robot
 
 #: Parameters without a known deviation are held to this share of their size.
@@ -148,17 +148,19 @@ def with_ripples(
 
 
 def with_skews(prior: Prior | None, predictor: Predictor) -> Prior | None:
-    """What is known before, with how late pressures usually are read: not at all, or a little.
+    """What is known before, with how late readings usually are: not at all, or a little.
 
     Parameters
     ----------
     prior : Prior or None
     predictor : Predictor
     """
-    count, columns = len(predictor.names), predictor.skew_columns.values()
+    count, columns = len(predictor.names), predictor.skew_columns
+    cycle_s = max((s.trace.step_s for s in predictor.material.stretches), default=0.0)
     values = np.zeros(count) if prior is None else prior.values.copy()
-    values[list(columns)] = 0.0
-    return _with_rows(prior, [np.eye(count)[at] / USUAL_S for at in columns], values)
+    values[list(columns.values())] = 0.0
+    rows = [np.eye(count)[at] / usual_skew(one, cycle_s) for one, at in columns.items()]
+    return _with_rows(prior, rows, values)
 
 
 def _with_rows(

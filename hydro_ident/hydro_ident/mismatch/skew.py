@@ -1,4 +1,4 @@
-"""Pressures that are read a little after the positions: no physics of the machine.
+"""Pressures and torques that are read a little after the positions: no physics of the machine.
 
 A transducer's electronics filter over a tenth of a millisecond, and a bus carries pressures a part
 of an interval after positions. A pressure read s late is, to first order,
@@ -15,6 +15,11 @@ In a motion of few frequencies the columns look like what depends on the positio
 does, and at reversals like dry friction: s is therefore known beforehand to what such parts make
 of it, and half an interval is as far as it goes. What is later than that is a finding, the effect
 `pressure_delay`, beside which none is fitted.
+
+Torques of joints are those of commands held over an interval, or of the drives' currents some
+cycles old. Unsaid, that looks like inertia and like coupling of joints. Drives of one machine are
+alike: all torques have one skew, where one of its own would take up what a play does to a joint.
+No effect has its name, so that it goes as far as drives and buses do.
 """
 
 from __future__ import annotations
@@ -27,11 +32,15 @@ from hydro_model.effects.targets import ActiveEffect
 
 #: Effect that is the same thing, larger.
 PRESSURE_DELAY = "pressure_delay"
+#: The number of all torques among skews, behind the chambers, and what their skew is called.
+TORQUES, TORQUE_SKEW = -1, "torque_skew"
 #: Deviation of what is known of a skew before, s: filters of transducers settle in tenths of a
 #: millisecond, and a cycle's frames are on the bus within one.
 USUAL_S = 2.5e-4
 #: No base's pressures are read later, s.
 _MOST_S = 1.0e-3
+#: The same of torques, in intervals: a command is held for one, and another goes by on the way.
+_TORQUE_CYCLES = 2.5
 
 
 def skew_name(cylinder: str, side: str) -> str:
@@ -45,14 +54,26 @@ def skew_name(cylinder: str, side: str) -> str:
     return f"{cylinder}.pressure_skew_{side}"
 
 
-def largest_skew(cycle_s: float) -> float:
-    """Bound of a skew for readings at such an interval, s: what later ones are is a finding."""
-    return min(LEAST_CYCLES * cycle_s, _MOST_S)
+def usual_skew(reading: int, cycle_s: float) -> float:
+    """Deviation of what is known of a skew before, s."""
+    return cycle_s if reading == TORQUES else USUAL_S
+
+
+def largest_skew(reading: int, cycle_s: float) -> float:
+    """Bound of a skew for readings at such an interval, s: a pressure's beyond it is a finding.
+
+    Parameters
+    ----------
+    reading : int
+        A chamber, or `TORQUES`.
+    cycle_s : float
+    """
+    return _TORQUE_CYCLES * cycle_s if reading == TORQUES else min(LEAST_CYCLES * cycle_s, _MOST_S)
 
 
 def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:
     """Whether a chamber's late pressure is an effect of a model: no skew is beside that."""
-    return any(
+    return chamber != TORQUES and any(
         term.effect.name == PRESSURE_DELAY and term.index in (EVERY_CHAMBER, chamber)
         for term in terms
     )

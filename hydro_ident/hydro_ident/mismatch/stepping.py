@@ -12,7 +12,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.settings import LEAST_EXCESS
-from hydro_ident.mismatch.skew import is_listed, largest_skew
+from hydro_ident.mismatch.skew import TORQUES, is_listed, largest_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
@@ -73,12 +73,14 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
 
 
 def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
-    """How late pressures are read after a step; none beside an effect that says so."""
-    most, now = largest_skew(training.cycle_s), training.predictor.parameters(model)
-    result = list(model.skews_s or (0.0,) * (2 * len(model.robot.cylinders)))
-    for chamber, at in training.predictor.skew_columns.items():
-        result[chamber] = float(np.clip(now[at] + step[at], -most, most))
-    return tuple(0.0 if is_listed(model.terms, c) else s for c, s in enumerate(result))
+    """How late readings are after a step; none beside an effect that says so."""
+    now = training.predictor.parameters(model)
+    readings = [*range(2 * len(model.robot.cylinders)), TORQUES]
+    result = dict(zip(readings, model.skews_s or (0.0,) * len(readings), strict=True))
+    for reading, at in training.predictor.skew_columns.items():
+        most = largest_skew(reading, training.cycle_s)
+        result[reading] = float(np.clip(now[at] + step[at], -most, most))
+    return tuple(0.0 if is_listed(model.terms, one) else s for one, s in result.items())
 
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
@@ -154,9 +156,9 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
         fresh = now + float(step[at])
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
-    most, values = largest_skew(training.cycle_s), training.predictor.parameters(model)
-    for at in training.predictor.skew_columns.values():
-        now = float(values[at])
+    values = training.predictor.parameters(model)
+    for reading, at in training.predictor.skew_columns.items():
+        now, most = float(values[at]), largest_skew(reading, training.cycle_s)
         fresh = now + float(step[at])
         if abs(fresh) > most:
             result[at] = min(max(fresh, -most), most) - now
@@ -177,13 +179,10 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     held += [
         at for chamber, at in predictor.skew_columns.items() if is_listed(model.terms, chamber)
     ]
-    for columns, most in (
-        (predictor.ripple_columns, largest_ripple(cycle_s)),
-        (predictor.skew_columns, largest_skew(cycle_s)),
-    ):
-        ends = [k for k in columns.values() if abs(now[k]) >= most and now[k] * step[k] > 0.0]
-        held += [k for k in ends if k not in held]
-    return held
+    bounds = dict.fromkeys(predictor.ripple_columns.values(), largest_ripple(cycle_s))
+    bounds |= {at: largest_skew(one, cycle_s) for one, at in predictor.skew_columns.items()}
+    ends = [k for k, most in bounds.items() if abs(now[k]) >= most and now[k] * step[k] > 0.0]
+    return held + [k for k in ends if k not in held]
 
 
 def longest_delay(training: Training) -> float:

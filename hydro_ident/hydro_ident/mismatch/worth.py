@@ -44,6 +44,8 @@ _STATIC_SHARE = 0.25
 #: which therefore has to explain this share (rms) of it.
 _OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinearity"})
 _OPENING_SHARE = 0.15
+#: Share of the squares left in a channel that is next to all of it.
+_NEXT_TO_ALL = 0.95
 #: Laws of how much oil is compressed, or how stiff it is.
 _COMPRESSED = frozenset({"dead_volume", "entrained_air"})
 #: Share of an effect's gain from which a mere delay says the same.
@@ -109,8 +111,18 @@ def worthy(
             for k in acting
         ):
             return False
-    share = _OPENING_SHARE if _opens_beside(active, current.model.terms) else ADDED_SHARE
+    beside = _opens_beside(active, current.model.terms)
+    if not beside and any(
+        _is_all_of(fresh[channel == k], current.residual[mask][channel == k]) for k in acting
+    ):
+        return True
+    share = _OPENING_SHARE if beside else ADDED_SHARE
     return gain >= share**2 * _explained(training, current, bench, acting)
+
+
+def _is_all_of(part: FloatArray, left: FloatArray) -> bool:
+    """Whether a law is next to all that is left in a channel: what others' forms leave is not."""
+    return bool(np.sum((left - part) ** 2) <= (1.0 - _NEXT_TO_ALL) * np.sum(left**2))
 
 
 def _opens_beside(one: ActiveEffect, terms: Sequence[ActiveEffect]) -> bool:
