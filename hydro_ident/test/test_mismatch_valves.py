@@ -73,6 +73,19 @@ def test_what_is_next_to_all_that_is_left_is_no_flaw_of_the_valves_form(
     assert found[1].term.parameters[0] == pytest.approx(3e-4, rel=0.05)
 
 
+def test_nothing_of_a_null_biass_form_is_left_to_look_like_air(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """A bias is one number: what is small beside it is another law's all the same."""
+    true_crane, simulated_run = make_run
+    off = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.06})
+    foamy = EffectSpec("entrained_air", "lift_cylinder", {"fraction": 0.01})
+    work = lay_out(simulated_run(replace(true_crane(), effects=(off, foamy)), 18.0))
+    found = _searched(work).named
+    assert [n.names for n in found] == [("valve_null_bias",), ("entrained_air",)]
+    assert found[1].term.parameters[0] == pytest.approx(0.01, rel=0.05)
+
+
 def test_a_load_holding_valve_of_a_low_pilot_ratio_is_found(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:

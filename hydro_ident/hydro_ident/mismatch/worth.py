@@ -44,6 +44,8 @@ _STATIC_SHARE = 0.25
 #: which therefore has to explain this share (rms) of it.
 _OPENINGS = frozenset({"valve_deadband", "valve_underlap", "valve_gain_nonlinearity"})
 _OPENING_SHARE = 0.15
+#: Laws that are one number added, which nature does not bend.
+_OF_ONE_FORM = frozenset({"constant_force_offset", "dead_volume", "valve_null_bias"})
 #: Share of the squares left in a channel that is next to all of it.
 _NEXT_TO_ALL = 0.95
 #: Laws of how much oil is compressed, or how stiff it is.
@@ -224,7 +226,8 @@ def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequen
     alone = training.bench(bench.noise, current.residual, base, current.offset)
     total = 0.0
     for term in current.model.terms:
-        if term.effect.change is not None or term.effect.reading is not None:
+        exact = term.effect.name in _OF_ONE_FORM
+        if exact or term.effect.change is not None or term.effect.reading is not None:
             # Geometry, mass and time have one form: nothing of it is left over.
             continue
         column = predictor.contribution(current.model, term)
