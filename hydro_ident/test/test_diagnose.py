@@ -334,8 +334,8 @@ def test_a_payload_is_confirmed_by_another_recording_of_a_minute(
     true_crane, simulated_run = make_run
     assert matching.robot is not None
     train, check = (
-        simulated_run(true_crane(50.0), seconds, seed=seed).recording()
-        for seconds, seed in ((SECONDS, 2), (60.0, 4))
+        simulated_run(true_crane(50.0), seconds, seed=seed).recording(name)
+        for name, seconds, seed in (("run", SECONDS, 2), ("check", 60.0, 4))
     )
     fixed = DiagnosisSettings(fixed_base=True)
     (finding,) = diagnose(matching.robot, [train], [check], fixed).findings

@@ -55,7 +55,20 @@ def silence_s(values: FloatArray, period_s: float) -> FloatArray:
 
 
 def followed(values: FloatArray | None, count: int, period_s: float) -> BoolArray:
-    """In which cycles a rail is known, where it was recorded: pauses are short."""
+    """In which cycles a rail is known, where it was recorded: pauses are short.
+
+    Parameters
+    ----------
+    values : (count,) array or None
+        As read, NaN between readings; None: never.
+    count : int
+        Of cycles.
+    period_s : float
+
+    Returns
+    -------
+    (count,) bool array
+    """
     if values is None:
         return np.ones(count, dtype=np.bool_)
     return np.asarray(silence_s(values, period_s) <= LONGEST_S)
