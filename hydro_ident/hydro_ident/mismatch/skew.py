@@ -55,7 +55,14 @@ def skew_name(cylinder: str, side: str) -> str:
 
 
 def usual_skew(reading: int, cycle_s: float) -> float:
-    """Deviation of what is known of a skew before, s."""
+    """Deviation of what is known of a skew before, s.
+
+    Parameters
+    ----------
+    reading : int
+        A chamber, or `TORQUES`.
+    cycle_s : float
+    """
     return cycle_s if reading == TORQUES else USUAL_S
 
 
