@@ -139,16 +139,38 @@ def test_an_effort_of_zero_is_not_measured(
     assert "reads 0 throughout" in losses(nothing)["lift/torque"]
 
 
+@pytest.mark.parametrize(("absolute_pa", "told"), [(0.0, "0"), (25.5e6, "255")])
 def test_a_dead_transducer_is_not_measured(
-    write_bag: Callable[..., Path], run_columns: Callable[[int], dict], robot: Robot
+    write_bag: Callable[..., Path],
+    run_columns: Callable[[int], dict],
+    robot: Robot,
+    absolute_pa: float,
+    told: str,
 ) -> None:
     at = robot.pressure_names.index("lift_cylinder/b")
-    columns = still_at(run_columns(1000), "/chamber_pressures", "effort", at, 1.5e6)
+    columns = still_at(run_columns(1000), "/chamber_pressures", "effort", at, absolute_pa)
     recording = read_recording(write_bag(columns), robot)
-    reason = "lift_cylinder/b reads 15 bar throughout while lift moves"
+    reason = f"lift_cylinder/b reads {told} bar throughout while lift moves"
     assert losses(recording) == {"lift/force": reason, "lift/flow_b": reason}
     assert recording.p_b is not None
     assert np.isnan(recording.p_b[:, 0]).all()
+
+
+@pytest.mark.parametrize("absolute_pa", [101325.0, 1.5e6])
+def test_a_side_under_constant_pressure_is_measured(
+    write_bag: Callable[..., Path],
+    run_columns: Callable[[int], dict],
+    robot: Robot,
+    absolute_pa: float,
+) -> None:
+    """Of a cylinder that one side drives, the other is vented, or under a counter-pressure."""
+    at = robot.pressure_names.index("lift_cylinder/b")
+    columns = still_at(run_columns(1000), "/chamber_pressures", "effort", at, absolute_pa)
+    recording = read_recording(write_bag(columns), robot)
+    assert losses(recording) == {}
+    assert recording.p_b is not None
+    gauge_pa = absolute_pa - robot.atmospheric_pressure_pa
+    assert recording.p_b[:, 0] == pytest.approx(gauge_pa)
 
 
 def test_a_reading_that_does_not_change_while_nothing_moves_is_kept(

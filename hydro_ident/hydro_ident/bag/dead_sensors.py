@@ -1,7 +1,9 @@
 """Sensors that read the same throughout while their joint moves: nothing was measured there.
 
-Many drivers fill `effort` with zeros, and a transducer that is not connected stands still. The
-noise of such a reading is none, so that its equations would outweigh all others.
+Many drivers fill `effort` with zeros, and a transducer that is not connected stands at an end of
+its scale. The noise of such a reading is none, so that its equations would outweigh all others. A
+chamber's pressure that stands still in between may be so: of a cylinder whose other side drives
+it, vented or under a constant counter-pressure. `health` tells it all the same.
 """
 
 from __future__ import annotations
@@ -43,6 +45,8 @@ def without_dead(recording: Recording, known: Mapping[str, float]) -> Recording:
         if not there.any() or np.ptp(values[there]) > 0.0:
             continue
         reading = float(values[there][0])
+        if field != "effort" and not _at_an_end(recording, reading):
+            continue
         if known.get(name) != reading and not _moves(recording, joint, there):
             continue
         dead[name] = reading
@@ -65,6 +69,13 @@ def _sensors(recording: Recording) -> Iterator[tuple[str, str, int, int]]:
             for i, cylinder in enumerate(robot.cylinders):
                 at = robot.joint_index(cylinder.joint)
                 yield f"{cylinder.name}/{side}", f"p_{side}", i, at
+
+
+def _at_an_end(recording: Recording, gauge_pa: float) -> bool:
+    """Whether a pressure is none, or all that its transducer can show."""
+    robot = recording.robot
+    nothing = gauge_pa + robot.atmospheric_pressure_pa <= 0.0
+    return nothing or gauge_pa >= robot.sensors.pressure_range_pa
 
 
 def _moves(recording: Recording, joint: int, there: BoolArray) -> bool:
