@@ -79,7 +79,7 @@ def _publisher(node: Any) -> Any:
 def _identified_message(node: Any) -> Any:
     from hydro_ident.identification import identify
     from hydro_ident.optional import require
-    from hydro_ident.sources import bag_source
+    from hydro_ident.sources import bag_sources
     from hydro_ident.verdict import NOT_ENOUGH
     from hydro_model.robot_files import load_robot
     from hydro_msgs_docs.messages import joint_state
@@ -87,7 +87,7 @@ def _identified_message(node: Any) -> Any:
     bags, name = _parameters(node)
     require("clarabel", "bodies that can exist")
     robot = load_robot(name)
-    found = identify(robot, [bag_source(bag, robot) for bag in bags])
+    found = identify(robot, bag_sources(bags, (), robot)[0])
     if found.verdict == NOT_ENOUGH:
         raise NotEnoughDataError("; ".join(found.problems))
     for text in found.problems:

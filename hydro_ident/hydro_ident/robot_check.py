@@ -244,7 +244,10 @@ def _joints(robot: Robot) -> Iterator[Remark]:
             if not 0.0 < value < np.inf
         ]
         if absent:
-            text = f"the URDF's <limit> has no {' and no '.join(absent)}: `excite` needs both"
+            text = (
+                f"the URDF's <limit> has no {' and no '.join(absent)}: `excite` needs both, the"
+                " controller the velocity"
+            )
             yield Remark(WARNING, joint.name, text)
         driven = any(c.joint == joint.name for c in robot.cylinders)
         if robot.cylinders and not driven:

@@ -7,6 +7,7 @@ wanted; nothing heavy has been imported by then.
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -66,6 +67,8 @@ def run_command(name: str, main: Main, arguments: Sequence[str] | None = None) -
     """
     if "_ARGCOMPLETE" in os.environ:
         _complete_words()
+    # What a library says in passing, such as of a robot file's limits, is the command's to say.
+    logging.basicConfig(format=f"{name}: warning: %(message)s")
     try:
         return main(list(sys.argv[1:] if arguments is None else arguments))
     except HydroError as error:

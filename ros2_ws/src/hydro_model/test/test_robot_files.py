@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -178,6 +180,25 @@ def test_slightly_wide_limits_end_where_the_piston_does(
     [record] = caplog.records
     assert "outside its stroke" in record.message
     assert f"taken as {joint.lower:.4f} to {joint.upper:.4f}" in record.message
+
+
+def test_a_command_says_that_limits_were_narrowed(crane: Path) -> None:
+    urdf = crane.with_name("xs031.urdf")
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('lower="-0.05"', 'lower="-0.11"'), encoding="utf-8")
+    code = (
+        "import sys; from hydro_model.command import run_command;"
+        "from hydro_model.robot_files import load_robot;"
+        "run_command('tool', lambda given: load_robot(given[0]).dof, sys.argv[1:])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(crane)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == ""
+    [line] = done.stderr.splitlines()
+    assert line.startswith(
+        f"tool: warning: {crane}: joint limits -0.11 to 1.7 move 'lift_cylinder'"
+    )
 
 
 def test_limits_past_a_dead_centre_are_refused_however_little_the_stroke(crane: Path) -> None:
