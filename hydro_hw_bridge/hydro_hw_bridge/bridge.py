@@ -271,8 +271,9 @@ class CanBridge(LifecycleNode):
             while (taken := self._hot.take_numbered()) is not None:
                 message, number = taken
                 with self._lock:
+                    unheard_s = time.monotonic() - self._heard_at
                     step = self._core.command(
-                        stamp_ns(message), message.name, message.effort.tolist(), number
+                        stamp_ns(message), message.name, message.effort.tolist(), number, unheard_s
                     )
                     steps = (step, *self._look_at_bus())
                 self._times.commanded(step, stamp_ns(message))

@@ -170,7 +170,7 @@ class BridgeCore:
         if counters.contradicted != contradicted and self.active:
             self._supervision.contradicted(frame)
         if frame.role == "sync":
-            self._supervision.sync(frame, counter)
+            self._supervision.sync(frame, counter, active=self.active)
         if cycle is not None:
             return self._cycle(cycle)
         return self._after(was)
@@ -236,6 +236,7 @@ class BridgeCore:
         names: Sequence[str],
         voltages: Sequence[float],
         number: int | None = None,
+        unheard_s: float = 0.0,
     ) -> Step:
         """Take a command.
 
@@ -248,11 +249,16 @@ class BridgeCore:
             V.
         number : int, optional
             Of the message, counted by its publisher.
+        unheard_s : float, optional
+            For how long, by now, no frame of the device has been read. After a stall of this
+            process a command may be taken before what the device said meanwhile: in real time
+            it is as old as that, and drives nothing.
         """
         if not self.active or not self.ready or self.sample is None:
             self.commands.not_driving += 1
             return NOTHING
-        if self._supervision.outdated and self.gate.state is GateState.WAITING:
+        begins_none = self._supervision.outdated and self.gate.state is GateState.WAITING
+        if begins_none or self._supervision.too_long(unheard_s):
             self.commands.outdated += 1
             return NOTHING
         was = self.gate.state

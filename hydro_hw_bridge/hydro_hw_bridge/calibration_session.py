@@ -16,6 +16,9 @@ SILENCE_S = 3.0
 SLICE_S = 0.05
 STOP_FRAMES = 5
 STOP_PERIOD_S = 0.002
+#: A cycle that is driven may come again so often before it is answered by no more than 0 V: its
+#: answer is lost now and then, and a counter that stands counts no length of a pulse.
+MAX_REPEATS = 5
 
 
 class Session:
@@ -63,11 +66,11 @@ class Session:
         Raises
         ------
         CalibrationError
-            Nothing comes from the device.
+            Nothing comes from the device, or the same cycle again and again while it is driven.
         BridgeError
             A bridge appeared on the bus, or the bus went away.
         """
-        heard = time.monotonic()
+        heard, repeats = time.monotonic(), 0
         self._answer()
         while True:
             now = time.monotonic()
@@ -91,8 +94,19 @@ class Session:
                 continue
             heard, self._counter = now, cycle.counter
             if cycle.kind is not CycleKind.REPEAT:
+                repeats = 0
                 yield self.codec.readings(cycle.data)
+            elif self._enable:
+                repeats += 1
+                self._refuse_more(repeats)
             self._answer()
+
+    def _refuse_more(self, repeats: int) -> None:
+        if repeats > MAX_REPEATS:
+            raise CalibrationError(
+                f"the device's sample counter stands at {self._counter} while it is driven,"
+                " expected it to count its cycles"
+            )
 
     def _hear(self, frame: Frame) -> None:
         if frame.intact and self._claim.hear(self.codec.decode_claim(frame)):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from hydro_hw_bridge.gate_limits import GateLimits
 
+EMERGENCY_STOP = "emergency stop"
+
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
@@ -49,7 +51,7 @@ def missing_permissive(inputs: Inputs | None, limits: GateLimits, *, settled: bo
     if inputs is None:
         return "no complete cycle from the device yet"
     if not inputs.emergency_stop_ok:
-        return "emergency stop"
+        return EMERGENCY_STOP
     if not inputs.enable_switch:
         return "enable switch is off"
     if not inputs.pump_on:

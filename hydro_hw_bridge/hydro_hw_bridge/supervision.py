@@ -11,7 +11,7 @@ import math
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Frame, Readings, Status
 from hydro_hw_bridge.gate import Gate, GateState
-from hydro_hw_bridge.permissives import Inputs
+from hydro_hw_bridge.permissives import EMERGENCY_STOP, Inputs
 from hydro_hw_bridge.plausibility import ReadingsWatch
 
 SUPPLY = "supply"
@@ -77,7 +77,7 @@ class Supervision:
         """
         self._gate.trip(f"two different frames {frame.name} of one cycle: a second device?")
 
-    def sync(self, sync: Frame, counter: int) -> None:
+    def sync(self, sync: Frame, counter: int, *, active: bool) -> None:
         """The permissives act at once, whether or not the rest of the cycle comes.
 
         Parameters
@@ -85,12 +85,13 @@ class Supervision:
         sync : Frame
         counter : int
             Sample counter of the newest cycle.
+        active : bool
         """
         if not sync.intact or self._codec.sample_counter(sync) != counter:
             return
         self._quiet = False
         if self._supply_pa is not None:
-            self._gate.check(self._inputs(self._codec.status(sync), self._supply_pa))
+            self._check(self._codec.status(sync), self._supply_pa, active=active)
 
     def repeated(self) -> None:
         """In real time no cycle is sent again: ages cannot be told by a counter that stands."""
@@ -121,7 +122,7 @@ class Supervision:
         """
         self._standing_still = 0
         self._supply_pa = self._supply(readings)
-        self._gate.check(self._inputs(readings.status, self._supply_pa))
+        self._check(readings.status, self._supply_pa, active=active)
         found = self.watch.look(readings, counter, on_wire_v)
         if found.passing and active:
             self._gate.trip(found.passing)
@@ -143,6 +144,13 @@ class Supervision:
     def _supply(self, readings: Readings) -> float:
         names = self._codec.pressure_names
         return readings.pressures_pa[names.index(SUPPLY)] if SUPPLY in names else math.nan
+
+    def _check(self, status: Status, supply_pa: float, *, active: bool) -> None:
+        inputs = self._inputs(status, supply_pa)
+        self._gate.check(inputs)
+        if active and not inputs.emergency_stop_ok:
+            # Whoever presses it while nothing is driven yet does not want what comes next.
+            self._gate.trip(EMERGENCY_STOP)
 
     def _inputs(self, status: Status, supply_pa: float) -> Inputs:
         return Inputs(
@@ -173,10 +181,20 @@ class Supervision:
         ----------
         elapsed_s : float
         """
-        most_s = self._gate.limits.max_age_s
-        self._quiet = not self._lockstep and elapsed_s > most_s
+        self._quiet = self.too_long(elapsed_s)
         if self._quiet and self._gate.state is GateState.DRIVING:
+            most_s = self._gate.limits.max_age_s
             self._gate.trip(f"nothing from the device for {1e3 * most_s:.0f} ms")
+
+    def too_long(self, elapsed_s: float) -> bool:
+        """Whether so much wall time makes a command too old: in lockstep none does.
+
+        Parameters
+        ----------
+        elapsed_s : float
+            Since the cycle that it answers, or a later one, was read.
+        """
+        return not self._lockstep and elapsed_s > self._gate.limits.max_age_s
 
     def waited(self, waited_s: float) -> None:
         """A sync frame, as just taken in, had waited in this computer to be read.
@@ -189,7 +207,7 @@ class Supervision:
         waited_s : float
         """
         most_s = self._gate.limits.max_age_s
-        self._behind = not self._lockstep and waited_s > most_s
+        self._behind = self.too_long(waited_s)
         self.read_late += self._behind
         if self._behind and self._gate.state is GateState.DRIVING:
             self._gate.trip(

@@ -78,11 +78,14 @@ class Bench:
         assert self.command(1, lift).answer is not None
         assert self.core.gate.state is GateState.DRIVING
 
-    def command(self, counter: int, lift: float, tilt: float = 0.0) -> Step:
+    def command(
+        self, counter: int, lift: float, tilt: float = 0.0, unheard_s: float = 0.0
+    ) -> Step:
         """The controller's voltages for a cycle."""
         zero = self.core.clock.zero_stamp_ns
         assert zero is not None
-        return self.core.command(zero + counter * PERIOD, NAMES, (lift, tilt))
+        stamp_ns = zero + counter * PERIOD
+        return self.core.command(stamp_ns, NAMES, (lift, tilt), unheard_s=unheard_s)
 
     def sent(self, message: can.Message | None) -> CommandFrame:
         """What a valve frame says."""

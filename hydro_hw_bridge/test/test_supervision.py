@@ -126,6 +126,44 @@ def test_after_silence_no_old_sample_begins_to_drive(real_time: Any) -> None:
     assert real_time.command(2, 1.0).answer is not None
 
 
+def test_commands_that_waited_out_a_stall_drive_nothing(real_time: Any, lockstep: Any) -> None:
+    """Read before what the device said meanwhile, they look fresh by its counter."""
+    for bench, driven in ((real_time, False), (lockstep, True)):
+        bench.drive()
+        bench.cycle(2)
+        assert (bench.command(2, 1.5, unheard_s=0.011).answer is not None) is driven
+        assert bench.core.commands.outdated == (not driven)
+    # The trip that follows is the reader's, with its reason.
+    assert real_time.core.gate.state is GateState.DRIVING
+    assert real_time.command(2, 1.5, unheard_s=0.010).answer is not None
+
+
+def test_an_emergency_stop_while_nothing_is_driven_latches(real_time: Any) -> None:
+    real_time.cycle(1, emergency_stop_ok=False)
+    assert real_time.core.gate.state is GateState.WAITING  # of no bridge that is to drive
+    real_time.start()
+    real_time.cycle(2)
+    for bit in ("enable_switch", "pump_on"):
+        real_time.cycle(3, **{bit: False})
+        assert real_time.core.gate.state is GateState.WAITING
+    real_time.cycle(4, emergency_stop_ok=False)
+    assert real_time.core.gate.reason == "emergency stop"
+    assert real_time.core.gate.clear() == (False, "still there: emergency stop")
+    real_time.cycle(5)
+    assert real_time.command(5, 1.0) is NOTHING
+    assert real_time.core.gate.clear()[0]
+    assert real_time.command(5, 1.0).answer is not None
+
+
+def test_an_emergency_stop_latches_by_its_frame_alone_while_nothing_is_driven(
+    real_time: Any,
+) -> None:
+    real_time.start()
+    real_time.cycle(1)
+    real_time.without(2, 3, emergency_stop_ok=False)
+    assert real_time.core.gate.reason == "emergency stop"
+
+
 def test_a_permissive_that_goes_stops_with_its_own_cycle(real_time: Any) -> None:
     real_time.start()
     real_time.cycle(1)

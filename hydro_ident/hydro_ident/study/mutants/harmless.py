@@ -100,12 +100,24 @@ def _plausibility() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
-def _supervision() -> Iterator[Harmless]:
-    stands = "def _stands(self, name: str, reason: str, *, active: bool) -> None:"
+def _bridge_core() -> Iterator[Harmless]:
+    unheard = "unheard_s: float = 0.0,"
     yield Harmless(
-        "supervision", "Supervision._stands", stands, stands.replace("*", "/"),
-        "a private function, whose callers say what the word means",
+        "bridge_core", "BridgeCore.command", unheard, unheard.replace("0.0", "-1.0"),
+        "no time and less than none are both shorter than a command may be old",
     )  # fmt: skip
+
+
+def _supervision() -> Iterator[Harmless]:
+    private = "a private function, whose callers say what the word means"
+    for name, words, why in (
+        ("sync", "sync: Frame, counter: int", "the bridge's core says what the word means"),
+        ("_check", "status: Status, supply_pa: float", private),
+        ("_stands", "name: str, reason: str", private),
+    ):
+        head = f"def {name}(self, {words}, *, active: bool) -> None:"
+        where = f"Supervision.{name}"
+        yield Harmless("supervision", where, head, head.replace("*", "/"), why)
 
 
 def _command_intake() -> Iterator[Harmless]:
@@ -239,6 +251,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_driven_cycles(),
     *_output_ramp(),
     *_plausibility(),
+    *_bridge_core(),
     *_supervision(),
     *_command_intake(),
     *_valve_frames(),

@@ -1,0 +1,96 @@
+"""`Session` between a bus of this process and frames of a device that are written out here."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hydro_hw_bridge.bus import Bus, open_bus
+from hydro_hw_bridge.calibration_session import MAX_REPEATS, Session
+from hydro_hw_bridge.codec import Codec
+from hydro_hw_bridge.errors import CalibrationError
+from hydro_hw_bridge.frames import CommandFrame
+
+PATIENCE_S = 60.0
+
+
+class Device:
+    """Sends a cycle for every valve frame that it hears, with the counters that it is told."""
+
+    def __init__(self, bus: Bus, codec: Codec, readings: Any, counters: list[int]) -> None:
+        self.heard: list[CommandFrame] = []
+        self._bus, self._codec, self._readings = bus, codec, readings
+        self._counters = counters
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self._send(self._counters[0])
+        for counter in self._counters[1:]:
+            if not self._answered():
+                return
+            self._send(counter)
+        while self._answered():
+            pass
+
+    def _send(self, counter: int) -> None:
+        for message in self._codec.encode_cycle(self._readings(counter)):
+            self._bus.send(message)
+
+    def _answered(self) -> bool:
+        while (message := self._bus.receive(2.0)) is not None:
+            frame = self._codec.receive(message)
+            if frame is not None and frame.role == "command":
+                self.heard.append(self._codec.decode_command(frame))
+                return True
+        return False
+
+    def join(self) -> None:
+        self._thread.join(PATIENCE_S)
+
+
+@pytest.fixture
+def buses() -> Iterator[tuple[Bus, Bus]]:
+    """Two ends of one bus of python-can inside this process."""
+    name = f"virtual:calibration_{os.getpid()}"
+    with open_bus(name) as one, open_bus(name) as other:
+        yield one, other
+
+
+def test_a_counter_that_stands_ends_what_is_driven(
+    buses: tuple[Bus, Bus], codec: Codec, readings: Any
+) -> None:
+    """How long a valve is driven is counted in cycles of the device."""
+    session = Session(buses[0], codec)
+    device = Device(buses[1], codec, readings, [1, 2, *[3] * 200])
+    cycles = session.cycles()
+    next(cycles)
+    session.drive("lift_valve", 0.5)
+    assert next(cycles).counter == 2
+    assert next(cycles).counter == 3
+    with pytest.raises(CalibrationError, match="sample counter stands at 3 while it is driven"):
+        next(cycles)
+    session.stop()
+    device.join()
+    driven = [frame for frame in device.heard if frame.enable]
+    assert 0 < len(driven) <= 2 + MAX_REPEATS + 1
+    assert (device.heard[-1].voltages, device.heard[-1].enable) == ((0.0, 0.0), False)
+
+
+def test_answers_that_are_lost_now_and_then_end_nothing(
+    buses: tuple[Bus, Bus], codec: Codec, readings: Any
+) -> None:
+    """Nor does a machine that repeats its cycle for as long as nothing is driven."""
+    session = Session(buses[0], codec)
+    again = [counter for counter in range(2, 12) for _ in range(MAX_REPEATS)]
+    Device(buses[1], codec, readings, [*[1] * 50, *again, 12])
+    cycles = session.cycles()
+    next(cycles)
+    assert next(cycles).counter == 2
+    session.drive("lift_valve", 0.5)
+    assert [next(cycles).counter for _ in range(10)] == list(range(3, 13))
+    session.stop()
