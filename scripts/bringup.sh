@@ -85,7 +85,14 @@ else
   note "reading $robot on $can, valves not driven (--drive drives); Ctrl-C ends (logs in $log_dir)"
 fi
 
-while running bridge && running controller; do sleep 0.2; done
+recording=$record
+while running bridge && running controller; do
+  if [[ -n $recording ]] && ! running recorder; then
+    recording=
+    note "NOT RECORDING any more, and going on: recorder: $(last_line recorder)"
+  fi
+  sleep 0.2
+done
 for name in bridge controller; do
   running "$name" || { note "$name ended:"; ended "$name"; }
 done

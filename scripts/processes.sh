@@ -32,12 +32,15 @@ fail_with_log() {
   return 1
 }
 
+# last_line NAME: the last that it said which is not blank.
+last_line() { sed -n '/[^[:space:]]/h; ${x; p}' "$log_dir/$1.log"; }
+
 # ended NAME: leave the script as the process NAME left: its last line, its exit code.
 ended() {
   local code=0
   wait "${process_of[$1]}" || code=$?
   unset "process_of[$1]"
-  sed -n '/[^[:space:]]/h; ${x; p}' "$log_dir/$1.log" >&2
+  last_line "$1" >&2
   exit $((code == 0 ? 1 : code))
 }
 
@@ -101,6 +104,8 @@ stop() {
     fi
     wait "${process_of[$name]}" 2>/dev/null || true
     unset "process_of[$name]"
+    # Where the bag is, and what is not in it.
+    [[ $name != recorder ]] || sed -n '/^recorded /,$p' "$log_dir/$name.log" >&2
   done
   return "$code"
 }

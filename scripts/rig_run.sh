@@ -83,5 +83,6 @@ else
   transition controller "$name.controller" activate
 fi
 wait_end "$name.rig" $((${duration%.*} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
+running "$name.recorder" || ended "$name.recorder"
 stop "$name.controller" "$name.bridge" "$name.recorder"
 note "run $name: $duration s of machine time in $((SECONDS - began)) s"

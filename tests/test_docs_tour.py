@@ -9,6 +9,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,18 @@ class Shell:
         return self.process.wait(PATIENCE_S)
 
 
+def child(folder: Path, words: str) -> int:
+    """The process that runs in a folder with these words in its command line."""
+    found = []
+    for process in Path("/proc").iterdir():
+        with suppress(OSError):
+            line = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            if words in line and (process / "cwd").resolve() == folder:
+                found.append(int(process.name))
+    [number] = found
+    return number
+
+
 @pytest.fixture
 def shell(tmp_path: Path) -> Iterator[Callable[[str], Shell]]:
     started: list[Shell] = []
@@ -166,7 +179,11 @@ def test_the_labs_commands_bring_up_ask_and_record(
     )
     assert json.loads(done.stdout)["state"] == "active"
     assert recorder.interrupt() == 0
+    # A recorder that ends takes nothing else with it, and nobody has to look into a log for it.
+    os.kill(child(tmp_path, "--name first"), signal.SIGTERM)
+    crane.until("NOT RECORDING any more, and going on")
     assert crane.interrupt() == 128 + signal.SIGINT
+    assert re.search(r"^recorded \d+ messages in .*_first$", crane.log.read_text(), re.M)
     bags = {bag.name.partition("_")[2]: bag for bag in (tmp_path / "bags").iterdir()}
     assert set(bags) == {"first", "second"}
     for bag in bags.values():

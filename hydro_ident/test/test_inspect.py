@@ -220,6 +220,8 @@ def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsy
     out = capsys.readouterr().out
     assert "give --robot" in out
     assert "/chamber_pressures" in out
+    assert "joints, pressures and valves were not looked at" in out
+    assert "nothing irregular" not in out
 
 
 def test_a_missing_bag_names_those_beside_it(tmp_path, write_bag, run_columns, capsys) -> None:

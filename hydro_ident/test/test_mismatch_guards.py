@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from html import unescape
 from typing import Any
 
@@ -15,7 +15,7 @@ from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.agreement import untold
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.describe import form_of, form_text
-from hydro_ident.mismatch.diagnosis import _too_little
+from hydro_ident.mismatch.diagnosis import _too_little, diagnose
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
@@ -29,6 +29,7 @@ from hydro_ident.report.page import number, written
 from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
+from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
@@ -148,6 +149,19 @@ def test_what_lacks_the_forces_is_named(plain: Any) -> None:
     surveys = [survey_source(source, robot) for source in sources_of(recordings)]
     assert _too_little(robot, surveys).endswith("no chamber pressures in without")
     assert _too_little(robot, surveys[:1]).endswith("half a minute or more")
+
+
+def test_a_recording_that_cannot_verify_is_the_one_that_is_named(plain: Any) -> None:
+    short = plain.recording("short")
+    short = replace(short, **{
+        f.name: v[:10]
+        for f in fields(short)
+        if isinstance(v := getattr(short, f.name), np.ndarray) and len(v) == len(short)
+    })  # fmt: skip
+    found = diagnose(load_robot("xs031"), [plain.recording("whole")], [short])
+    assert found.verdict == NOT_ENOUGH
+    [problem] = found.problems
+    assert problem.startswith("short: expected rows to verify on, found none")
 
 
 # The base -------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +17,7 @@ from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.compare_tracking import run as compare
-from hydro_ident.commands.tracking import main
+from hydro_ident.commands.tracking import main, other_machine
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.metrics import moving_span, speed_m_s, tracking
 from hydro_model import terminal
@@ -159,6 +160,26 @@ def test_the_command_from_encoders_and_truth(tmp_path, bag, capsys) -> None:
     assert "truth" not in data
 
 
+@pytest.mark.parametrize("named", ["mycrane", ""])
+def test_no_tip_is_computed_by_links_that_nobody_named(tmp_path, capsys, named: str) -> None:
+    bag = tmp_path / "other"
+    with BagWriter(bag, {"robot": named} if named else {}) as writer:
+        writer.add_topic("/joint_states", JOINT_STATE)
+        writer.write_stamped(
+            "/joint_states", START_NS, {"position": np.zeros(2)}, names=("lift", "tilt")
+        )
+    assert main([str(bag)]) == 2
+    assert f"found '{named}': give the --robot that the tip is of" in capsys.readouterr().err
+
+
+def test_links_of_another_robot_than_the_bags_are_said(tmp_path, bag, capsys) -> None:
+    assert other_machine(read_bag(bag), load_robot("xs031")) == []
+    other = replace(load_robot("xs031"), name="mycrane")
+    assert other_machine(read_bag(bag), other) == [
+        "recorded as 'xs031', not mycrane: the tip is that of another machine's links"
+    ]
+
+
 def test_what_could_not_be_read_or_checked_is_said(
     tmp_path, bag, capsys, without_checksums
 ) -> None:
@@ -239,7 +260,7 @@ def test_bad_input_is_one_line(tmp_path, bag, write_bag, run_columns, capsys) ->
         ([*truth, str(tmp_path / "late.npz")], "no sample of this file", 2),
         ([*no_zero, str(tmp_path / "truth.npz")], "sample_zero_stamp_ns", 2),
     ):
-        assert main(arguments) == code, text
+        assert main([*arguments, "--robot", "xs031"]) == code, text
         error = capsys.readouterr().err
         assert error.count("\n") == 1, error
         assert text in error

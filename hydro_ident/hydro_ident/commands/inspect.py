@@ -104,6 +104,8 @@ def _troubles(i: Inspection) -> list[str]:
         f"  {coloured('LOST', 'yellow')}    {printable(said)}"
         for said in (f"{loss['channel']}: {loss['reason']}" for loss in i.losses)
     ]
+    if i.robot is None:
+        lines.append(f"  {check}   joints, pressures and valves were not looked at: give --robot")
     return ["", "health", *(lines or ["  nothing irregular"])]
 
 

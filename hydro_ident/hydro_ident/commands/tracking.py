@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from hydro_ident.metrics import Tracking
     from hydro_model.robot import Robot
 
-_DEFAULT_ROBOT = "xs031"
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The `tracking` executable."""
@@ -44,17 +42,36 @@ def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
+    from hydro_ident.errors import BagError
     from hydro_ident.inspection import robot_of
-    from hydro_model.robot_files import load_robot
 
     with progress_bar():
         bag = read_bag(options.bag, RECORDING_TOPICS)
-        robot = robot_of(bag, options.robot) or load_robot(_DEFAULT_ROBOT)
+        robot = robot_of(bag, options.robot)
+        if robot is None:
+            raise BagError(
+                f"{bag.path}: expected the name of a shipped robot in the bag, found"
+                f" '{bag.metadata.get('robot', '')}': give the --robot that the tip is of"
+            )
         advance("following the tip", 1, 1)
         rows = tracking_of(bag, robot, options.truth)
     report(options.json, _as_dict(bag, rows), _text(rows))
-    warn("tracking", (*bag.losses, *bag.unchecked))
+    warn("tracking", (*bag.losses, *bag.unchecked, *other_machine(bag, robot)))
     return 0
+
+
+def other_machine(bag: Bag, robot: Robot) -> list[str]:
+    """A sentence where the tip is computed by another robot than the bag names.
+
+    Parameters
+    ----------
+    bag : Bag
+    robot : Robot
+    """
+    name = bag.metadata.get("robot", robot.name)
+    if name == robot.name:
+        return []
+    return [f"recorded as '{name}', not {robot.name}: the tip is that of another machine's links"]
 
 
 def tracking_of(bag: Bag, robot: Robot, truth: Path | None = None) -> dict[str, Tracking]:

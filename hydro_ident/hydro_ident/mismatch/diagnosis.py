@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.errors import IdentError
+from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import free_run
 from hydro_ident.mismatch.causes import one_per_cause
 from hydro_ident.mismatch.check import Check
@@ -104,7 +104,10 @@ def diagnose(
     recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
     advance("fitting the structure", 1, _STAGES)
-    work = None if wrong else residuals(robot, sources, others, surveys, settings)
+    try:
+        work = None if wrong else residuals(robot, sources, others, surveys, settings)
+    except NotEnoughDataError as error:
+        work, wrong = None, [str(error)]
     if work is None:
         problems = tuple(wrong) or (_too_little(robot, surveys),)
         return Diagnosis(

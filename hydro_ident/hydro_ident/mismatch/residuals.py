@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.cleaning import Cleaner
+from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
 from hydro_ident.estimate.noise import flow_noise, force_noise
@@ -146,6 +147,11 @@ def residuals(
     -------
     Residuals or None
         None where no channel has enough rows.
+
+    Raises
+    ------
+    NotEnoughDataError
+        There are recordings to verify on, and none has a row.
     """
     signals = merged_signals(robot, surveys[: len(sources)])
     torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
@@ -187,7 +193,11 @@ def residuals(
         notes += _unlocked(robot, unlocked)
         there = laid.material(traces)
         if not there.size:
-            return None
+            raise NotEnoughDataError(
+                f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take"
+                " a longer recording, of every joint in motion, or none, and every fifth block of"
+                " the others is kept for it"
+            )
         check = _elsewhere(there, training, signals, unlocked)
     else:
         known = within(material, training.mask, material)

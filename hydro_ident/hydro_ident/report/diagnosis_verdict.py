@@ -145,6 +145,8 @@ def _size(data: dict[str, Any]) -> str:
 
 
 def _left_out(found: Diagnosis) -> list[str]:
+    if found.verdict == NOT_ENOUGH:
+        return ["Not known."]
     lines = _causes(found)
     units = {channel.name: channel.unit for channel in found.channels}
     lines += [in_words(one, units.get(one.channel, "")) for one in found.unexplained]

@@ -32,7 +32,7 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
     known = [p for p in found.parameters if p.identifiable and not p.held]
     weak = {p.name for p in known if identified_row(p, {}).off}
     told = [p for p in known if p.name not in weak]
-    physics = left_out(found.channels)
+    physics = left_out(found.channels or found.fitted)
     if found.verdict == NOT_ENOUGH:
         tone, headline = "bad", "These recordings are not enough to identify the machine."
     elif found.verdict != IDENTIFIED:
@@ -40,6 +40,8 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
     elif physics:
         tone = "warn"
         headline = "The machine was identified, but it does more than its model knows."
+    elif not found.channels:
+        tone, headline = "warn", "The machine was identified, and nothing else was looked at."
     else:
         tone, headline = "good", "The machine was identified."
     cards = (
@@ -120,6 +122,11 @@ def _sure(
     lines = health_line(found.recordings)
     if found.verdict == NOT_ENOUGH:
         return lines or ["Not at all."]
+    if not found.channels:
+        lines.append(
+            "Nothing was scored on rows that took no part in the fit: how well it predicts is not"
+            " known."
+        )
     relative = sorted(
         (p.ci95[1] - p.ci95[0]) / (2.0 * abs(p.value)) for p in known if p.ci95 and p.value
     )
@@ -145,6 +152,8 @@ def _sure(
 
 
 def _next(found: Identification, weak: Collection[str], physics: dict[str, float]) -> list[str]:
+    if found.verdict == NOT_ENOUGH and found.problems:
+        return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
     lines = []
     if physics:
         lines.append("Run `diagnose` on the same bags: it names what the model leaves out.")

@@ -277,6 +277,23 @@ def test_what_is_not_enough_is_no_improvement(found: Identification, page_of: Pa
     strip = html.partition('id="verdict"')[2].partition("</section>")[0]
     for said in ("error changes", "Simulated for", "determined, the middle", "→"):
         assert said not in strip
+    # What has to be mended stands where one looks for what to do, and no designed run mends it.
+    zero = "the encoder's zero is off: calibrate"
+    html = page_of(replace(found, verdict=NOT_ENOUGH, robot=None, problems=(zero,)))
+    strip = html.partition('id="verdict"')[2].partition("</section>")[0]
+    do_next = strip.partition("What to do next")[2]
+    assert "The encoder&#x27;s zero is off: calibrate." in do_next
+    assert "excite" not in do_next
+
+
+def test_an_identification_that_nothing_was_scored_on_is_not_called_good(
+    found: Identification, page_of: Page
+) -> None:
+    html = page_of(replace(found, channels=()))
+    assert "verdict good" in page_of(found)
+    assert "verdict good" not in html
+    strip = html.partition('id="verdict"')[2].partition("</section>")[0]
+    assert "Nothing was scored on rows that took no part in the fit" in strip
 
 
 def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None:
