@@ -31,7 +31,7 @@ def controller_text(model: Path, gains: Gains | None = None) -> str:
     parameters = {NODE: {"ros__parameters": {"robot": str(model.absolute()), **values}}}
     head = (
         "# Written by hydro_ident, for `hydro_control controller --ros-args --params-file FILE`.\n"
-        "# Gains are the package's defaults: a machine that was driven with its own goes on with its"
-        " own file,\n# and with this model by `-p robot:=`.\n"
+        "# Gains are the package's defaults: a machine that was driven with its own goes on with"
+        " its own\n# file, and with this model by `-p robot:=`.\n"
     )
     return head + yaml.safe_dump(parameters, sort_keys=False)

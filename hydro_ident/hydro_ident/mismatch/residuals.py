@@ -194,9 +194,9 @@ def residuals(
         there = laid.material(traces)
         if not there.size:
             raise NotEnoughDataError(
-                f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take"
-                " a longer recording, of every joint in motion, or none, and every fifth block of"
-                " the others is kept for it"
+                f"{', '.join(s.name for s in others)}: expected rows to verify on, found none:"
+                " take a longer recording, of every joint in motion, or none, and every fifth"
+                " block of the others is kept for it"
             )
         check = _elsewhere(there, training, signals, unlocked)
     else:
