@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -248,6 +250,73 @@ def test_labview_without_an_x_column_and_with_one_each(tmp_path: Path) -> None:
     log = read_log(write(tmp_path, multi, "b.lvm"))
     assert dict(log.clocks) == {"q": "X_Value[1]", "p": "X_Value[2]"}
     np.testing.assert_array_equal(log.columns["X_Value[2]"], [0.0, np.nan])
+
+
+def test_no_labview_channel_is_lost_to_another_of_its_name(tmp_path: Path) -> None:
+    twice = lvm("One", "Channels\t2\t\n", "X_Value\tq\tq\tComment\n0\t1\t2\n1\t3\t4\n")
+    with pytest.raises(BagError, match="column 'q' appears more than once"):
+        read_log(write(tmp_path, twice, "a.lvm"))
+
+
+@pytest.mark.parametrize("labels", ["\t\t\tbar\t", "\t\tbar\t"], ids=["columns", "channels"])
+def test_labview_units_stay_with_their_channels(tmp_path: Path, labels: str) -> None:
+    """Of two channels with X columns of their own the first has no unit."""
+    top = f"Channels\t2\t\nY_Unit_Label{labels}\n"
+    table = "X_Value\tq\tX_Value\tp\n0\t1\t0\t2\n1\t3\t1\t4\n"
+    units = read_log(write(tmp_path, lvm("Multi", top, table), "a.lvm")).units
+    assert units["p"] == "bar"
+    assert "q" not in units
+
+
+def test_no_control_desk_signal_is_lost_to_another_of_its_name(tmp_path: Path) -> None:
+    text = "trace_names,time,q,q\ntrace_values,0.0,1,2\n,0.1,3,4\n"
+    with pytest.raises(BagError, match="column 'q' appears more than once"):
+        read_log(write(tmp_path, text))
+
+
+def test_simulinks_structure_with_time_is_read_by_its_labels(tmp_path: Path) -> None:
+    kind = [("values", object), ("dimensions", object), ("label", object)]
+    signals = np.array([(np.ones(5), 1, "q"), (np.zeros((5, 1)), 1, "p")], dtype=kind)
+    savemat(tmp_path / "rec.mat", {"rec": {"time": np.arange(5.0), "signals": signals}})
+    columns = read_log(tmp_path / "rec.mat").columns
+    assert {n: len(v) for n, v in columns.items()} == {
+        "rec.time": 5, "rec.signals.q": 5, "rec.signals.p": 5,
+    }  # fmt: skip
+    signals["label"] = ""
+    savemat(tmp_path / "rec.mat", {"rec": {"time": np.arange(5.0), "signals": signals}})
+    columns = read_log(tmp_path / "rec.mat").columns
+    assert {"rec.signals[1]", "rec.signals[2]"} <= set(columns)
+    others = np.array([(1.0, 2.0), (3.0, 4.0)], dtype=[("a", float), ("b", float)])
+    savemat(tmp_path / "rec.mat", {"rec": others})
+    columns = read_log(tmp_path / "rec.mat").columns
+    assert {n: v.tolist() for n, v in columns.items()} == {
+        "rec[1].a": [1.0], "rec[1].b": [2.0], "rec[2].a": [3.0], "rec[2].b": [4.0],
+    }  # fmt: skip
+
+
+def test_only_what_is_of_one_instant_is_subtracted(tmp_path: Path) -> None:
+    table = "X_Value\tz1\tX_Value\tz2\n0\t1\t0.004\t2\n0.01\t3\t0.014\t4\n"
+    file = write(tmp_path, lvm("Multi", "Channels\t2\t\n", table), "a.lvm")
+    mapping = {
+        "time": {"signal": "X_Value[1]"},
+        "joints": {"a": {"signal": "z2", "minus": "z1", "unit": "deg"}},
+    }
+    said = "expected 'z2' and 'z1' of the same instants, found one by 'X_Value"
+    with pytest.raises(BagError, match=re.escape(said)):
+        converted(file, mapping, tmp_path)
+
+
+def test_a_disk_that_is_full_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    file = write(tmp_path, "\n".join(["t,q", *(f"{k / 100:.2f},{k % 7}" for k in range(4000))]))
+    mapping = {"time": {"signal": "t"}, "joints": JOINT}
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, hard))
+    try:
+        with pytest.raises(BagError, match="bag: cannot be written: File too large"):
+            converted(file, mapping, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not (tmp_path / "bag").exists()
 
 
 def test_labview_segments_follow_each_other_by_their_own_times(tmp_path: Path) -> None:

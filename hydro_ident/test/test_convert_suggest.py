@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +159,24 @@ def test_a_sign_that_does_not_fit_the_joint_is_turned_and_said() -> None:
     assert guess.entry["sign"] == -1
     assert guess.level == "guess"
     assert any("only with its sign changed" in text for text in guess.why)
+
+
+def test_a_reference_is_held_against_its_joints_range_as_the_joint_is() -> None:
+    turned = 60.0 + 9.0 * np.sin(T)
+    log = log_of({"tilt_deg": "deg", "tilt_soll": "deg"}, t=T, tilt_deg=turned, tilt_soll=turned)
+    guesses = suggest(log, load_robot("xs031")).guesses[1:]
+    assert [(g.section, g.entry.get("sign"), g.level) for g in guesses] == [
+        ("joints", -1, "guess"),
+        ("references", -1, "guess"),
+    ]
+
+
+def test_a_joint_without_ends_is_outside_of_none() -> None:
+    robot = load_robot("xs031")
+    endless = replace(robot.joints[0], lower=-np.inf, upper=np.inf)
+    robot = replace(robot, joints=(endless, *robot.joints[1:]))
+    guess = suggest(log_of({"lift": "rad"}, t=T, lift=9.0 * T), robot).guesses[1]
+    assert (guess.name, guess.level) == ("lift", "sure")
 
 
 def test_raw_transducers_take_the_robots_range_or_are_left_open() -> None:

@@ -318,6 +318,17 @@ def test_thousands_are_read_beyond_doubt_only(tmp_path: Path) -> None:
         read_log(log)
 
 
+def test_points_in_a_log_of_commas_are_decimal_signs_beyond_doubt_only(tmp_path: Path) -> None:
+    """Whole numbers of a mixed size would become a thousandth, each by itself."""
+    log = tmp_path / "log.csv"
+    log.write_text("t;u;q\n0,5;987;0,1\n0,6;1.000;0,2\n0,7;12.345;0,3\n", encoding="utf-8")
+    said = r"line 3: expected a number, found '1\.000'; does the point part thousands"
+    with pytest.raises(BagError, match=said):
+        read_log(log)
+    log.write_text("t;u;q\n0,5;0.987;0,1\n0,6;1.000;0,2\n0,7;12.345;0,3\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_log(log).columns["u"], [0.987, 1.0, 12.345])
+
+
 @pytest.mark.parametrize(
     ("spoilt", "said"),
     [

@@ -18,6 +18,8 @@ from hydro_ident.errors import BagError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
+#: In a log of decimal commas: a number with a decimal point, or one with thousands.
+_POINTS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})+\s*")
 #: By decimal sign: numbers whose thousands are parted by the other sign, beyond doubt.
 _GROUPED = {
     ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
@@ -55,6 +57,25 @@ class Cells:
     units: Mapping[str, str] = field(default_factory=dict)
 
 
+def check_once(names: Sequence[str], path: Path) -> None:
+    """No name may stand for two columns: one would be lost.
+
+    Parameters
+    ----------
+    names : sequence of str
+    path : Path
+        For the message.
+
+    Raises
+    ------
+    BagError
+        One appears more than once.
+    """
+    twice = sorted(name for name, count in Counter(names).items() if count > 1)
+    if twice:
+        raise BagError(f"{path}: column '{twice[0][:SHOWN]}' appears more than once")
+
+
 def check_names(names: Sequence[str], path: Path) -> None:
     """Names have to be names and each only once.
 
@@ -69,9 +90,7 @@ def check_names(names: Sequence[str], path: Path) -> None:
     BagError
         They are numbers, or one appears more than once.
     """
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise BagError(f"{path}: column '{twice[0][:SHOWN]}' appears more than once")
+    check_once(names, path)
     if all(is_number(name, ".") for name in names):
         raise BagError(f"{path}: expected a first line of names, found numbers")
 
@@ -193,10 +212,11 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
         Some cells are numbers and one is something else.
     """
     given = [cell.replace(",", ".", 1) for cell in cells] if decimal == "," else cells
-    try:
-        return np.array(given, dtype=np.float64)
-    except ValueError:
-        pass
+    if decimal != "," or not _may_be_thousands(cells):
+        try:
+            return np.array(given, dtype=np.float64)
+        except ValueError:
+            pass
     result = np.full(len(cells), np.nan)
     if not any(is_number(cell, decimal) for cell in cells):
         return result  # A column of remarks: only an error if the mapping asks for it.
@@ -212,8 +232,16 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
     return result
 
 
+def _may_be_thousands(cells: Sequence[str]) -> bool:
+    """Whether the points of a column in a log of decimal commas may all part thousands."""
+    pointed = [cell for cell in cells if "." in cell]
+    return bool(pointed) and all(_POINTS.fullmatch(cell) for cell in pointed)
+
+
 def _hint(cell: str, *, last: bool) -> str:
     """What may be behind a cell that is no number."""
     if _COMMA_NUMBER.fullmatch(cell):
         return "; is the decimal sign a comma, or does it part thousands? then write it without"
+    if _POINTS.fullmatch(cell):
+        return "; does the point part thousands, or is it the decimal sign? then write it without"
     return "; the last line: leave it out of a copy of the file if it was cut" if last else ""

@@ -100,6 +100,7 @@ class Columns:
             return None
         if not signal.names:
             return np.full(self.count, signal.offset)
+        self._check_instants(signal)
         rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]
         columns = [self._recorded(name, where, len(rows)) for name in signal.names]
         recorded = columns[0] - columns[1] if signal.minus else columns[0]
@@ -118,6 +119,20 @@ class Columns:
         if joint:
             self._warn_outside(placed, joint, where)
         return placed
+
+    def _check_instants(self, signal: LogSignal) -> None:
+        """What is subtracted has to be of the same instants."""
+        if not signal.minus or signal.time:
+            return
+        main = self.mapping.time.signal if self.mapping.time is not None else ""
+        clocks = [self.log.clocks.get(name, main) for name in signal.names]
+        one, other = (self.log.columns.get(clock, np.empty(0)) for clock in clocks)
+        if clocks[0] != clocks[1] and not np.array_equal(one, other, equal_nan=True):
+            raise BagError(
+                f"{self.log.path}: expected '{signal.signal}' and '{signal.minus}' of the same"
+                f" instants, found one by '{clocks[0]}' and one by '{clocks[1]}': save both by one"
+                " clock"
+            )
 
     def _recorded(self, name: str, where: str, count: int) -> FloatArray:
         column = self.log.column(name, where)

@@ -18,7 +18,7 @@ from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_clocks import timeline_of
 from hydro_ident.bag.log_columns import Columns
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_map import LogMap
+from hydro_ident.bag.log_map import OF_JOINTS, LogMap
 from hydro_ident.bag.log_plausible import unit_warnings
 from hydro_ident.bag.log_unpaired import check_times
 from hydro_ident.bag.metadata import OfferedQos
@@ -154,9 +154,11 @@ def convert(log: Log, mapping: LogMap, out: str | Path, metadata: Mapping[str, s
         kept["robot"] = mapping.robot.name
     try:
         counts = _write(Path(out), kept, stamps, topics, temperature)
-    except BaseException:
+    except BaseException as error:
         # Half a bag would look like a recording that was cut off.
         shutil.rmtree(out, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise BagError(f"{out}: cannot be written: {error.strerror}") from error
         raise
     steps = np.diff(stamps) * 1e-9
     return Conversion(
@@ -208,7 +210,8 @@ def _field(columns: Columns, names: Sequence[str], keys: Sequence[str]) -> Float
     values = np.full((columns.count, len(names)), np.nan)
     for key in keys:
         for name, signal in columns.mapping.sections[key].items():
-            column = columns.of(signal, f"{key}, {name}", name if key == "joints" else "")
+            joint = name if key in OF_JOINTS else ""
+            column = columns.of(signal, f"{key}, {name}", joint)
             if column is not None:
                 values[:, names.index(name)] = column
     return values

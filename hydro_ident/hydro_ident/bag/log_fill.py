@@ -104,7 +104,7 @@ def _fill_angle(
         level = "likely" if len(fits) == 1 else "guess"
         why.append(f"{entry['unit']}: no unit given, numbers within {reading.low:.4g} to"
                    f" {reading.high:.4g}")  # fmt: skip
-    if targets.robot is not None and target.section == "joints":
+    if targets.has_range(target.name):
         if period:
             values = targets.whole_turns(target.name, unwrapped(values, period), period)
         level, remark = _against_limits(entry, values, target, targets, level)

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray, IntArray
-from hydro_ident.bag.log_cells import Row, columns_of, is_number, numbers
+from hydro_ident.bag.log_cells import Row, check_once, columns_of, is_number, numbers
 from hydro_ident.bag.log_file import CsvLayout, Log
 from hydro_ident.bag.log_text import dialect, split
 from hydro_ident.bag.log_units import unit_in
@@ -114,6 +114,7 @@ def _signal_names(
         names = [f"{full[i]}/{n}" if n and names.count(n) > 1 else n for i, n in enumerate(names)]
     if not all(names[1:]):
         raise BagError(f"{path}, line {line}: a column has no name")
+    check_once(names[1:], path)
     return list(names)
 
 
@@ -162,10 +163,11 @@ def read_labview(path: Path, lines: Lines) -> Log:
     clocks = _clocks(list(columns), times)
     units = {n: unit_in(n) for n in columns if unit_in(n)}
     labels = first.get("Y_Unit_Label", [])
-    signals = [n for n in columns if n not in times]
-    if (top.get("X_Columns") or ["One"])[0] == "Multi":
-        labels = [u for u in labels if u]
-    units |= {n: u for n, u in zip(signals, labels, strict=False) if u}
+    labelled = [n for n in columns if n not in times]
+    if len(times) > 1 and len(labels) >= len(columns) - 1 and not any(labels[1::2]):
+        # A cell of the header above each column, those of X empty.
+        labelled = list(columns)[1:]
+    units |= {n: u for n, u in zip(labelled, labels, strict=False) if u}
     units |= dict.fromkeys(times, "s")
     notes = ("LabVIEW measurement file" + (f", {len(parts)} segments" if len(parts) > 1 else ""),)
     start = begun.isoformat() if begun is not None else ""
@@ -206,6 +208,7 @@ def _segment(
     if len(rows) < 2:
         raise BagError(f"{path}: a segment without samples")
     heads = [cell.strip() for cell in rows[0][1]]
+    check_once([head for head in heads if head not in ("", "Comment", "X_Value")], path)
     body: list[Row] = [(n, [*r, *[""] * (len(heads) - len(r))]) for n, r in rows[1:]]
     own = _moment(tags)
     late_s = (own - begun).total_seconds() if own is not None and begun is not None else 0.0

@@ -42,6 +42,8 @@ SECTIONS: dict[str, str] = {
     "spools": "ratio",
     "references": "position",
 }
+#: Those whose signals are angles or ways of joints, by joint.
+OF_JOINTS = frozenset(section for section, kind in SECTIONS.items() if kind == "position")
 _KEYS = frozenset(
     {"schema", "robot", "time", "clocks", "start", "csv", "atmospheric_pressure_pa"}
     | {"oil_temperature"}

@@ -30,8 +30,9 @@ def read_mat_log(path: Path) -> Log:
     Returns
     -------
     Log
-        A vector by its name, a matrix as `name[1]` ..., a struct as `name.field`; of a struct with
-        axes `X` and signals `Y`, as ControlDesk exports, the signals by their own names.
+        A vector by its name, a matrix as `name[1]` ..., a struct as `name.field`, an array of
+        structs as `name[1].field` (Simulink's `signals` by their labels); of a struct with axes
+        `X` and signals `Y`, as ControlDesk exports, the signals by their own names.
 
     Raises
     ------
@@ -114,12 +115,29 @@ def _add_variable(columns: dict[str, FloatArray], name: str, value: Any) -> None
     if array.dtype.names and array.ndim == 0:
         for field in array.dtype.names:
             _add_variable(columns, f"{name}.{field}", array[field].item())
+    elif array.dtype.names and array.ndim == 1:
+        _add_elements(columns, name, array)
     elif array.dtype.kind in "biuf" and array.ndim <= 1:
         columns[name] = np.atleast_1d(array).astype(np.float64)
     elif array.dtype.kind in "biuf" and array.ndim == 2:
         upright = array if array.shape[0] >= array.shape[1] else array.T
         for i in range(upright.shape[1]):
             columns[f"{name}[{i + 1}]"] = upright[:, i].astype(np.float64)
+
+
+def _add_elements(columns: dict[str, FloatArray], name: str, array: Any) -> None:
+    """An array of structs; of Simulink's `signals` the `values` by labels that differ."""
+    fields = array.dtype.names
+    simulink = "values" in fields
+    labels = [str(one["label"]).strip() if "label" in fields else "" for one in array]
+    by_label = all(labels) and "[]" not in labels and len(set(labels)) == len(labels)
+    for k, one in enumerate(array):
+        if simulink:
+            own = f"{name}.{labels[k]}" if by_label else f"{name}[{k + 1}]"
+            _add_variable(columns, own, one["values"])
+        else:
+            for field in fields:
+                _add_variable(columns, f"{name}[{k + 1}].{field}", one[field])
 
 
 def _add_axes_and_signals(

@@ -12,7 +12,7 @@ from hydro_ident.bag.log_guess import Reading, words_of
 from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.bag.log_words import COMMON, SUPPLY, TANK, alike, chamber_of, word_set
-from hydro_model.robot import Robot
+from hydro_model.robot import Joint, Robot
 
 _NAME, _ALIKE, _NUMBER, _CHAMBER = 4.0, 2.5, 2.0, 1.0
 _OIL = word_set("oil öl oel huile aceite olio")
@@ -58,6 +58,23 @@ class Targets:
         valves = self.robot.valves if self.robot is not None else ()
         return next((v.rated_voltage_v for v in valves if v.name == valve), _RATED_V)
 
+    def has_range(self, joint: str) -> bool:
+        """Whether a joint's limits are known.
+
+        Parameters
+        ----------
+        joint : str
+        """
+        return self._range_of(joint) is not None
+
+    def _range_of(self, joint: str) -> Joint | None:
+        """The joint, where it has limits that are finite."""
+        joints = self.robot.joints if self.robot is not None else ()
+        found = next((j for j in joints if j.name == joint), None)
+        if found is None or not math.isfinite(found.upper - found.lower):
+            return None
+        return found
+
     def share_inside(self, joint: str, values: FloatArray, unit: str) -> float:
         """Share of an angle's samples within the joint's limits.
 
@@ -72,10 +89,9 @@ class Targets:
         float
             0 where no limits are known.
         """
-        joints = self.robot.joints if self.robot is not None else ()
-        limits = next((j for j in joints if j.name == joint), None)
+        limits = self._range_of(joint)
         known = values[np.isfinite(values)] * UNITS["position"][unit]
-        if limits is None or not len(known) or not math.isfinite(limits.upper - limits.lower):
+        if limits is None or not len(known):
             return 0.0
         margin = MARGIN * (limits.upper - limits.lower)
         inside = (known >= limits.lower - margin) & (known <= limits.upper + margin)
@@ -95,9 +111,8 @@ class Targets:
         -------
         (N,) array
         """
-        joints = self.robot.joints if self.robot is not None else ()
-        limits = next((j for j in joints if j.name == joint), None)
-        if limits is None or not math.isfinite(limits.upper - limits.lower):
+        limits = self._range_of(joint)
+        if limits is None:
             return values
         middle = 0.5 * (limits.lower + limits.upper) * turn / (2.0 * math.pi)
         return values + turn * round((middle - float(np.nanmedian(values))) / turn)

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hydro_model.command import run_command
 from hydro_model.errors import RobotError
+from hydro_model.output import write_text
 
 _NUMBERS = ("PX", "PY", "CX", "CY", "BORE", "ROD", "STROKE", "CLOSED")
 
@@ -190,13 +191,13 @@ def _run(arguments: Sequence[str]) -> int:
     text = hydraulics_text(options.urdf, options.tip, cylinders, valves, options.supply)
     # Read under another name: what does not fit leaves no file, and one that is there as it was.
     fresh = out.with_name(f".{out.name}.new")
-    fresh.write_text(text, encoding="utf-8")
+    write_text(fresh, text)
     try:
         load_robot(fresh, check_strokes=False)
     except RobotError as error:
         raise RobotError(str(error).replace(str(fresh), str(out))) from error
     else:
-        fresh.replace(out)
+        write_text(out, text)
     finally:
         fresh.unlink(missing_ok=True)
     print(out)

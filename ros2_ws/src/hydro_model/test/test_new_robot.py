@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -126,3 +127,21 @@ def test_valves_that_do_not_fit_leave_no_file(
     assert main([str(urdf), "--tip", "tip", "--supply", "180", *given, *BOTH]) == 2
     assert said in capsys.readouterr().err
     assert not urdf.with_suffix(".hydraulics.yaml").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(
+    urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a description as it was installed: no user may write beside it."""
+    urdf.write_text(TWO, encoding="utf-8")
+    given = ["--valve", "60", "35"]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, hard))
+    try:
+        assert main([str(urdf), "--tip", "tip", "--supply", "180", *given, *BOTH]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    said = capsys.readouterr().err
+    assert "cannot be written" in said
+    assert said.count("\n") == 1
+    assert [file.name for file in urdf.parent.iterdir()] == [urdf.name]
