@@ -17,7 +17,8 @@ from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_start import declared, gate_limits, loaded_codec
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
-from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import Frame

@@ -76,7 +76,7 @@ def _main(arguments: Sequence[str]) -> int:
         )
     if not options.out.is_dir():
         raise BridgeError(f"--out should be a folder, found '{options.out}'")
-    from hydro_hw_bridge.bus import open_bus, quiet_python_can
+    from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
     from hydro_hw_bridge.calibration_session import Session
     from hydro_hw_bridge.codec import Codec
     from hydro_model.robot_files import load_robot

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hydro_hw_bridge.bus import DEFAULT_BUS
+from hydro_hw_bridge.bus_name import DEFAULT_BUS
 from hydro_hw_bridge.errors import BridgeError
 from hydro_msgs_docs.real_time import OPTIONS, RealTimeOptions
 from hydro_msgs_docs.topics import CYCLE_TOPICS

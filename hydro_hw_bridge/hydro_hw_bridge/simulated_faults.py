@@ -31,7 +31,8 @@ from typing import Any
 
 import can
 
-from hydro_hw_bridge.bus import open_multicast, parse_bus
+from hydro_hw_bridge.bus_name import parse_bus
+from hydro_hw_bridge.bus_open import open_multicast
 from hydro_hw_bridge.error_frames import BUS_ERROR, BUS_OFF, PROTOCOL, RESTARTED, error_frame
 
 INTERFACE = "simulated_faults"

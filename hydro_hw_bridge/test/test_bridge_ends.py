@@ -11,7 +11,9 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bus import Bus, BusName, open_bus
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_name import BusName
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate import GateState

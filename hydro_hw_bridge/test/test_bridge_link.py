@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from hydro_hw_bridge.bridge_core import BridgeCore
-from hydro_hw_bridge.bus import Bus, open_bus
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import CommandFrame, Readings

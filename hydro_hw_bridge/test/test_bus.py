@@ -14,7 +14,9 @@ from typing import Any
 import can
 import pytest
 
-from hydro_hw_bridge.bus import Bus, BusName, open_bus, parse_bus
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_name import BusName, parse_bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.error_frames import error_frame, name_of
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.simulated_faults import begun_ns
@@ -87,7 +89,7 @@ def test_frames_stay_on_this_machine() -> None:
 
 ECHO = """
 import can, sys
-from hydro_hw_bridge.bus import open_bus
+from hydro_hw_bridge.bus_open import open_bus
 with open_bus(sys.argv[1], [0x80]) as bus:
     print("ready", flush=True)
     for _ in range(200):

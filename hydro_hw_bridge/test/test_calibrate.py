@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hydro_hw_bridge.bus import open_bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec

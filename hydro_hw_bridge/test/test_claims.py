@@ -8,7 +8,8 @@ import can
 import pytest
 
 from hydro_hw_bridge import claims
-from hydro_hw_bridge.bus import Bus, BusName
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, CONTEST_S, GONE_S, LISTEN_S, Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError

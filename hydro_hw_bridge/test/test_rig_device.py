@@ -13,7 +13,8 @@ import can
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.bus import Bus, open_bus
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import Readings

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus, BusName
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame
 from hydro_hw_bridge.rig.core import RigCore

@@ -14,7 +14,7 @@ import can
 import numpy as np
 import pytest
 
-from hydro_hw_bridge.bus import BusName
+from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Readings, Status
 from hydro_ident.bench import fit, fit_jobs, growth

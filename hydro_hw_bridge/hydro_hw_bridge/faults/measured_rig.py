@@ -22,7 +22,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
-from hydro_hw_bridge.bus import open_bus, quiet_python_can
+from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.errors import BridgeError

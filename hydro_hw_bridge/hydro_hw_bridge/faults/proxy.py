@@ -14,7 +14,8 @@ import sys
 import threading
 import time
 
-from hydro_hw_bridge.bus import Bus, open_bus, quiet_python_can
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.endings import on_end
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault

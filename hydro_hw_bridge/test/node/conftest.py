@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bus import Bus, open_bus
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame, Readings
 

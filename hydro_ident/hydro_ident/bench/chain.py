@@ -17,7 +17,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from hydro_hw_bridge.bus import open_multicast, parse_bus, quiet_python_can
+from hydro_hw_bridge.bus_name import parse_bus
+from hydro_hw_bridge.bus_open import open_multicast, quiet_python_can
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device

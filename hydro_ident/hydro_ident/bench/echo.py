@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from hydro_hw_bridge.bus import open_bus
+from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics

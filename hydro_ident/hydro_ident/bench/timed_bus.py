@@ -8,7 +8,8 @@ from collections import OrderedDict
 
 import can
 
-from hydro_hw_bridge.bus import Bus, BusName
+from hydro_hw_bridge.bus import Bus
+from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
 
 #: Cycles that may still be answered.
