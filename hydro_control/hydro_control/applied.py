@@ -12,9 +12,10 @@ from hydro_model.robot import FloatArray
 
 #: More stamps in a row than this with 0 V instead of the command: the commands are withheld.
 MOST_WITHHELD = 10
-#: Applied voltages up to this are 0 V; commands are told from 0 V beyond twice that. The wire's
-#: step and the least that a ramp gives in one cycle lie between.
+#: Applied voltages up to this are 0 V.
 ZERO_V = 1e-3
+#: Commands up to this share of the rated voltage may be 0 V on a wire of coarse steps (8 bits).
+_TOLD_SHARE = 5e-3
 #: Stamps that wait for their other half.
 _KEPT = 200
 
@@ -24,6 +25,11 @@ class AppliedWatch:
 
     As long as commands are applied, nothing it says changes, so answers do not depend on when
     applied voltages arrive.
+
+    Parameters
+    ----------
+    rated_v : (m,) array
+        Of the valves, in the order of commands.
 
     Attributes
     ----------
@@ -37,8 +43,9 @@ class AppliedWatch:
         Stamps so far at which 0 V was applied instead of the command.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rated_v: FloatArray) -> None:
         self.count = 0
+        self._told_v = _TOLD_SHARE * rated_v
         self.clear()
 
     def clear(self) -> None:
@@ -90,7 +97,7 @@ class AppliedWatch:
             self.moved = self.moved or moving
             if np.max(np.abs(applied - commanded)) <= ZERO_V:
                 self.settled = True
-        elif np.max(np.abs(commanded)) > 2.0 * ZERO_V:
+        elif np.any(np.abs(commanded) > self._told_v):
             self.count += 1
             self._in_a_row += 1
             if self._in_a_row > MOST_WITHHELD:

@@ -189,10 +189,10 @@ class ControllerNode(LifecycleNode):
         if self._core.silent:
             return ERROR, self._core.silent
         last = self._core.last
-        count, lacking = self._hot.malformed
+        _, lacking = self._hot.malformed
         if last is not None and last.output.fault:
             return ERROR, f"0 V: {last.output.fault}"
-        if count:
+        if lacking:
             return ERROR, lacking
         if self._core.message:
             return WARN, self._core.message

@@ -91,7 +91,7 @@ class ControllerCore:
         self._run: ReferenceRun | None = None
         self._last: Answer | None = None
         self._adaptation_reset = False
-        self._watch = AppliedWatch()
+        self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         if self.path is not None:
             check_path(self.law.robot, self.path)
@@ -176,8 +176,8 @@ class ControllerCore:
         gauge = self._gauge(sample)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
-        if self._runaway.fault:
-            output = self.law.stopped(sample.q, reference, self._runaway.fault)
+        if fault := self._runaway.fault or self._stamps.other_rate:
+            output = self.law.stopped(sample.q, reference, fault)
         else:
             output = self.law.step(now_s, sample.q, *gauge, reference, self._ahead())
         self._count(sample.stamp_ns, output)
@@ -275,8 +275,9 @@ class ControllerCore:
 
     def _count(self, stamp_ns: int, output: Output) -> None:
         if self._last is not None:
-            apart = (stamp_ns - self._last.stamp_ns) / _SECOND_NS / self.law.dt_s
-            self.counts.missed += max(0, round(apart) - 1)
+            apart_s = (stamp_ns - self._last.stamp_ns) / _SECOND_NS
+            self._stamps.follows(apart_s)
+            self.counts.missed += max(0, round(apart_s / self.law.dt_s) - 1)
         self.counts.answered += 1
         self.counts.faults += bool(output.fault)
 
@@ -333,7 +334,7 @@ class ControllerCore:
         if not waypoints:
             run.stop = True
             return
-        if stopped := self.silent or self._runaway.fault:
+        if stopped := self.silent or self._runaway.fault or self._stamps.other_rate:
             raise self._refusal(f"the controller stopped: {stopped}")
         try:
             run.ask(space, names, waypoints, start_ns)

@@ -193,11 +193,11 @@ class ControlLaw:
         self._asked_acceleration = asked.qdd_r
         leak = self._add_listed(stamp_s, now, state, asked)
         rate = self._asked_force_rate = self._force_rate.update(asked.force_d, steps)
-        flow_term, signal = self._signals(state, rows, rate, leak, steps)
+        flow_term, signal, starved = self._signals(state, rows, rate, leak, steps)
         if not math.isfinite(sum(signal.tolist())):
             fault = f"expected finite valve signals, found {signal.tolist()}"
             return self.stopped(q, reference, fault)
-        voltage_v = self._driven(signal, now.pressures)
+        voltage_v, relieved = self._driven(signal, now.pressures)
         if self.adaptation is not None:
             self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
         return Output(
@@ -211,7 +211,7 @@ class ControlLaw:
             q_d=asked.q_d,
             qd_d=asked.qd_d,
             tip_d_m=tip_d,
-            notes=notes + limit_notes(limits),
+            notes=notes + limit_notes(limits | starved | relieved),
         )
 
     def let_beyond(self, lower: FloatArray, upper: FloatArray) -> None:
@@ -295,21 +295,21 @@ class ControlLaw:
 
     def _signals(
         self, state: State, rows: FloatArray, rate: FloatArray, leak: FloatArray, steps: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Q_d of eq. 23, and signals of eq. 24, for the edges and then for the valve."""
+    ) -> tuple[FloatArray, FloatArray, int]:
+        """Q_d of eq. 23, signals of eq. 24 for the edges and then for the valve; what limits."""
         flow_term, opening = out = np.empty((2, len(rate)))
         oil = state.pressures, float(state.p_s), float(state.p_t)
-        flow_kernel(self._arrays, rows, state.force, rate, leak, *oil, *out)
+        limited = flow_kernel(self._arrays, rows, state.force, rate, leak, *oil, *out)
         if self.adaptation is not None:
             opening -= self.adaptation.null_bias
         if self.compensation is None:
-            return flow_term, opening
-        return flow_term, self.compensation.signals(opening, steps)
+            return flow_term, opening, limited
+        return flow_term, self.compensation.signals(opening, steps), limited
 
-    def _driven(self, signal: FloatArray, pressures: FloatArray) -> FloatArray:
+    def _driven(self, signal: FloatArray, pressures: FloatArray) -> tuple[FloatArray, int]:
         """Voltages in the robot's order of valves: relieved, saturated and slewed."""
         before_v, self._voltage_v = self._voltage_v, np.zeros_like(self._voltage_v)
         # One sample time's worth even after lost samples: whoever checks the rate downstream
         # may not have lost them.
-        voltage_kernel(self._arrays, signal, pressures, before_v, self._voltage_v)
-        return self._voltage_v.copy()
+        limited = voltage_kernel(self._arrays, signal, pressures, before_v, self._voltage_v)
+        return self._voltage_v.copy(), limited

@@ -31,7 +31,14 @@ from hydro_control.law_arrays import (
     VISCOUS,
     X0,
 )
-from hydro_control.motion_kernels import clipped, compiled, desired_kernel, motion_kernel
+from hydro_control.motion_kernels import (
+    RELIEVED,
+    STARVED,
+    clipped,
+    compiled,
+    desired_kernel,
+    motion_kernel,
+)
 from hydro_control.motion_limits import RELIEF_BAND
 from hydro_control.oil_columns import STROKE_MARGIN
 from hydro_model.kernel import inlined, kernel
@@ -130,6 +137,15 @@ def _open_root(difference_pa: float) -> float:
     return d / math.sqrt(math.sqrt(d * d + SMOOTH_PRESSURE_PA * SMOOTH_PRESSURE_PA))
 
 
+@inlined
+def _fed_root(difference_pa: float) -> float:
+    """As `hydro_model.valve`: what runs back into the supply counts as such."""
+    d = difference_pa
+    if d >= 0.0 and d < SMOOTH_PRESSURE_PA:
+        d = SMOOTH_PRESSURE_PA
+    return d / math.sqrt(math.sqrt(d * d + SMOOTH_PRESSURE_PA * SMOOTH_PRESSURE_PA))
+
+
 @kernel
 def flow_kernel(
     arrays: Any,
@@ -142,14 +158,15 @@ def flow_kernel(
     p_t: float,
     flow: Array,
     opening: Array,
-) -> None:
+) -> int:
     """Flow terms of eq. 23 (corrected) and the edges' openings of eq. 24, (n,) each.
 
     `out` is what `required_kernel` filled, its columns and its force with what the listed
     effects add; `force_rate` is the filtered rate of that force, `leak` the flow term of what
-    passes the valve.
+    passes the valve. Returns `STARVED` where a valve is kept shut, as the chamber that it should
+    feed would empty into the supply, else 0.
     """
-    gains = arrays.gains
+    gains, limited, least = arrays.gains, 0, _open_root(0.0)
     for i in range(force.shape[0]):
         c, edges, at = arrays.cylinder[i], arrays.edges[i], arrays.at[i, CYLINDER]
         length_a, length_b = out[LENGTH_A, i], out[LENGTH_B, i]
@@ -159,21 +176,34 @@ def flow_kernel(
         flow[i] = forward - (by_force + gains[K_X] * (out[XD_R, i] - out[XD, i]))
         p_a, p_b = pressures[0, at], pressures[1, at]
         if flow[i] < 0.0:
-            a, b = edges[C_PA] * _open_root(p_s - p_a), edges[C_BT] * _open_root(p_b - p_t)
+            a, b = edges[C_PA] * _fed_root(p_s - p_a), edges[C_BT] * _open_root(p_b - p_t)
+            floor = edges[C_PA] / length_a * least
         else:
-            a, b = edges[C_AT] * _open_root(p_a - p_t), edges[C_PB] * _open_root(p_s - p_b)
-        opening[i] = -flow[i] / (a / length_a + b / length_b)
+            a, b = edges[C_AT] * _open_root(p_a - p_t), edges[C_PB] * _fed_root(p_s - p_b)
+            floor = edges[C_PB] / length_b * least
+        through = a / length_a + b / length_b
+        if through <= floor:
+            opening[i], limited = 0.0, STARVED
+        else:
+            opening[i] = -flow[i] / through
+    return limited
 
 
 @kernel
 def voltage_kernel(
     arrays: Any, signal: Array, pressures: Array, before_v: Array, out_v: Array
-) -> None:
-    """Voltages (m,) in the robot's order: relieved, saturated, and slewed from `before_v`."""
-    most, limit = arrays.gains[SLEW], arrays.gains[PRESSURE]
+) -> int:
+    """Voltages (m,) in the robot's order: relieved, saturated, and slewed from `before_v`.
+
+    Returns `RELIEVED` where a valve is throttled for the pressure of the chamber that it feeds.
+    """
+    most, limit, limited = arrays.gains[SLEW], arrays.gains[PRESSURE], 0
     for i in range(signal.shape[0]):
         at, rated = arrays.at[i, VALVE], arrays.rated_v[i]
         fed = pressures[0 if signal[i] > 0.0 else 1, arrays.at[i, CYLINDER]]
         share = clipped((limit - fed) / (RELIEF_BAND * limit), 0.0, 1.0)
+        if share < 1.0 and signal[i] != 0.0:
+            limited = RELIEVED
         wanted = clipped(signal[i] * share * rated, -rated, rated)
         out_v[at] = clipped(wanted, before_v[at] - most, before_v[at] + most)
+    return limited

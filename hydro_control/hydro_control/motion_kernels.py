@@ -27,7 +27,7 @@ from hydro_control.law_arrays import (
     TIP_SPEED,
     UPPER,
 )
-from hydro_control.motion_limits import END_NOTE, TIP_SPEED_NOTE
+from hydro_control.motion_limits import END_NOTE, RELIEVED_NOTE, STARVED_NOTE, TIP_SPEED_NOTE
 from hydro_control.required_motion import (
     ACCELERATION_PER_VELOCITY_1_S,
     DAMPED_NOTE,
@@ -41,8 +41,8 @@ from hydro_model.kinematics import tip_kernel
 Array = Any  # numba types the kernels; mypy follows no numba import
 
 #: Bits of what a motion was limited by, in the order in which limits are applied.
-DAMPED, AT_SPEED, TIP_AT_SPEED, BEFORE_END = 1, 2, 4, 8
-_NOTES = (DAMPED_NOTE, SPEED_NOTE, TIP_SPEED_NOTE, END_NOTE)
+DAMPED, AT_SPEED, TIP_AT_SPEED, BEFORE_END, STARVED, RELIEVED = 1, 2, 4, 8, 16, 32
+_NOTES = (DAMPED_NOTE, SPEED_NOTE, TIP_SPEED_NOTE, END_NOTE, STARVED_NOTE, RELIEVED_NOTE)
 #: Columns are orthogonal where their product is below this share of all squares; each sweep of
 #: rotations squares what is left.
 _ORTHOGONAL, _SWEEPS = 1e-15, 12

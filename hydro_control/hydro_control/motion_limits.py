@@ -32,6 +32,8 @@ RELIEF_BAND = 0.1
 #: What a motion was limited by, in words.
 TIP_SPEED_NOTE = "tip speed is at its limit"
 END_NOTE = "braking before the end of a joint or stroke"
+STARVED_NOTE = "a load holds more than the supply's pressure: its valve stays closed"
+RELIEVED_NOTE = "a chamber is near the transducers' range: its valve is throttled"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,20 @@ def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimit
     Returns
     -------
     MotionLimits
+
+    Raises
+    ------
+    ControlError
+        The supply's pressure is within the band below the transducers' range in which valves
+        close.
     """
+    most = (1.0 - RELIEF_BAND) * robot.sensors.pressure_range_pa
+    if robot.supply_pressure_pa > most:
+        raise ControlError(
+            f"robot {robot.name}: expected a supply of at most {most / 1e5:.0f} bar, 90 % of its"
+            f" pressure transducers' range, found {robot.supply_pressure_pa / 1e5:.0f} bar: what"
+            " feeds a chamber is closed above; give the range that they have (sensors, pressure)"
+        )
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])
     for cylinder in robot.cylinders:

@@ -11,6 +11,7 @@ from hydro_control.core import Sample
 from hydro_model.robot import FloatArray, Robot
 from hydro_msgs_docs.messages import by_name, stamp_ns
 
+_RAILS = ("supply", "tank")
 #: Messages kept per topic while their partners are on the way.
 _KEPT = 8
 
@@ -25,16 +26,18 @@ class SampleJoin:
     Attributes
     ----------
     malformed : int
-        Messages without a name the robot needs.
+        Messages with some of the names that the robot needs, and not all.
     message : str
-        What the newest malformed one lacked.
+        What the newest message lacked; empty where that was as it should be.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._joint_names, self._pressure_names = robot.joint_names, robot.pressure_names
         self._chambers = [n for n in robot.pressure_names if "/" in n]
         self._joints: deque[tuple[int, FloatArray]] = deque(maxlen=_KEPT)
-        self._pressures: deque[tuple[int, FloatArray]] = deque(maxlen=_KEPT)
+        self._pressures: deque[tuple[int, FloatArray, tuple[float | None, ...]]] = deque(
+            maxlen=_KEPT
+        )
         self.malformed = 0
         self.message = ""
 
@@ -42,6 +45,7 @@ class SampleJoin:
         """Drop what is kept."""
         self._joints.clear()
         self._pressures.clear()
+        self.malformed, self.message = 0, ""
 
     def add_joints(self, message: Any) -> None:
         """Take a `/joint_states` message."""
@@ -50,18 +54,27 @@ class SampleJoin:
             self._lacks("/joint_states", self._joint_names, message)
         else:
             self._joints.append((stamp_ns(message), np.array(values)))
+            self.message = ""
 
     def add_pressures(self, message: Any) -> None:
-        """Take a `/chamber_pressures` message; supply and tank may be absent."""
+        """Take a `/chamber_pressures` message; supply and tank may be absent, each by itself."""
         values = by_name(message, "effort", self._pressure_names)
         if values is None:
             values = by_name(message, "effort", self._chambers)
+            rails = [by_name(message, "effort", (name,)) for name in _RAILS]
+            of_rails = tuple(None if rail is None else rail[0] for rail in rails)
+        else:
+            of_rails = tuple(values[len(self._chambers) :])
         if values is None:
             self._lacks("/chamber_pressures", self._chambers, message)
         else:
-            self._pressures.append((stamp_ns(message), np.array(values)))
+            chambers = np.array(values[: len(self._chambers)])
+            self._pressures.append((stamp_ns(message), chambers, of_rails))
+            self.message = ""
 
     def _lacks(self, topic: str, names: Any, message: Any) -> None:
+        if not set(names) & set(message.name):
+            return  # of another machine, such as a gripper's driver
         self.malformed += 1
         self.message = f"{topic} should carry {', '.join(names)}, found {', '.join(message.name)}"
 
@@ -75,19 +88,8 @@ class SampleJoin:
     def newest(self) -> Sample | None:
         """The sample of the newest stamp that both have, or None."""
         joints = dict(self._joints)
-        for stamp, pressures in reversed(self._pressures):
+        for stamp, chambers, (p_s, p_t) in reversed(self._pressures):
             if stamp in joints:
-                return self._sample(stamp, joints[stamp], pressures)
+                p_a, p_b = chambers[0::2], chambers[1::2]
+                return Sample(stamp_ns=stamp, q=joints[stamp], p_a=p_a, p_b=p_b, p_s=p_s, p_t=p_t)
         return None
-
-    def _sample(self, stamp: int, q: FloatArray, pressures: FloatArray) -> Sample:
-        count = len(self._chambers)
-        supply = pressures[count:]
-        return Sample(
-            stamp_ns=stamp,
-            q=q,
-            p_a=pressures[0:count:2],
-            p_b=pressures[1:count:2],
-            p_s=float(supply[0]) if len(supply) else None,
-            p_t=float(supply[1]) if len(supply) else None,
-        )

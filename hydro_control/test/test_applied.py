@@ -20,6 +20,7 @@ ROBOT = load_robot("xs031")
 POSE = np.array([0.6, -1.5])
 STEP_NS = 2_000_000
 ZERO = np.zeros(2)
+RATED_V = np.full(2, 10.0)
 SOME = np.array([1.0, -0.5])
 PATH = JointPath((Quintic.at_rest([0.6], [0.8], 2.0),), joints=("lift",))
 
@@ -27,7 +28,7 @@ PATH = JointPath((Quintic.at_rest([0.6], [0.8], 2.0),), joints=("lift",))
 def watch_of(
     pairs: list[tuple[FloatArray, FloatArray]], *, moving: bool = False, first: str = "commanded"
 ) -> AppliedWatch:
-    watch = AppliedWatch()
+    watch = AppliedWatch(RATED_V)
     for stamp, (commanded, applied) in enumerate(pairs):
         if first == "commanded":
             watch.commanded(stamp, commanded, moving=moving)
@@ -50,7 +51,7 @@ def test_more_than_ten_stamps_in_a_row_are_withheld(first: str) -> None:
 
 
 def test_order_and_delay_of_what_was_applied_do_not_matter() -> None:
-    watch = AppliedWatch()
+    watch = AppliedWatch(RATED_V)
     for stamp in range(150):
         watch.commanded(stamp, SOME, moving=True)
     for stamp in reversed(range(150)):
@@ -59,19 +60,21 @@ def test_order_and_delay_of_what_was_applied_do_not_matter() -> None:
 
 
 def test_what_is_no_evidence_is_not_counted() -> None:
-    # 0 V commanded, within the wire's step: neither way. Another voltage than commanded: a ramp.
-    assert not watch_of([(np.full(2, 0.002), ZERO)] * 50).withheld
+    # 0 V commanded, within the step of a wire of 8 bits: neither way. Another voltage than
+    # commanded: a ramp.
+    assert not watch_of([(np.full(2, 0.04), ZERO)] * 50).withheld
+    assert watch_of([(np.array([0.0, 0.06]), ZERO)] * 50).withheld
     assert not watch_of([(SOME, SOME / 100.0)] * 50).withheld
     mixed = [(SOME, ZERO), (ZERO, ZERO)] * (MOST_WITHHELD + 1)
     assert watch_of(mixed).withheld
-    watch = AppliedWatch()
+    watch = AppliedWatch(RATED_V)
     for stamp in range(1000):  # stamps that were never answered
         watch.applied(stamp, ZERO)
     assert watch.count == 0
 
 
 def test_half_a_story_is_forgotten_after_a_while() -> None:
-    watch = AppliedWatch()
+    watch = AppliedWatch(RATED_V)
     for stamp in range(1000):
         watch.commanded(stamp, SOME, moving=False)
     watch.applied(0, ZERO)

@@ -279,3 +279,31 @@ def test_what_a_listed_load_makes_too_heavy_is_refused() -> None:
             continue
         with pytest.raises(ControlError, match="'lift_cylinder' would have to hold"):
             core.request_trajectory("joint", ["tilt"], there)
+
+
+@pytest.mark.parametrize(("apart_ns", "said"), [(1_000_000, "1 ms"), (3_000_000, "3 ms")])
+def test_samples_at_another_rate_than_the_robot_files_are_at_0_v(apart_ns: int, said: str) -> None:
+    """All that is computed by the sample would be wrong: velocities are half or more."""
+    core = ControllerCore(ROBOT, Gains())
+    first = sample(0)
+    for k in range(52):
+        answer = core.answer(replace(first, stamp_ns=first.stamp_ns + k * apart_ns))
+        assert answer is not None
+    assert answer.output.fault.startswith(f"samples are {said} apart, expected 2 ms (rate_hz")
+    assert not answer.output.voltage_v.any()
+    with pytest.raises(ControlError, match="the controller stopped: samples are"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)])
+    core.restart()
+    assert not answered(core, 1000).output.fault
+
+
+def test_lost_and_late_samples_are_no_other_rate() -> None:
+    core = ControllerCore(ROBOT, Gains())
+    rng = np.random.default_rng(3)
+    first, cycle = sample(0), 0
+    for _ in range(60):
+        cycle += int(rng.integers(1, 4))
+        late_ns = int(rng.integers(0, 200_000))
+        answer = core.answer(replace(first, stamp_ns=first.stamp_ns + cycle * STEP_NS + late_ns))
+        assert answer is not None
+        assert not answer.output.fault

@@ -90,6 +90,29 @@ def test_supply_and_tank_may_be_absent_but_no_chamber() -> None:
     again = join.newest()
     assert again is not None
     assert again.stamp_ns == 1
+    # What was wrong is said for as long as it is.
+    join.add_joints(joints(3))
+    assert (join.malformed, join.message) == (2, "")
+    join.clear()
+    assert join.malformed == 0
+
+
+def test_each_rail_counts_by_itself() -> None:
+    """A machine with a transducer at the pump and none at the tank."""
+    join = SampleJoin(ROBOT)
+    join.add_joints(joints(1))
+    join.add_pressures(pressures(1, ROBOT.pressure_names[:5]))
+    sample = join.newest()
+    assert sample is not None
+    assert (sample.p_s, sample.p_t) == (1e6 + 4, None)
+    assert len(sample.p_a) == len(sample.p_b) == 2
+
+
+def test_messages_of_other_machines_are_none_of_this_one() -> None:
+    join = SampleJoin(ROBOT)
+    join.add_joints(Vector(1, ["gripper"], [0.1]))
+    join.add_pressures(Vector(1, ["grapple/a"], [1e6]))
+    assert (join.malformed, join.message) == (0, "")
 
 
 def test_cleared_and_bounded() -> None:

@@ -207,6 +207,22 @@ def test_a_value_that_is_no_number_gives_zero_volts_and_its_name(bad: float, pla
     assert run(law, joint_reference(POSE)).fault == ""
 
 
+def test_no_valve_opens_for_a_load_that_holds_more_than_the_supply() -> None:
+    """It would empty into the supply: the arm would drop at full voltage."""
+    law = ControlLaw(ROBOT, Gains())
+    p_a, p_b = np.full(2, 10e6), np.full(2, P_T + 1e4)
+    up = joint_reference(POSE + np.array([0.01, 0.0]))
+    for k in range(20):
+        output = law.step(k * DT, POSE, p_a, p_b, 6e6, P_T, up)
+    assert output.flow_term[0] < 0.0
+    assert output.voltage_v[0] == 0.0
+    assert any("more than the supply" in note for note in output.notes)
+    for k in range(20, 40):
+        output = law.step(k * DT, POSE, p_a, p_b, 19e6, P_T, up)
+    assert output.voltage_v[0] > 0.0
+    assert not any("more than the supply" in note for note in output.notes)
+
+
 def test_a_gap_starts_the_filters_anew() -> None:
     law = ControlLaw(ROBOT, Gains())
     run(law, joint_reference(POSE))

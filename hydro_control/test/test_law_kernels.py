@@ -175,6 +175,12 @@ def test_flows_openings_and_voltages_are_those_of_the_equations(name: str) -> No
         expected = law_reference.flow_term(at.axes, GAINS, state, asked, rate, columns)
         agree(flow, expected)
         agree(opening, law_reference.openings(at.axes, expected, columns, state))
+        weak = replace(state, p_s=float(rng.uniform(0.5, 1.0)) * state.p_s)
+        rails = weak.p_s, weak.p_t
+        args = at.arrays, rows, state.force, rate, leak, state.pressures, *rails, flow, opening
+        starved = flow_kernel(*args)
+        agree(opening, law_reference.openings(at.axes, expected, columns, weak))
+        assert bool(starved) == (not opening.all())
         signal = opening * rng.choice([0.01, 1.0]) if k % 2 else rng.uniform(-0.2, 0.2, n)
         before, most = rng.uniform(-10.0, 10.0, m), GAINS.slew_limit_v_s * 0.002
         voltage_kernel(at.arrays, signal, state.pressures, before, voltage)

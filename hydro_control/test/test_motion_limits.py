@@ -304,6 +304,12 @@ def test_no_chamber_at_its_limit_is_fed(
     assert out == pytest.approx(10.0 * expected)
 
 
+def test_a_supply_that_the_transducers_cannot_show_is_refused() -> None:
+    """Valves would be closed for pressures that the load needs, and nobody told."""
+    with pytest.raises(ControlError, match="a supply of at most 225 bar, 90 % of its pressure"):
+        limits_of(replace(load_robot("xs031"), supply_pressure_pa=28e6))
+
+
 @pytest.mark.parametrize("jump", [0.2, 1.0, 100.0])
 def test_a_reference_that_jumps_moves_the_voltage_by_the_slew_limit_at_most(
     robot: Robot, jump: float

@@ -235,8 +235,8 @@ class CanBridge(LifecycleNode):
                 frame = None
             with self._lock:
                 first = NOTHING if frame is None else self._received(frame, now_ns)
-                late = NOTHING if waited_s is None else self._core.waited(waited_s)
-                steps = (first, late, self._silence(message is None), *self._look_at_bus())
+                late = () if waited_s is None else self._read_late(waited_s)
+                steps = (first, *late, self._silence(message is None), *self._look_at_bus())
             self._times.arrived(first.sample, begin_ns)
             self._publish(*steps)
             self._times.published(first.sample, begin_ns)
@@ -254,6 +254,10 @@ class CanBridge(LifecycleNode):
         if self._core.commands.foreign != before:
             self._foreign_at = time.monotonic()
         return step
+
+    def _read_late(self, waited_s: float) -> tuple[Step, Step]:
+        """With the lock: what follows from when a sync frame came."""
+        return self._core.waited(waited_s), self._core.paced(self._heard_at - waited_s)
 
     def _silence(self, nothing_waits: bool) -> Step:
         """With the lock: what follows from how long the device said nothing.

@@ -301,6 +301,20 @@ class BridgeCore:
         self._supervision.waited(waited_s)
         return self._after(was)
 
+    def paced(self, at_s: float) -> Step:
+        """The newest cycle's sync frame came, as of `Supervision.paced`.
+
+        Parameters
+        ----------
+        at_s : float
+        """
+        counter = self.assembler.counter
+        if counter is None:
+            return NOTHING
+        was = self.gate.state
+        self._supervision.paced(self.clock.extend(counter), at_s, active=self.active)
+        return self._after(was)
+
     def hear_command(self, frame: Frame) -> Step:
         """Take a valve frame off the bus: nothing is driven beside another sender.
 

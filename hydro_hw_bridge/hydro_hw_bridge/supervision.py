@@ -11,12 +11,15 @@ import math
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Frame, Readings, Status
 from hydro_hw_bridge.gate import Gate, GateState
+from hydro_hw_bridge.period_watch import PeriodWatch
 from hydro_hw_bridge.permissives import EMERGENCY_STOP, Inputs
 from hydro_hw_bridge.plausibility import ReadingsWatch
 
 SUPPLY = "supply"
 #: Name of the fault of a device on another clock than the bridge was told.
 OTHER_CLOCK = "other_clock"
+#: Name of the fault of a device that is faster than its robot file says.
+OTHER_PERIOD = "other_period"
 #: Name of the fault of readings that cannot be.
 IMPOSSIBLE = "impossible_readings"
 #: Name of the fault of valve frames that are not the bridge's.
@@ -49,6 +52,7 @@ class Supervision:
         self._codec, self._gate, self._lockstep = codec, gate, lockstep
         self.watch = ReadingsWatch(codec, gate.limits.period_s)
         self.read_late = 0
+        self._period = PeriodWatch(gate.limits.period_s)
         self._standing_still = 0
         self._supply_pa: float | None = None
         self._quiet = self._behind = False
@@ -65,6 +69,7 @@ class Supervision:
         if self._gate.state is GateState.DRIVING:
             self._gate.trip("the device restarted: its sample counter went back")
         self.watch.forget()
+        self._period.forget()
         self._supply_pa = None
 
     def contradicted(self, frame: Frame) -> None:
@@ -213,6 +218,20 @@ class Supervision:
             self._gate.trip(
                 f"{READ_LATE} for {1e3 * waited_s:.0f} ms to be read (limit {1e3 * most_s:.0f} ms)"
             )
+
+    def paced(self, counter: int, at_s: float, *, active: bool) -> None:
+        """A cycle came: in real time none is driven of a device that is faster than all think.
+
+        Parameters
+        ----------
+        counter : int
+            Sample counter without wrap.
+        at_s : float
+            On a clock that never steps, s.
+        active : bool
+        """
+        if not self._lockstep:
+            self.condition(OTHER_PERIOD, self._period.look(counter, at_s), active=active)
 
     # -- conditions
 

@@ -91,10 +91,11 @@ TARGETS: tuple[Target, ...] = (
         Target(
             name,
             f"hydro_hw_bridge.{name}",
-            tuple(f"{_TEST}/test_{test}.py" for test in (*_CORE, "watchdogs")),
+            tuple(f"{_TEST}/test_{test}.py" for test in (*_CORE, "watchdogs", "period_watch")),
         )
         for name in _CORE
     ),
+    Target("period_watch", "hydro_hw_bridge.period_watch", (f"{_TEST}/test_period_watch.py",)),
     Target("valve_echo", "hydro_hw_bridge.valve_echo", (f"{_TEST}/test_valve_echo.py",)),
     Target("link", "hydro_hw_bridge.link", (f"{_TEST}/test_watchdogs.py",)),
     Target("amplifier", "hydro_hw_bridge.rig.amplifier", (f"{_TEST}/test_rig_amplifier.py",)),

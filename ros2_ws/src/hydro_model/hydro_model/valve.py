@@ -93,9 +93,11 @@ def valve_signal(
     """Normalised signal that gives a flow term: the inverse of eqs. 11 to 14 (eqs. 15 and 24).
 
     Exact wherever the paper's assumptions hold (``0 < x < S``, chamber pressures between tank
-    and supply by at least `SMOOTH_PRESSURE_PA`). Smaller or reversed differences are taken as
-    `SMOOTH_PRESSURE_PA`: the signal stays finite, large and of the right sign. It is not
-    limited here; the caller saturates.
+    and supply by at least `SMOOTH_PRESSURE_PA`). Smaller differences are taken as
+    `SMOOTH_PRESSURE_PA`, and a return line's above its chamber, too: the signal stays finite,
+    large and of the right sign. Where the chamber that is to be fed is above the supply its flow
+    runs back; the signal is 0 where the valve could only give the opposite of what is wanted. It
+    is not limited here; the caller saturates.
 
     Parameters
     ----------
@@ -146,13 +148,24 @@ def signal_at_lengths(
     """
     q_term, x, rest = _floats(q_term, length_a, length_b)
     p_a, p_b, p_s, p_t = _floats(p_a, p_b, p_s, p_t)
-    extend = valve.c_pa * _open_root(p_s - p_a) / x + valve.c_bt * _open_root(p_b - p_t) / rest
-    retract = valve.c_at * _open_root(p_a - p_t) / x + valve.c_pb * _open_root(p_s - p_b) / rest
-    return np.asarray(-q_term / np.where(q_term < 0.0, extend, retract))
+    extend = valve.c_pa * _fed_root(p_s - p_a) / x + valve.c_bt * _open_root(p_b - p_t) / rest
+    retract = valve.c_at * _open_root(p_a - p_t) / x + valve.c_pb * _fed_root(p_s - p_b) / rest
+    least = _open_root(np.zeros(()))
+    extending = q_term < 0.0
+    flow = np.where(extending, extend, retract)
+    # Less than that is left where the fed chamber empties into the supply: to open further
+    # would drop the load.
+    starved = flow <= np.where(extending, valve.c_pa / x, valve.c_pb / rest) * least
+    return np.asarray(np.where(starved, 0.0, -q_term / np.where(starved, 1.0, flow)))
 
 
 def _open_root(difference_pa: FloatArray) -> FloatArray:
     return signed_root(np.maximum(difference_pa, SMOOTH_PRESSURE_PA))
+
+
+def _fed_root(difference_pa: FloatArray) -> FloatArray:
+    """Of supply over the chamber that it feeds: what runs back counts as such."""
+    return np.where(difference_pa < 0.0, signed_root(difference_pa), _open_root(difference_pa))
 
 
 def _floats(*values: ArrayLike) -> list[FloatArray]:

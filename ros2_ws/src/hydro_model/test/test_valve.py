@@ -85,10 +85,25 @@ def test_root_is_odd_monotone_and_smooth() -> None:
 
 @pytest.mark.parametrize("term", [-0.01, 0.01])
 def test_inverse_stays_finite_where_no_pressure_is_left(term) -> None:
-    u = valve_signal(VALVE, CYLINDER, term, 0.3, P_S + 1e5, P_T - 1e5, P_S, P_T)
+    fed, drained = P_S - 10.0, P_T - 1e5
+    p_a, p_b = (fed, drained) if term < 0.0 else (drained, fed)
+    u = valve_signal(VALVE, CYLINDER, term, 0.3, p_a, p_b, P_S, P_T)
     assert np.isfinite(u)
     assert np.sign(u) == -np.sign(term)
     assert abs(u) > 0.1
+
+
+@pytest.mark.parametrize("term", [-0.01, 0.01])
+def test_no_valve_opens_where_the_load_would_empty_into_the_supply(term) -> None:
+    """Nothing that it could open would give the flow that is wanted: the arm would drop."""
+    held, other = P_S + 4e6, P_T + 1e4
+    p_a, p_b = (held, other) if term < 0.0 else (other, held)
+    assert valve_signal(VALVE, CYLINDER, term, 0.3, p_a, p_b, P_S, P_T) == 0.0
+    # Beside a chamber that is under pressure the other edge gives more than runs back.
+    p_a, p_b = (P_S + 1e5, 8e6) if term < 0.0 else (8e6, P_S + 1e5)
+    u = valve_signal(VALVE, CYLINDER, term, 0.3, p_a, p_b, P_S, P_T)
+    flows = edge_flows(VALVE, u, p_a, p_b, P_S, P_T)
+    assert flow_term(CYLINDER, 0.3, *flows) == pytest.approx(term, rel=1e-3)
 
 
 def test_no_flow_wanted_is_no_signal() -> None:
