@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from hydro_control import parameters
 from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
+from hydro_control.gain_checks import gain_warnings
 from hydro_control.hot_path import HotPath
 from hydro_control.trajectory import Waypoint
 from hydro_model.paths import load_path
@@ -46,7 +47,7 @@ class ControllerNode(LifecycleNode):
         self._active = False
         self._core = self._make_core()
         self._diagnostics = Diagnostics(self, self._core.robot.name)
-        self._said = ""
+        self._said = self._odd_gains = ""
         self._said_s = 0.0
         self._trajectories: list[Any] = []
         fix_parameters(self, lambda: self._hot is not None)
@@ -72,6 +73,9 @@ class ControllerNode(LifecycleNode):
     def _configure(self) -> None:
         settings = parameters.read(self)
         self._core = self._make_core()
+        self._odd_gains = "; ".join(gain_warnings(self._core.robot, self._core.gains))
+        if self._odd_gains:
+            self.get_logger().warn(self._odd_gains)
         self._real_time = RealTime(settings.real_time, self.get_logger().warn)
         self._hot = HotPath(
             self, self._core, settings.required_recorders, self._real_time, self._failed
@@ -198,6 +202,8 @@ class ControllerNode(LifecycleNode):
             return WARN, self._core.message
         if last is not None and last.output.notes:
             return WARN, f"{self._hot.state}; {'; '.join(last.output.notes)}"
+        if self._odd_gains:
+            return WARN, f"{self._hot.state}; {self._odd_gains}"
         return OK, self._hot.state
 
     def _values(self) -> dict[str, object]:

@@ -1,0 +1,117 @@
+"""Whether gains can be meant for a machine: what one count of its encoders asks of the valves, and
+how long the filters take at its rate.
+
+The shipped gains were chosen on machines of one size at 500 Hz with encoders of 20 bits.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hydro_control.errors import ControlError
+from hydro_control.filters import time_constant_s
+from hydro_control.gains import Gains
+from hydro_control.law import ControlLaw
+from hydro_control.required_motion import Reference
+from hydro_model.cylinder import lever
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot import FloatArray, Robot
+
+#: Share of the rated voltage that one count of an encoder may ask for.
+MOST_PER_COUNT = 0.05
+#: Of 5.6 ms beside a cycle of delay an oscillation builds up (`gains.md`).
+LONGEST_FILTER_S = 5.0e-3
+_FILTERED = ("alpha_qd", "alpha_p", "alpha_fd")
+#: Samples at rest before the count, and looked at from it on.
+_BEFORE, _AFTER = 20, 20
+
+
+def gain_warnings(robot: Robot, gains: Gains) -> list[str]:
+    """What is odd about gains on a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : Gains
+
+    Returns
+    -------
+    list of str
+        A sentence each; empty where nothing is.
+    """
+    dt_s = 1.0 / robot.sensors.rate_hz
+    slow = {
+        name: constant
+        for name in _FILTERED
+        if (constant := time_constant_s(getattr(gains, name), dt_s)) > LONGEST_FILTER_S
+    }
+    found = [
+        f"{name} is a time constant of {1e3 * constant:.1f} ms at {robot.sensors.rate_hz:g} Hz,"
+        f" expected at most {1e3 * LONGEST_FILTER_S:g} ms: raise it"
+        for name, constant in slow.items()
+    ]
+    for joint, share in zip(robot.joint_names, count_shares(robot, gains), strict=True):
+        if share > MOST_PER_COUNT:
+            found.append(
+                f"one count of {joint}'s encoder asks for {share:.0%} of its valve's voltage,"
+                f" expected at most {MOST_PER_COUNT:.0%}: lower k_v, k_f_m2_ns and the filter"
+                " weights, or correct encoder_counts_per_rev of the robot file"
+            )
+    return found
+
+
+def count_shares(robot: Robot, gains: Gains) -> FloatArray:
+    """Largest share of the rated voltage that one count of each joint's encoder asks for, (n,).
+
+    Of the law itself, before what limits it: at rest in the middle of the joints' ranges, the
+    weight held.
+
+    Parameters
+    ----------
+    robot : Robot
+    gains : Gains
+    """
+    pose = np.array([0.5 * (j.lower + j.upper) for j in robot.joints])
+    count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
+    shares = []
+    for i, joint in enumerate(robot.joints):
+        # Of slides, counts per revolution say nothing.
+        step = np.zeros(robot.dof)
+        step[i] = 0.0 if joint.prismatic else count
+        shares.append(np.ptp(_signals(robot, gains, pose, step)[:, i]))
+    return np.array(shares)
+
+
+def _signals(robot: Robot, gains: Gains, pose: FloatArray, step: FloatArray) -> FloatArray:
+    """Valve signals from the last sample at rest on, (samples, n)."""
+    law = ControlLaw(robot, gains)
+    still = np.zeros(robot.dof)
+    reference = Reference("joint", pose, still, still)
+    p_a, p_b = _held(robot, pose)
+    rails = robot.supply_pressure_pa, robot.tank_pressure_pa
+    rows = []
+    for k in range(_BEFORE + _AFTER):
+        q = pose + (step if k >= _BEFORE else 0.0)
+        output = law.step(k * law.dt_s, q, p_a, p_b, *rails, reference)
+        if output.fault:
+            raise ControlError(f"robot {robot.name} in mid-range: {output.fault}")
+        rows.append(output.valve_signal)
+    return np.array(rows[_BEFORE - 1 :])
+
+
+def _held(robot: Robot, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gauge pressures that hold the weight, as near to half of the supply as they can be."""
+    torque = inverse_dynamics(robot, pose, 0.0 * pose, 0.0 * pose)
+    most, least = robot.supply_pressure_pa, robot.tank_pressure_pa
+    p_a, p_b = np.empty((2, len(robot.cylinders)))
+    for k, c in enumerate(robot.cylinders):
+        i = robot.joint_index(c.joint)
+        force = float(torque[i]) / float(lever(c, pose[i]))
+        p_b[k] = 0.5 * (most + least)
+        p_a[k] = (force + p_b[k] * c.area_b_m2) / c.area_a_m2
+        if not least < p_a[k] < most:
+            p_a[k] = float(np.clip(p_a[k], 0.9 * least + 0.1 * most, 0.1 * least + 0.9 * most))
+            p_b[k] = (p_a[k] * c.area_a_m2 - force) / c.area_b_m2
+    return p_a, p_b
