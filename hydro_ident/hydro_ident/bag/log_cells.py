@@ -18,8 +18,11 @@ from hydro_ident.errors import BagError
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")
-#: In a log of decimal commas: a number with a decimal point, or one with thousands.
+#: A number with a decimal point or comma, or one with thousands.
 _POINTS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})+\s*")
+_COMMAS = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:,\d{3})+\s*")
+#: What a line that was cut leaves of a number with thousands.
+_CUT = re.compile(r"\s*[+-]?[1-9]\d{0,2}(?:\.\d{3})*\.\d{0,2}\s*")
 #: By decimal sign: numbers whose thousands are parted by the other sign, beyond doubt.
 _GROUPED = {
     ".": re.compile(r"\s*[+-]?\d{1,3}(?:,\d{3})+\.\d*\s*"),
@@ -131,7 +134,7 @@ def columns_of(
             moments[name], columns[name] = dates, dates.seconds
             continue
         columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
-        if why := why_unread(cells):
+        if why := why_unread(cells) or _why_no_numbers(columns[name], cells, decimal):
             unread[name] = why
     apart = dates_apart(names, rows, [n for n, m in moments.items() if not m.start])
     if apart is not None:
@@ -232,16 +235,44 @@ def numbers(cells: Sequence[str], lines: Sequence[int], where: str, decimal: str
     return result
 
 
+def commas_are_decimal(cells: Sequence[str]) -> bool:
+    """Whether some commas are decimal signs beyond doubt and no point is one.
+
+    Parameters
+    ----------
+    cells : sequence of str
+        Of a table that no commas part.
+    """
+    pointed = [cell for cell in cells if "." in cell and is_number(cell, ".")]
+    return all(_POINTS.fullmatch(cell) for cell in pointed) and any(
+        _COMMA_NUMBER.fullmatch(cell) and not _COMMAS.fullmatch(cell) for cell in cells
+    )
+
+
 def _may_be_thousands(cells: Sequence[str]) -> bool:
-    """Whether the points of a column in a log of decimal commas may all part thousands."""
-    pointed = [cell for cell in cells if "." in cell]
-    return bool(pointed) and all(_POINTS.fullmatch(cell) for cell in pointed)
+    """Whether the points of a column in a log of decimal commas may part thousands."""
+    if not any("." in cell for cell in cells):
+        return False
+    if any("," in cell for cell in cells):
+        return True  # No column has two decimal signs.
+    sure = [k for k, cell in enumerate(cells) if "." in cell and not _POINTS.fullmatch(cell)]
+    return not sure or (sure == [len(cells) - 1] and bool(_CUT.fullmatch(cells[-1])))
+
+
+def _why_no_numbers(column: FloatArray, cells: Sequence[str], decimal: str) -> str:
+    """Why a column that begins with what may be thousands is not read, where it is not."""
+    if not np.isnan(column).all():
+        return ""
+    first = next((cell.strip() for cell in cells if cell.strip().lower() not in MISSING), "")
+    if not (_COMMAS if decimal == "." else _POINTS).fullmatch(first):
+        return ""
+    return f"expected numbers, found '{first[:SHOWN]}'{_hint(first, last=False)}"
 
 
 def _hint(cell: str, *, last: bool) -> str:
     """What may be behind a cell that is no number."""
     if _COMMA_NUMBER.fullmatch(cell):
         return "; is the decimal sign a comma, or does it part thousands? then write it without"
-    if _POINTS.fullmatch(cell):
+    if _POINTS.fullmatch(cell) or ("." in cell and is_number(cell, ".")):
         return "; does the point part thousands, or is it the decimal sign? then write it without"
     return "; the last line: leave it out of a copy of the file if it was cut" if last else ""

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_ident.bag.log_cells import Row, check_names, columns_of, is_number
+from hydro_ident.bag.log_cells import Row, check_names, columns_of, commas_are_decimal, is_number
 from hydro_ident.bag.log_dates import is_moment
 from hydro_ident.bag.log_file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
 from hydro_ident.bag.log_memory import TextSize, read_text
@@ -145,7 +145,8 @@ def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
     Returns
     -------
     tuple of str
-        Delimiter, decimal sign: those that make numbers of most cells, all lines equally long.
+        Delimiter, decimal sign: those that make numbers of most cells, all lines equally long;
+        points that may part thousands do not outnumber decimal commas.
     """
     half = lines[len(lines) // 2 :][:_SAMPLED]
     found: list[tuple[float, str, str]] = []
@@ -160,7 +161,11 @@ def dialect(lines: Sequence[str], layout: CsvLayout) -> tuple[str, str]:
             # A comma between digits parts columns or decimals; where semicolons or tabs part
             # columns, it is decimals. More columns decide between readings that are equally good.
             found.append((good * alike / len(rows) + 1e-6 * min(width, 1000), delimiter, decimal))
-    return max(found, key=lambda entry: entry[0])[1:]
+    _, delimiter, decimal = max(found, key=lambda entry: entry[0])
+    if delimiter != "," and decimal != layout.decimal:
+        cells = [cell for _, row in split(list(enumerate(half)), delimiter) for cell in row]
+        decimal = "," if commas_are_decimal(cells) else decimal
+    return delimiter, decimal
 
 
 def split(lines: Sequence[tuple[int, str]], delimiter: str) -> list[Row]:
