@@ -274,6 +274,18 @@ def test_no_control_desk_signal_is_lost_to_another_of_its_name(tmp_path: Path) -
         read_log(write(tmp_path, text))
 
 
+def test_a_control_desk_signal_named_as_a_clock_takes_its_place_from_none(tmp_path: Path) -> None:
+    text = "trace_names,x,time,q\ntrace_values,0.0,5,2\n,0.1,6,4\n"
+    log = read_log(write(tmp_path, text))
+    assert {n: v.tolist() for n, v in log.columns.items()} == {
+        "time": [0.0, 0.1], "time[2]": [5.0, 6.0], "q": [2.0, 4.0],
+    }  # fmt: skip
+    assert dict(log.clocks) == {"time[2]": "time", "q": "time"}
+    first = "trace_names,x,time[2],q\ntrace_values,0.0,5,2\n,0.1,6,4\n\n"
+    with pytest.raises(BagError, match=r"column 'time\[2\]' appears more than once"):
+        read_log(write(tmp_path, first + text))
+
+
 def test_simulinks_structure_with_time_is_read_by_its_labels(tmp_path: Path) -> None:
     kind = [("values", object), ("dimensions", object), ("label", object)]
     signals = np.array([(np.ones(5), 1, "q"), (np.zeros((5, 1)), 1, "p")], dtype=kind)

@@ -11,7 +11,7 @@ LabVIEW: https://www.ni.com/tutorial/4139/en (Specification for the LabVIEW Meas
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -75,7 +75,9 @@ def read_control_desk(path: Path, lines: Lines, layout: CsvLayout) -> Log:
         described = {r[0].strip().lower(): [c.strip() for c in r[1:]] for _, r in rows[:begin]}
         data = [(n, r[1:]) for n, r in rows[begin:] if any(c.strip() for c in r[1:])]
         names = _signal_names(path, described, section[0][0], len(data[0][1]) if data else 0)
-        names = [time, *(_free(name, columns) for name in names[1:])]
+        taken = {*columns, time}
+        names = [time, *(_free(name, taken) for name in names[1:])]
+        check_once([*columns, *names], path)
         cells = columns_of(path, names, data, decimal, at_end=index == len(sections))
         columns |= cells.columns
         notes += cells.notes
@@ -114,12 +116,11 @@ def _signal_names(
         names = [f"{full[i]}/{n}" if n and names.count(n) > 1 else n for i, n in enumerate(names)]
     if not all(names[1:]):
         raise BagError(f"{path}, line {line}: a column has no name")
-    check_once(names[1:], path)
     return list(names)
 
 
-def _free(name: str, taken: Mapping[str, object]) -> str:
-    """The name, or with a number behind it where an earlier section has it too."""
+def _free(name: str, taken: Collection[str]) -> str:
+    """The name, or with a number behind it where an earlier section or a clock has it too."""
     if name not in taken:
         return name
     return next(f"{name}[{k}]" for k in count(2) if f"{name}[{k}]" not in taken)
