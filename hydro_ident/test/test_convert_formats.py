@@ -306,16 +306,29 @@ def test_simulinks_structure_with_time_is_read_by_its_labels(tmp_path: Path) -> 
     }  # fmt: skip
 
 
-def test_only_what_is_of_one_instant_is_subtracted(tmp_path: Path) -> None:
+@pytest.mark.parametrize("named", [{}, {"time": "X_Value[2]"}], ids=["by the file", "named"])
+def test_only_what_is_of_one_instant_is_subtracted(named: dict, tmp_path: Path) -> None:
     table = "X_Value\tz1\tX_Value\tz2\n0\t1\t0.004\t2\n0.01\t3\t0.014\t4\n"
     file = write(tmp_path, lvm("Multi", "Channels\t2\t\n", table), "a.lvm")
     mapping = {
         "time": {"signal": "X_Value[1]"},
-        "joints": {"a": {"signal": "z2", "minus": "z1", "unit": "deg"}},
+        "joints": {"a": {"signal": "z2", "minus": "z1", "unit": "deg", **named}},
     }
     said = "expected 'z2' and 'z1' of the same instants, found one by 'X_Value"
     with pytest.raises(BagError, match=re.escape(said)):
         converted(file, mapping, tmp_path)
+
+
+def test_a_time_that_is_no_clock_of_the_file_is_for_both_of_a_difference(tmp_path: Path) -> None:
+    head = "X_Value\tz1\tX_Value\tz2\tX_Value\tt\n"
+    table = head + "0\t1\t0.004\t2\t0\t7\n0.01\t3\t0.014\t4\t0.01\t7.01\n"
+    file = write(tmp_path, lvm("Multi", "Channels\t3\t\n", table), "a.lvm")
+    mapping = {
+        "time": {"signal": "X_Value[1]"},
+        "joints": {"a": {"signal": "z2", "minus": "z1", "unit": "deg", "time": "t"}},
+    }
+    converted(file, mapping, tmp_path)
+    np.testing.assert_allclose(np.degrees(positions(tmp_path)["a"]), [1.0, 1.0])
 
 
 def test_a_disk_that_is_full_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:

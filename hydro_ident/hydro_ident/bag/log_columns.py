@@ -122,8 +122,10 @@ class Columns:
 
     def _check_instants(self, signal: LogSignal) -> None:
         """What is subtracted has to be of the same instants."""
-        if not signal.minus or signal.time:
+        if not signal.minus:
             return
+        if signal.time and signal.time not in self.log.clocks.values():
+            return  # The mapping knows a time of both that the file does not pair with them.
         main = self.mapping.time.signal if self.mapping.time is not None else ""
         clocks = [self.log.clocks.get(name, main) for name in signal.names]
         one, other = (self.log.columns.get(clock, np.empty(0)) for clock in clocks)
