@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import resource
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,49 @@ def test_wrapped_angles_are_said_and_unwrapped_where_asked(tmp_path: Path) -> No
     got = positions(tmp_path)["tilt"]
     known = np.isfinite(got)
     np.testing.assert_allclose(got[known], np.radians(true)[known], atol=1e-9)
+
+
+WRAPPED = {"unit": "deg", "wrap": 360}
+
+
+@pytest.mark.parametrize(
+    ("span", "joint"),
+    [
+        (2.0 * np.pi, {"signal": "q", **WRAPPED}),
+        (np.inf, {"signal": "q", **WRAPPED}),
+        (np.inf, {"constant": 179, "unit": "deg"}),
+    ],
+    ids=["wide", "endless", "locked"],
+)
+def test_a_wrapped_reference_is_of_the_turn_of_its_joint(
+    span: float, joint: dict, tmp_path: Path
+) -> None:
+    """A slew beyond half a turn: its reference is ahead by the jump of a wrapped angle."""
+    t = np.arange(400) * 0.01
+    angle = 179.0 + 0.8 * np.sin(3.0 * t)
+    asked = angle + 2.0
+    savemat(tmp_path / "log.mat", {"t": t, "q": angle, "r": (asked + 180.0) % 360.0 - 180.0})
+    mapping = {
+        "robot": "xs031",
+        "time": {"signal": "t"},
+        "joints": {"lift": joint, "tilt": {"constant": -30, "unit": "deg"}},
+        "references": {
+            "lift": {"signal": "r", **WRAPPED},
+            "tilt": {"constant": -40, "unit": "deg"},
+        },
+    }
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(mapping), encoding="utf-8")
+    robot = load_robot("xs031")
+    slew = replace(robot.joints[0], lower=-span, upper=span)
+    read = replace(
+        read_map(tmp_path / "map.yaml"),
+        robot=replace(robot, joints=(slew, *robot.joints[1:])),
+    )
+    done = convert(read_log(tmp_path / "log.mat"), read, tmp_path / "bag", {})
+    assert "references, lift: +1 turns, nearest to the joint's angle" in done.remarks
+    got = read_bag(tmp_path / "bag").series["/joint_reference"].fields["position"]
+    np.testing.assert_allclose(got[:, 0], np.radians(asked), atol=1e-9)
+    np.testing.assert_allclose(got[:, 1], np.radians(-40.0), atol=1e-9)
 
 
 def test_loop_currents_become_the_transducers_range(tmp_path: Path) -> None:

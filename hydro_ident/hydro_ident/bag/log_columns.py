@@ -43,6 +43,12 @@ def wrap_of(recorded: FloatArray) -> float:
     return 0.0
 
 
+def _middle(values: FloatArray) -> float:
+    """Median of what is known; 0 where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
 class Columns:
     """Signals of a log on the cycles of a bag.
 
@@ -69,6 +75,8 @@ class Columns:
         self.used = set(timeline.rows) | ({mapping.time.signal} if mapping.time else set())
         self.remarks: list[str] = []
         self.warnings: list[str] = []
+        #: By joint: the angle that was asked for first, the joint's own before its reference.
+        self._angles: dict[str, FloatArray] = {}
 
     @property
     def count(self) -> int:
@@ -84,7 +92,8 @@ class Columns:
         where : str
             Who asks, for messages.
         joint : str
-            Whose angle it is; whole turns bring it nearest to the joint's range.
+            Whose angle it is; whole turns bring it nearest to the joint's range, and a further one
+            of the same joint, its reference, nearest to that.
 
         Returns
         -------
@@ -99,7 +108,10 @@ class Columns:
         if signal is None:
             return None
         if not signal.names:
-            return np.full(self.count, signal.offset)
+            held = np.full(self.count, signal.offset)
+            if joint:
+                self._angles.setdefault(joint, held)
+            return held
         self._check_instants(signal)
         rows = self.timeline.rows[clock_of(self.log, self.mapping, signal)]
         columns = [self._recorded(name, where, len(rows)) for name in signal.names]
@@ -110,13 +122,13 @@ class Columns:
                 + self.log.why_unread(*signal.names)
             )
         self._say_wraps(recorded, signal, where)
-        values = signal.values(recorded)
-        if signal.wrap and joint:
-            values = self._in_range(values, abs(signal.factor) * signal.wrap, joint, where)
         self._say_beginning(recorded, rows, where)
         placed = np.full(self.count, np.nan)
-        placed[rows[rows >= 0]] = values[rows >= 0]
+        placed[rows[rows >= 0]] = signal.values(recorded)[rows >= 0]
+        if signal.wrap and joint:
+            placed = self._turned(placed, abs(signal.factor) * signal.wrap, joint, where)
         if joint:
+            self._angles.setdefault(joint, placed)
             self._warn_outside(placed, joint, where)
         return placed
 
@@ -159,21 +171,27 @@ class Columns:
                 f" wrapped, give wrap: {period:.9g}"
             )
 
-    def _in_range(self, values: FloatArray, turn: float, joint: str, where: str) -> FloatArray:
-        """Whole turns that bring an angle nearest to the middle of its joint's range."""
-        if self.mapping.robot is None:
-            return values
-        limits = next(j for j in self.mapping.robot.joints if j.name == joint)
-        if not (math.isfinite(limits.lower) and math.isfinite(limits.upper)):
-            return values
-        known = values[np.isfinite(values)]
-        away = 0.5 * (limits.lower + limits.upper) - float(np.median(known)) if len(known) else 0.0
+    def _turned(self, values: FloatArray, turn: float, joint: str, where: str) -> FloatArray:
+        """An angle by the whole turns that bring it to where its joint can be, or is."""
+        away, place = self._away(values, joint)
         if not (turn > 0.0 and math.isfinite(away / turn)):
             return values
         whole = round(away / turn)
         if whole:
-            self.remarks.append(f"{where}: {whole:+d} turns, nearest to the joint's range")
+            self.remarks.append(f"{where}: {whole:+d} turns, nearest to the joint's {place}")
         return values + whole * turn
+
+    def _away(self, values: FloatArray, joint: str) -> tuple[float, str]:
+        """How far the joint's own angle, else the middle of its range, is above an angle."""
+        if (angle := self._angles.get(joint)) is not None:
+            apart = angle - values
+            shared = bool(np.isfinite(apart).any())
+            return _middle(apart) if shared else _middle(angle) - _middle(values), "angle"
+        robot = self.mapping.robot
+        limits = next((j for j in robot.joints if j.name == joint), None) if robot else None
+        if limits is None or not (math.isfinite(limits.lower) and math.isfinite(limits.upper)):
+            return 0.0, "range"
+        return 0.5 * (limits.lower + limits.upper) - _middle(values), "range"
 
     def _warn_outside(self, values: FloatArray, joint: str, where: str) -> None:
         """An angle that its joint cannot have: zero, sign or unit are not the robot's."""

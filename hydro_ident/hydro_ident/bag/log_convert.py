@@ -35,7 +35,8 @@ from hydro_msgs_docs.topics import (
     VALVE_STATE,
 )
 
-#: Topic -> field of the message -> sections of the mapping whose signals it carries.
+#: Topic -> field of the message -> sections of the mapping whose signals it carries; read in this
+#: order: the turn of a reference is that of its joint.
 _TOPICS: dict[str, dict[str, tuple[str, ...]]] = {
     JOINT_STATES: {"position": ("joints", "strokes"), "effort": ("efforts",)},
     CHAMBER_PRESSURES: {"effort": ("pressures",)},
