@@ -350,6 +350,16 @@ def test_simulinks_structure_with_time_is_read_by_its_labels(tmp_path: Path) -> 
     }  # fmt: skip
 
 
+def test_numbers_of_more_than_two_dimensions_are_left_out_and_named(tmp_path: Path) -> None:
+    kind = [("values", object), ("dimensions", object), ("label", object)]
+    signals = np.array([(np.ones(5), 1, "q"), (np.zeros((2, 2, 5)), 4, "inertia")], dtype=kind)
+    rec = {"time": np.arange(5.0), "signals": signals, "grid": np.stack([signals, signals])}
+    savemat(tmp_path / "rec.mat", {"rec": rec})
+    log = read_log(tmp_path / "rec.mat")
+    assert set(log.columns) == {"rec.time", "rec.signals.q"}
+    assert log.notes == ("left out: rec.signals.inertia, rec.grid: of more than two dimensions",)
+
+
 @pytest.mark.parametrize("named", [{}, {"time": "X_Value[2]"}], ids=["by the file", "named"])
 def test_only_what_is_of_one_instant_is_subtracted(named: dict, tmp_path: Path) -> None:
     table = "X_Value\tz1\tX_Value\tz2\n0\t1\t0.004\t2\n0.01\t3\t0.014\t4\n"

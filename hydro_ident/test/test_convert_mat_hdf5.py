@@ -88,16 +88,20 @@ def test_it_reads_as_the_same_variables_of_version_7(tmp_path: Path) -> None:
         "remark": "Prüfstand 3",
     }
     desk: dict[str, Any] = {"X": axes, "Y": signals, "Description": "made up"}
-    x, y = (
+    traces = [{"values": T + k, "dimensions": 1.0, "label": f"trace {k}"} for k in range(2)]
+    scope: dict[str, Any] = {"time": T, "signals": traces, "blockName": "crane/Scope"}
+    x, y, simulink = (
         np.array([tuple(row.values()) for row in rows], dtype=[(k, object) for k in rows[0]])
-        for rows in (axes, signals)
+        for rows in (axes, signals, traces)
     )
-    savemat(tmp_path / "old.mat", {**variables, "rec1": {**desk, "X": x, "Y": y}})
+    structs = {"rec1": {**desk, "X": x, "Y": y}, "scope": {**scope, "signals": simulink}}
+    savemat(tmp_path / "old.mat", {**variables, **structs})
     with Matlab(tmp_path / "new.mat") as matlab:
-        for name, value in {**variables, "rec1": desk}.items():
+        for name, value in {**variables, "rec1": desk, "scope": scope}.items():
             matlab.put(matlab.file, name, value)
     old, new = (read_log(tmp_path / f"{name}.mat") for name in ("old", "new"))
     assert set(new.columns) == set(old.columns) >= {"m[2]", "rec.inner.temp", "q", "time[2]"}
+    assert {"scope.time", "scope.signals.trace 0", "scope.signals.trace 1"} < set(new.columns)
     for name, column in old.columns.items():
         np.testing.assert_array_equal(new.columns[name], column, err_msg=name)
     assert (new.units, new.clocks) == (old.units, old.clocks)

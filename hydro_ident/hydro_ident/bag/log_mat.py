@@ -98,6 +98,7 @@ def _log_of(path: Path, content: dict[str, Any]) -> Log:
     columns: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, str] = {}
+    deep: list[str] = []
     for name, value in content.items():
         if name.startswith("__"):
             continue
@@ -105,27 +106,32 @@ def _log_of(path: Path, content: dict[str, Any]) -> Log:
         if {"X", "Y"} <= set(names):
             _add_axes_and_signals(columns, units, clocks, np.asarray(value))
         else:
-            _add_variable(columns, name, value)
-    notes = ("a struct of axes X and signals Y (dSPACE)",) if clocks else ()
-    return Log(path, columns, units=units, clocks=clocks, notes=notes)
+            _add_variable(columns, deep, name, value)
+    notes = ["a struct of axes X and signals Y (dSPACE)"] if clocks else []
+    if deep:
+        notes.append(f"left out: {', '.join(deep[:_MAX_NAMES])}: of more than two dimensions")
+    return Log(path, columns, units=units, clocks=clocks, notes=tuple(notes))
 
 
-def _add_variable(columns: dict[str, FloatArray], name: str, value: Any) -> None:
+def _add_variable(columns: dict[str, FloatArray], deep: list[str], name: str, value: Any) -> None:
+    """A variable's columns; what has more dimensions than a log is named in `deep`."""
     array = np.asarray(value)
     if array.dtype.names and array.ndim == 0:
         for field in array.dtype.names:
-            _add_variable(columns, f"{name}.{field}", array[field].item())
+            _add_variable(columns, deep, f"{name}.{field}", array[field].item())
     elif array.dtype.names and array.ndim == 1:
-        _add_elements(columns, name, array)
+        _add_elements(columns, deep, name, array)
     elif array.dtype.kind in "biuf" and array.ndim <= 1:
         columns[name] = np.atleast_1d(array).astype(np.float64)
     elif array.dtype.kind in "biuf" and array.ndim == 2:
         upright = array if array.shape[0] >= array.shape[1] else array.T
         for i in range(upright.shape[1]):
             columns[f"{name}[{i + 1}]"] = upright[:, i].astype(np.float64)
+    elif array.dtype.names or array.dtype.kind in "biuf":
+        deep.append(name)
 
 
-def _add_elements(columns: dict[str, FloatArray], name: str, array: Any) -> None:
+def _add_elements(columns: dict[str, FloatArray], deep: list[str], name: str, array: Any) -> None:
     """An array of structs; of Simulink's `signals` the `values` by labels that differ."""
     fields = array.dtype.names
     simulink = "values" in fields
@@ -134,10 +140,10 @@ def _add_elements(columns: dict[str, FloatArray], name: str, array: Any) -> None
     for k, one in enumerate(array):
         if simulink:
             own = f"{name}.{labels[k]}" if by_label else f"{name}[{k + 1}]"
-            _add_variable(columns, own, one["values"])
+            _add_variable(columns, deep, own, one["values"])
         else:
             for field in fields:
-                _add_variable(columns, f"{name}[{k + 1}].{field}", one[field])
+                _add_variable(columns, deep, f"{name}[{k + 1}].{field}", one[field])
 
 
 def _add_axes_and_signals(
