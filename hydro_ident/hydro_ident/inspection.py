@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import channels_of
-from hydro_ident.bag.grid import LongestGap, Topic, find_gaps, longest_gap
+from hydro_ident.bag.grid import LongestGap, Topic, find_gaps, longest_gap, usual_period_s
 from hydro_ident.bag.reader import Bag, log_span_ns
 from hydro_ident.bag.recording import Recording, recording_of
 from hydro_ident.complaints import complaints_of
@@ -32,7 +32,7 @@ class TopicSummary:
     topic, message_type : str
     count : int
     rate_hz : float or None
-        From the median interval of stamps (of reception where there are no stamps).
+        From the usual interval of stamps (of reception where there are no stamps).
     gaps, missing : int
         Gaps between stamps, and messages missing in them; only topics with a steady rate.
     longest_gap : LongestGap or None
@@ -235,7 +235,7 @@ def _summary(bag: Bag, name: str) -> TopicSummary:
         topic = Topic.of(series)
         duplicates, disordered = topic.duplicates, topic.disordered
         if len(topic.stamp_ns) > 1:
-            period_s = float(np.median(np.diff(topic.stamp_ns))) * 1e-9
+            period_s = usual_period_s(topic.stamp_ns)
             rate_hz = 1.0 / period_s
             gaps = list(find_gaps(topic.stamp_ns, period_s))
             longest = longest_gap(gaps, int(topic.stamp_ns[0]))

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE
-from hydro_ident.bag.grid import contiguous, find_gaps, latched_cycles, runs
+from hydro_ident.bag.grid import contiguous, find_gaps, latched_cycles, runs, usual_period_s
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_ident.estimate.chambers import EDGES
+from hydro_ident.estimate.hydraulics import fit_hydraulics
+from hydro_ident.estimate.traces import traces_of
+from hydro_ident.inspection import inspect_bag
 from hydro_model.robot_files import load_robot
 
 START_NS = 1_700_000_000_000_000_000
@@ -276,6 +281,38 @@ def jittered(kept: np.ndarray, sigma_ns: float, seed: int) -> np.ndarray:
     """Stamps of some cycles, each late or early by chance, in order."""
     late = sigma_ns * np.random.default_rng(seed).normal(size=len(kept))
     return np.sort(START_NS + PERIOD_NS * kept + np.round(late).astype(np.int64))
+
+
+def on_clock(kept: np.ndarray, period_ns: float, tick_ns: int) -> np.ndarray:
+    """Stamps of some cycles as a clock of such ticks has them."""
+    return START_NS + tick_ns * np.round(kept * period_ns / tick_ns).astype(np.int64)
+
+
+@pytest.mark.parametrize("rate_hz", [300.0, 400.0, 600.0])
+def test_the_period_is_no_whole_number_of_the_clocks_ticks(
+    rate_hz: float, write_bag, run_columns, robot
+) -> None:
+    stamps = on_clock(np.arange(3000), 1e9 / rate_hz, 1_000_000)
+    r = read_recording(write_bag(run_columns(3000), stamps=stamps), robot)
+    assert r.period_s == pytest.approx(1.0 / rate_hz, rel=1.5e-4)
+    assert r.gaps == ()
+    gapped = np.delete(stamps, [700, 701, 1900])
+    assert usual_period_s(gapped) == pytest.approx(1.0 / rate_hz, rel=1e-3)
+    assert [gap.missing for gap in find_gaps(gapped, usual_period_s(gapped))] == [2, 1]
+    topics = {one.topic: one for one in inspect_bag(read_bag(r.path), robot).topics}
+    assert topics["/joint_states"].rate_hz == pytest.approx(rate_hz, rel=1.5e-4)
+
+
+def test_a_coarse_clock_scales_no_flow(write_bag, crane_run) -> None:
+    robot = crane_run.robot
+    count, edges = len(crane_run.q), []
+    for name, tick_ns in (("fine", 1), ("coarse", 600_000)):
+        stamps = on_clock(np.arange(count), PERIOD_NS, tick_ns)
+        bag = write_bag(crane_run.columns(), name=name, stamps=stamps)
+        fit = fit_hydraulics(robot, traces_of([read_recording(bag, robot)]))
+        assert fit is not None
+        edges.append([c.value(e)[0] for c in fit.cylinders for side in "ab" for e in EDGES[side]])
+    np.testing.assert_allclose(edges[1], edges[0], rtol=0.01)
 
 
 @pytest.mark.parametrize("seed", range(5))

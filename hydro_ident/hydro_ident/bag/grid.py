@@ -156,6 +156,32 @@ def join(
     return None if bool(np.isnan(joined).all()) else joined
 
 
+def usual_period_s(stamp_ns: IntArray) -> float:
+    """The period of stamps that come at one rate, missing ones and the clock's ticks apart.
+
+    The median interval is a whole number of ticks, the mean of the intervals like it is not: a
+    clock of 1 ms turns 300 Hz into intervals of 3, 3 and 4 ms.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Strictly increasing, at least two.
+
+    Returns
+    -------
+    float
+    """
+    steps = np.diff(stamp_ns)
+    median_ns = float(np.median(steps))
+    return median_ns * 1e-9 * _usual(steps / median_ns)
+
+
+def _usual(step: FloatArray) -> float:
+    """Mean of intervals that are one period or about one, in such periods; 1 without any."""
+    near = step[np.abs(step - 1.0) <= _LATE]
+    return float(near.mean()) if near.size else 1.0
+
+
 def find_gaps(stamp_ns: IntArray, period_s: float) -> tuple[Gap, ...]:
     """Where cycles are missing.
 
@@ -182,9 +208,7 @@ def _late_from(stamp_ns: IntArray, period_s: float) -> list[tuple[int, float]]:
     if not wide.size:
         return []
     # A period that is a little off would add up over the stamps that are looked at.
-    usual = step[np.abs(step - 1.0) <= _LATE]
-    each = float(usual.mean()) if usual.size else 1.0
-    late = (stamp_ns - stamp_ns[0]) / (period_s * 1e9) - each * np.arange(len(stamp_ns))
+    late = (stamp_ns - stamp_ns[0]) / (period_s * 1e9) - _usual(step) * np.arange(len(stamp_ns))
     ahead = np.arange(1, _AROUND + 1)
     before = _medians(late, wide[:, None] + 1 - ahead)
     shift = _medians(late, wide[:, None] + ahead) - before

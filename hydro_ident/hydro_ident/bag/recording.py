@@ -17,7 +17,7 @@ import numpy as np
 from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
 from hydro_ident.bag.channels import find_losses
 from hydro_ident.bag.dead_sensors import without_dead
-from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles
+from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles, usual_period_s
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
@@ -259,7 +259,7 @@ def _grid(bag: Bag, joints: Topic, pressures: Topic | None) -> IntArray:
 def _period_s(stamp_ns: IntArray, robot: Robot) -> float:
     if len(stamp_ns) < 2:
         return 1.0 / robot.sensors.rate_hz
-    return float(np.median(np.diff(stamp_ns))) * 1e-9
+    return usual_period_s(stamp_ns)
 
 
 def _irregular(topics: Mapping[str, Topic | None]) -> list[str]:
