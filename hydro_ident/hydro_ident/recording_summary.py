@@ -18,6 +18,7 @@ from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.derivatives import secant_slope
 from hydro_ident.health import Finding, find_irregularities
 from hydro_ident.inspection import Range, ranges_of
+from hydro_ident.json_numbers import finite
 from hydro_ident.metrics import ENCODER_HALF_WIDTH, Tracking, tracking
 from hydro_ident.survey import Survey
 from hydro_model.robot import FloatArray
@@ -39,7 +40,7 @@ class JointMotion:
     low, high : float
         Range that was visited.
     lower, upper : float
-        The joint's limits.
+        The joint's limits; infinite where it has none.
     speed : float
         Not passed at 99 % of the time, unit per second.
     speed_limit : float
@@ -60,6 +61,10 @@ class JointMotion:
     speed_limit: float
     moving_share: float
     reversals: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; limits that a joint does not have are null."""
+        return {**asdict(self), "lower": finite(self.lower), "upper": finite(self.upper)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +126,7 @@ class RecordingSummary:
             "longest_gap": None if self.longest_gap is None else asdict(self.longest_gap),
             "findings": [asdict(one) for one in self.findings],
             "ranges": [asdict(one) for one in self.ranges],
-            "motion": [asdict(one) for one in self.motion],
+            "motion": [one.as_dict() for one in self.motion],
             "tracking": None if self.tracking is None else asdict(self.tracking),
         }
 
@@ -189,7 +194,7 @@ def _motion(recording: Recording, velocity: FloatArray) -> tuple[JointMotion, ..
                 lower=joint.lower,
                 upper=joint.upper,
                 speed=float(np.quantile(np.abs(v), _FAST)),
-                speed_limit=joint.velocity_limit,
+                speed_limit=finite(joint.velocity_limit) or 0.0,
                 moving_share=float(np.mean(moving)),
                 reversals=reversals,
             )

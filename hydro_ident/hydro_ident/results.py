@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import shutil
 import tempfile
@@ -17,6 +16,7 @@ from hydro_ident.errors import IdentError
 from hydro_ident.estimate.summed_flow import summed_dict
 from hydro_ident.estimator_choice import Chosen
 from hydro_ident.identification import Identification
+from hydro_ident.json_numbers import finite
 from hydro_ident.parameters import Parameter
 from hydro_ident.validation_results import (
     channel_rollouts,
@@ -155,24 +155,20 @@ def _parameter_dict(p: Parameter) -> dict[str, Any]:
     row: dict[str, Any] = {
         "name": p.name,
         "value": p.value,
-        "std": None if p.held else _finite(p.std),
-        "ci95": None if p.ci95 is None else [_finite(bound) for bound in p.ci95],
+        "std": None if p.held else finite(p.std),
+        "ci95": None if p.ci95 is None else [finite(bound) for bound in p.ci95],
         "unit": p.unit,
         "datasheet": p.datasheet,
         "identifiable": p.identifiable,
         "held": p.held,
         "model_error": p.model_error,
-        "dof": _finite(p.dof),
+        "dof": finite(p.dof),
     }
     if p.combination:
         row["combination"] = dict(p.combination)
     if p.reason:
         row["reason"] = p.reason
     return row
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def result_json(found: Identification, origin: Provenance) -> str:

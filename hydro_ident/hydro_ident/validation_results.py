@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from hydro_ident.compare import Comparison, JointTest
 from hydro_ident.everyday_units import bracketed
 from hydro_ident.free_run import FreeRun
+from hydro_ident.json_numbers import finite
 from hydro_ident.significance import (
     CHANGED,
     LEVEL,
@@ -59,7 +59,7 @@ def comparison_dict(found: Comparison) -> dict[str, Any]:
                 "std": c.std,
                 "model_error": c.model_error,
                 "old_std_known": c.old_known,
-                "dof": _finite(c.dof),
+                "dof": finite(c.dof),
                 "z": c.z,
                 **_significance_dict(c.test),
                 "changed": c.changed,
@@ -71,7 +71,7 @@ def comparison_dict(found: Comparison) -> dict[str, Any]:
         else {
             "chi2": base.statistic,
             "freedom": base.freedom,
-            "dof": _finite(base.dof),
+            "dof": finite(base.dof),
             **_significance_dict(base.test),
             "changed": base.test.outcome == CHANGED,
         },
@@ -86,10 +86,6 @@ def _significance_dict(test: Significance | None) -> dict[str, float | str | Non
         "noise_p_adjusted": None if test is None else test.noise_p_adjusted,
         "outcome": "significance unknown" if test is None else test.outcome,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def comparison_lines(found: Comparison) -> list[str]:

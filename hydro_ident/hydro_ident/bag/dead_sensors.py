@@ -16,6 +16,7 @@ import numpy as np
 
 from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.recorded_run import BoolArray, Recording
+from hydro_ident.robot_ranges import limits
 
 #: A joint that goes through this share of its range changes what gravity and friction ask for by
 #: far more than a torque's or a pressure's resolution.
@@ -81,5 +82,5 @@ def _at_an_end(recording: Recording, gauge_pa: float) -> bool:
 def _moves(recording: Recording, joint: int, there: BoolArray) -> bool:
     q = recording.q[there, joint]
     q = q[np.isfinite(q)]
-    limits = recording.robot.joints[joint]
-    return q.size > 1 and float(np.ptp(q)) > _MOVES * (limits.upper - limits.lower)
+    lower, upper = limits(recording.robot)[joint]
+    return q.size > 1 and float(np.ptp(q)) > _MOVES * float(upper - lower)

@@ -32,6 +32,7 @@ from hydro_ident.estimate.least_squares import collinearity
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.noise import force_noise
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.json_numbers import finite
 from hydro_ident.parameters import effect_unit, listed_value
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
@@ -207,15 +208,15 @@ def predicted_json(
             "flow_share": residual.flow_share,
             "correlation_s": residual.correlation_s,
         },
-        "condition_number": _finite(prediction.condition),
-        "condition_number_unit_columns": _finite(prediction.condition_scaled),
+        "condition_number": finite(prediction.condition),
+        "condition_number_unit_columns": finite(prediction.condition_scaled),
         "parameters": [
             {
                 "name": p.name,
                 "unit": p.unit,
                 "datasheet": p.datasheet,
-                "std": _finite(p.std),
-                "relative_std": _finite(p.relative),
+                "std": finite(p.std),
+                "relative_std": finite(p.relative),
                 "identifiable": bool(np.isfinite(p.std)),
             }
             for p in prediction.parameters
@@ -223,15 +224,11 @@ def predicted_json(
         "cylinders": [
             {
                 "name": cylinder.name,
-                "greatest_valve_signal": _finite(prediction.signal[i]),
-                "pressure_low_pa": _finite(prediction.pressure_low_pa[i]),
-                "pressure_high_pa": _finite(prediction.pressure_high_pa[i]),
+                "greatest_valve_signal": finite(prediction.signal[i]),
+                "pressure_low_pa": finite(prediction.pressure_low_pa[i]),
+                "pressure_high_pa": finite(prediction.pressure_high_pa[i]),
             }
             for i, cylinder in enumerate(robot.cylinders)
         ],
     }
     return json.dumps(content, indent=1, allow_nan=False) + "\n"
-
-
-def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and np.isfinite(value) else None

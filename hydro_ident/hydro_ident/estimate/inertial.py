@@ -33,8 +33,9 @@ from hydro_ident.estimate.least_squares import Fit, Rows, fit_of_solution
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.regression import Solution, solve_wls
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.robot_ranges import limits
 from hydro_model.cylinder import lever
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import FloatArray, Joint, Robot
 
 __all__ = [
     "ForceModel",
@@ -243,8 +244,8 @@ def identifiable_parameters(
 def parameter_scales(model: ForceModel) -> FloatArray:
     """Largest plausible size of every parameter: total mass times powers of the reach.
 
-    For friction, the force limit of the joint (its cylinder) over its rated speed; for effects,
-    infinity (their bounds are the catalogue's).
+    For friction, the force limit of the joint (its cylinder) over its rated speed, infinity where
+    either has no limit; for effects, infinity (their bounds are the catalogue's).
     """
     robot = model.robot
     mass = max(float(robot.link_inertia[:, 0].sum()), 1.0)
@@ -256,14 +257,17 @@ def parameter_scales(model: ForceModel) -> FloatArray:
         power = 0 if kind == "mass" else 1 if kind.startswith("mc") else 2
         scales.append(mass * reach**power)
     for cylinder in robot.cylinders:
-        joint = robot.joints[robot.joint_index(cylinder.joint)]
-        arm = np.abs(lever(cylinder, np.linspace(joint.lower, joint.upper, 21))).max()
-        scales.append(joint.effort_limit / arm / (joint.velocity_limit * arm))
-    dry = [robot.joints[j] for j in robot.dry_joints]
-    # An unlimited joint says nothing about the size of its friction.
-    limited = [np.isfinite([j.effort_limit, j.velocity_limit]).all() for j in dry]
-    scales += [
-        j.effort_limit / j.velocity_limit if known else np.inf
-        for j, known in zip(dry, limited, strict=True)
-    ]
+        at = robot.joint_index(cylinder.joint)
+        lower, upper = limits(robot)[at].tolist()
+        arm = float(np.abs(lever(cylinder, np.linspace(lower, upper, 21))).max())
+        scales.append(_friction_scale(robot.joints[at], arm))
+    scales += [_friction_scale(robot.joints[j]) for j in robot.dry_joints]
     return np.array([*scales, *[np.inf] * len(model.effect_names)])
+
+
+def _friction_scale(joint: Joint, arm_m: float = 1.0) -> float:
+    """Force limit over rated speed of a joint, or of the cylinder with this lever on it."""
+    # An unlimited joint says nothing about the size of its friction.
+    if not np.isfinite([joint.effort_limit, joint.velocity_limit]).all():
+        return float(np.inf)
+    return joint.effort_limit / arm_m / (joint.velocity_limit * arm_m)

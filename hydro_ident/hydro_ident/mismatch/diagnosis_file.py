@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.estimate.scores import fit_percent
+from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.modelled import same
@@ -223,8 +224,7 @@ def _covariance(fitted: Fitted, term: ActiveEffect) -> FloatArray:
 def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:
     if name not in fitted.names:
         return None
-    size = float(std[fitted.names.index(name)])
-    return size if math.isfinite(size) else None
+    return finite(float(std[fitted.names.index(name)]))
 
 
 def refinement_dict(one: Refinement) -> dict[str, Any]:
@@ -242,18 +242,14 @@ def refinement_dict(one: Refinement) -> dict[str, Any]:
                 "name": p.name,
                 "unit": p.unit,
                 "before": p.before,
-                "before_std": _number(p.before_std),
+                "before_std": finite(p.before_std),
                 "value": p.value,
-                "std": _number(p.std),
-                "ci95": [_number(end) for end in p.ci95],
+                "std": finite(p.std),
+                "ci95": [finite(end) for end in p.ci95],
             }
             for p in one.parameters
         ],
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _located_dict(found: Diagnosis, d: Dependence) -> dict[str, Any]:

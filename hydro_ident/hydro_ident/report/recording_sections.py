@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from hydro_ident.everyday_units import everyday, rounded
@@ -136,7 +137,7 @@ def excitation_section(
 
 def _motion_cells(r: RecordingSummary, m: JointMotion) -> tuple[str, ...]:
     limits = m.upper - m.lower
-    travel = percent((m.high - m.low) / limits) if limits > 0.0 else "–"
+    travel = percent((m.high - m.low) / limits) if 0.0 < limits < math.inf else "–"
     speed = percent(m.speed / m.speed_limit) if m.speed_limit > 0.0 else "–"
     return (
         m.joint, r.name, number(m.low, 3), number(m.high, 3), travel,
