@@ -109,7 +109,7 @@ def compared(wls: InertialFit, iv: InertialFit | None) -> Chosen:
     weaker = np.max(b.std[known] / a.std[known], initial=0.0)
     spread = np.sqrt(np.maximum(b.std**2 - a.std**2, (0.1 * b.std) ** 2))
     change = np.abs(b.theta - a.theta)
-    scales = parameter_scales(wls.model)
+    scales = parameter_scales(wls.model, a.theta, a.std)
     least = LEAST_CHANGE * np.where(np.isfinite(scales), scales, np.abs(b.theta))
     if not known.any() or weaker > WEAKEST:
         return Chosen("wls", "the recorded references are too weak as instruments")

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from hydro_ident.estimate.blocks import Blocks, blocks_of
-from hydro_ident.estimate.bounds import Bounds, fit_within_bounds, force_bounds
+from hydro_ident.estimate.bounds import DEVIATIONS, Bounds, fit_within_bounds, force_bounds
 from hydro_ident.estimate.closed_chain import (
     HeldPart,
     IndexArray,
@@ -227,13 +227,12 @@ def identifiable_parameters(
 ) -> tuple[bool, ...]:
     """Which parameters the recorded motion determines.
 
-    Two conditions of the regressor, none of the value found: its column is not a combination of
-    the others (`Fit.collinearity` below `MAX_COLLINEARITY`; joints that stand still have been
-    held exactly, so that their columns degenerate exactly), and its standard deviation stays
-    below what the parameter could be at most on a machine of this size (`parameter_scales`).
-    What was held is not determined.
+    Two conditions: its column is not a combination of the others (`Fit.collinearity` below
+    `MAX_COLLINEARITY`; joints that stand still have been held exactly, so that their columns
+    degenerate exactly), and its standard deviation stays below what the parameter could be at
+    most on a machine of this size (`parameter_scales`). What was held is not determined.
     """
-    scales = parameter_scales(model)
+    scales = parameter_scales(model, fit.theta, fit.std)
     scales[[part.index for part in held]] = 0.0
     return tuple(
         bool(c < MAX_COLLINEARITY and s < scale)
@@ -241,21 +240,35 @@ def identifiable_parameters(
     )
 
 
-def parameter_scales(model: ForceModel) -> FloatArray:
+def parameter_scales(
+    model: ForceModel, theta: FloatArray | None = None, std: FloatArray | None = None
+) -> FloatArray:
     """Largest plausible size of every parameter: total mass times powers of the reach.
+
+    The mass is the robot file's or, where they show more of it, that of found values: masses may
+    be unknown.
 
     For friction, the force limit of the joint (its cylinder) over its rated speed, infinity where
     either has no limit; for effects, infinity (their bounds are the catalogue's).
+
+    Parameters
+    ----------
+    model : ForceModel
+    theta, std : array, optional
+        Values that were found and their deviations, base parameters first.
+
+    Returns
+    -------
+    (p,) array
     """
     robot = model.robot
-    mass = max(float(robot.link_inertia[:, 0].sum()), 1.0)
     reach = sum(float(np.linalg.norm(j.translation_m)) for j in robot.joints)
     reach = max(reach + float(np.linalg.norm(robot.tip_offset_m)), 0.1)
-    scales = []
-    for name in model.base.names:
-        kind = name.rsplit(".", 1)[-1]
-        power = 0 if kind == "mass" else 1 if kind.startswith("mc") else 2
-        scales.append(mass * reach**power)
+    per_mass = [reach ** _power(name) for name in model.base.names]
+    mass = max(float(robot.link_inertia[:, 0].sum()), 1.0)
+    if theta is not None and std is not None:
+        mass = max([mass, *_shown_masses(np.array(per_mass), theta, std)])
+    scales = [mass * one for one in per_mass]
     for cylinder in robot.cylinders:
         at = robot.joint_index(cylinder.joint)
         lower, upper = limits(robot)[at].tolist()
@@ -263,6 +276,20 @@ def parameter_scales(model: ForceModel) -> FloatArray:
         scales.append(_friction_scale(robot.joints[at], arm))
     scales += [_friction_scale(robot.joints[j]) for j in robot.dry_joints]
     return np.array([*scales, *[np.inf] * len(model.effect_names)])
+
+
+def _power(name: str) -> int:
+    """Power of a length in a base parameter: 0 of a mass, 1 of a moment, 2 of an inertia."""
+    kind = name.rsplit(".", 1)[-1]
+    return 0 if kind == "mass" else 1 if kind.startswith("mc") else 2
+
+
+def _shown_masses(per_mass: FloatArray, theta: FloatArray, std: FloatArray) -> list[float]:
+    """Masses in kg that there must be at least, by base parameters that are clearly not zero."""
+    size, deviation = np.abs(theta[: per_mass.size]), std[: per_mass.size]
+    clear = np.isfinite(size) & (size > DEVIATIONS * deviation)
+    shown: list[float] = (size[clear] / per_mass[clear]).tolist()
+    return shown
 
 
 def _friction_scale(joint: Joint, arm_m: float = 1.0) -> float:

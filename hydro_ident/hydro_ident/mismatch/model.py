@@ -168,8 +168,9 @@ def _with_base(
         return given, ()
     base, count = forces.base, len(forces.base.names)
     std = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
-    known = std < parameter_scales(forces)[:count]
-    values = np.where(known, fitted.model.theta[:count], base.combination @ given.parameter_vector)
+    theta = fitted.model.theta[:count]
+    known = std < parameter_scales(forces, theta, std)[:count]
+    values = np.where(known, theta, base.combination @ given.parameter_vector)
     robot = replace(
         with_base(given, base, values),
         base_parameters=tuple(

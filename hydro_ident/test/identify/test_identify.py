@@ -165,3 +165,17 @@ def test_a_validation_bag_without_a_usable_stretch_scores_nothing(clean: Any) ->
     found = identify(clean.robot, [clean.recording()], [lost])
     assert found.channels == ()
     assert any("nothing was scored" in note for note in found.notes)
+
+
+def test_a_robot_file_without_masses_is_identified(crane_run: Any) -> None:
+    """Masses are what one identifies for; coarse transducers leave 5 kg m open."""
+    rng, shape = np.random.default_rng(2), crane_run.p_a.shape
+    p_a, p_b = (p + 3e5 * rng.normal(size=shape) for p in (crane_run.p_a, crane_run.p_b))
+    recording = crane_run.recording(p_a=p_a, p_b=p_b)
+    given = replace(recording.robot, link_inertia=np.zeros_like(recording.robot.link_inertia))
+    found = identify(given, [replace(recording, robot=given)])
+    assert found.verdict == "identified", found.problems
+    usual = {p.name: p for p in identify(recording.robot, [recording]).parameters}
+    for one in found.parameters:
+        assert one.identifiable == usual[one.name].identifiable
+        assert one.value == pytest.approx(usual[one.name].value, rel=1e-3, abs=one.std), one.name
