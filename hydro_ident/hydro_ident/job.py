@@ -165,7 +165,7 @@ def prepared(
         effects,
         _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
         settings.filters,
-        settings.windows,
+        _delays_tried(robot, surveys, settings.windows),
         still_positions(surveys, still),
     )
     return Job(robot, sources, others, seen, signals, plan, still, every, workers)
@@ -229,6 +229,17 @@ def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
     """Rows per row that is plotted."""
     rows = 50.0 * sum(survey.duration_s for survey in surveys) / max(every, 1)
     return max(1, math.ceil(rows / PLOT_POINTS))
+
+
+def _delays_tried(
+    robot: Robot, surveys: Sequence[Survey], windows: WindowSettings
+) -> WindowSettings:
+    """Windows whose delays end a cycle beyond what the robot file states, where that is longer."""
+    stated = robot.command_delay_s / max(survey.recording.period_s for survey in surveys)
+    if stated <= windows.max_delay_cycles:
+        return windows
+    # At the very end of what is tried a delay could not come out larger than it is stated.
+    return replace(windows, max_delay_cycles=math.ceil(stated) + 1.0)
 
 
 def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) -> HoldOut:

@@ -112,8 +112,10 @@ def _delay(robot: Robot, hydraulic: HydraulicFit) -> Parameter:
     if not used:
         reason = "hydraulics rejected: those of every cylinder"
     elif known and longest:
+        cycles = hydraulic.windows.max_delay_cycles
+        tried = f"{cycles:g} cycles, {value:g} s" if cycles > 1.0 else f"one cycle of {value:g} s"
         reason = (
-            f"at its longest, one cycle of {value:g} s: something else lags, too (a spool?);"
+            f"at its longest, {tried}: something else lags, too (a spool?);"
             " its interval is one-sided"
         )
     elif known and value <= 0.0 < hydraulic.longest_s:

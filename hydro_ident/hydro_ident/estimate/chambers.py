@@ -46,7 +46,8 @@ class WindowSettings:
     hop_s : float
         Between the starts of two windows.
     max_delay_cycles : float
-        Longest command delay fitted, in sampling intervals.
+        Longest command delay fitted, in sampling intervals (`identify` goes beyond one where the
+        robot file states a longer delay).
     """
 
     length_s: float = 0.04

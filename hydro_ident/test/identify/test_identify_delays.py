@@ -1,0 +1,46 @@
+"""Command delays beyond a cycle, where the robot file states them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hydro_ident.identification import identify
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+pytestmark = pytest.mark.needs("clarabel")
+
+STATED_S = 0.008
+EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
+
+
+def _stating(delay_s: float = STATED_S) -> Robot:
+    return replace(load_robot("xs031"), command_delay_s=delay_s)
+
+
+@pytest.fixture(scope="module")
+def late(make_run: tuple[Callable[..., Robot], Callable[..., Any]]) -> Any:
+    """A crane whose commands take four cycles."""
+    true_crane, simulated_run = make_run
+    return simulated_run(replace(true_crane(), command_delay_s=STATED_S), 12.0)
+
+
+@pytest.mark.parametrize("stated_s", [STATED_S, 0.0074])
+def test_a_stated_delay_of_more_than_a_cycle_is_fitted(late: Any, stated_s: float) -> None:
+    """The file may be a part of a cycle off, and its own delay is no bound."""
+    found = identify(_stating(stated_s), [late.recording()])
+    rows = {p.name: p for p in found.parameters}
+    assert rows["command_delay"].value == pytest.approx(STATED_S, abs=1e-4)
+    assert not rows["command_delay"].reason
+    assert found.robot is not None
+    assert found.robot.command_delay_s == rows["command_delay"].value
+    for valve, cylinder in zip(late.robot.valves, late.robot.cylinders, strict=True):
+        for edge in EDGES:
+            true = getattr(valve, edge)
+            assert rows[f"{valve.name}.{edge}"].value == pytest.approx(true, rel=0.01)
+        bulk = rows[f"{cylinder.name}.bulk_modulus"].value
+        assert bulk == pytest.approx(cylinder.bulk_modulus_pa, rel=0.02)
