@@ -116,16 +116,17 @@ class ScoreKeeper:
     ) -> None:
         plan, rows, names = self.plan, [], column_names(chamber)
         delays = (plan.robot.command_delay_s, fit.delay_s)
+        # The same windows at either delay: what a hole spoils at one is left out at both.
+        windows = fit.windows.reaching(max(delays), trace.step_s)
         for laws, delay in zip(plan.effects, delays, strict=True):
             shaped = laws.with_signal_laws(trace)
             listed, extra = laws.chamber_columns(chamber, shaped)
             names = column_names(chamber, listed)
-            rows.append(chamber_rows(chamber, shaped, delay, fit.windows, extra))
+            rows.append(chamber_rows(chamber, shaped, delay, windows, extra))
         theta = np.array([result.value(name)[0] for name in names])
         joint = plan.robot.joint_index(chamber.cylinder.joint)
         speed = secant_slope(trace.time_s, trace.q[:, joint])
         for side in self._sides():
-            # The same windows at either delay: only the flow columns differ.
             given, fitted = (side.choose(one) for one in rows)
             before = given.x @ _given_chamber(plan.robot, chamber, names)
             after = fitted.x @ theta

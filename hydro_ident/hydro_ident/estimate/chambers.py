@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,18 @@ class WindowSettings:
     length_s: float = 0.04
     hop_s: float = 0.02
     max_delay_cycles: float = 1.0
+
+    def reaching(self, delay_s: float, step_s: float) -> WindowSettings:
+        """The same, of delays up to this one at least.
+
+        Parameters
+        ----------
+        delay_s : float
+        step_s : float
+            Sampling interval of the recording.
+        """
+        cycles = math.ceil(delay_s / step_s)
+        return self if cycles <= self.max_delay_cycles else replace(self, max_delay_cycles=cycles)
 
 
 @dataclass(frozen=True, slots=True)

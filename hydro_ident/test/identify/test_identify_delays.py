@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hydro_ident.identification import identify
@@ -44,3 +45,24 @@ def test_a_stated_delay_of_more_than_a_cycle_is_fitted(late: Any, stated_s: floa
             assert rows[f"{valve.name}.{edge}"].value == pytest.approx(true, rel=0.01)
         bulk = rows[f"{cylinder.name}.bulk_modulus"].value
         assert bulk == pytest.approx(cylinder.bulk_modulus_pa, rel=0.02)
+
+
+def _sampled(run: Any, every: int, name: str) -> Any:
+    """A recording of one sample in so many; commands are held for ten of them."""
+    thin = {k: getattr(run, k)[::every] for k in ("q", "p_a", "p_b", "voltage")}
+    whole = run.recording()
+    changes = {"period_s": every * whole.period_s, "stamp_ns": whole.stamp_ns[::every]}
+    return replace(run, **thin).recording(name, **changes)
+
+
+def test_lost_valve_messages_are_left_out_at_either_delay(late: Any) -> None:
+    """Scores compare two delays on the same windows: those that neither moves a hole into."""
+    voltage, rng = late.voltage.copy(), np.random.default_rng(2)
+    voltage[rng.choice(np.arange(50, len(voltage)), 20, replace=False)] = np.nan
+    fine = _sampled(replace(late, voltage=voltage), 1, "fine")
+    found = identify(_stating(), [_sampled(late, 2, "coarse")], [fine])
+    assert found.verdict == "identified"
+    flows = [c for c in found.channels if "/flow_" in c.name]
+    assert len(flows) == 4
+    for channel in flows:
+        assert channel.summary()["fit_after_pct"] > 90.0  # type: ignore[operator]
