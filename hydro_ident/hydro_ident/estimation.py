@@ -149,20 +149,24 @@ class Estimation:
         solution: Solution | None = None
         force_weights: Weights | None = None
         flow_weights: dict[str, Weights] = {}
+        gathered_weights: dict[str, dict[str, Weights]] = {}
         for number in range(ROBUST_PASSES):
             before = solution
             solution, force_weights = self._force_weights(gathered, force_weights, number)
             flows = [g.flows for g in gathered]
-            found = fit_delay(self.plan.robot, flows, self.plan.windows, _robust_solve(number))
+            found = fit_delay(self.plan.robot, flows, _robust_solve(number))
             for name, one in (found.chambers if found is not None else {}).items():
                 old = _residuals(flow_weights.get(name), [f.weights for f in flows], name)
-                flow_weights[name] = weights_of(
-                    one.solution, one.blocks, old, number, one.combines[0]
-                )
+                weights = weights_of(one.solution, one.blocks, old, number)
+                for recording, combine in one.combines.items():
+                    own = gathered_weights.setdefault(recording, {})
+                    own[name] = weights.of_gathered(combine)
+                flow_weights[name] = weights
             if before and solution and robust_settled(before, solution, number):
                 break
-            plan = replace(self.plan, force_weights=force_weights, flow_weights=flow_weights)
-            gathered = self._gather(plan)
+            gathered = self._gather(
+                replace(self.plan, force_weights=force_weights, flow_weights=gathered_weights)
+            )
         solve = _robust_solve(number)
         return self._forces(gathered, solve), self._hydraulics(gathered, solve)
 

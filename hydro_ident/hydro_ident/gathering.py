@@ -46,8 +46,10 @@ class GatherPlan:
     instruments : bool
         With the recorded references as instruments.
     force_weights : Weights or None
-    flow_weights : mapping of str to Weights
-        By chamber.
+    flow_weights : mapping of str to mapping of str to Weights
+        By recording, then by chamber.
+    longest_delay_s : float
+        Longest delay of the slowest recording, which all of them are to reach.
     cleaner : Cleaner or None
     """
 
@@ -62,7 +64,8 @@ class GatherPlan:
     flows: bool = True
     instruments: bool = False
     force_weights: Weights | None = None
-    flow_weights: Mapping[str, Weights] = field(default_factory=dict)
+    flow_weights: Mapping[str, Mapping[str, Weights]] = field(default_factory=dict)
+    longest_delay_s: float = 0.0
     cleaner: Cleaner | None = None
 
     @property
@@ -112,7 +115,8 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
         The same whether the recording comes whole or in pieces.
     """
     weights = None if plan.force_weights is None else replace(plan.force_weights, residuals={})
-    flow_weights = {k: replace(w, residuals={}) for k, w in plan.flow_weights.items()}
+    own_weights = plan.flow_weights.get(source.name, {})
+    flow_weights = {k: replace(w, residuals={}) for k, w in own_weights.items()}
     flows = FlowGatherer(
         plan.robot,
         source.name,
@@ -120,6 +124,7 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
         plan.effects.chamber_columns,
         plan.split.training,
         flow_weights,
+        longest_s=plan.longest_delay_s,
     )
     found = Gathered(source.name, None, flows, weights)
     for piece in source.pieces(overlap_s=plan.overlap_s):

@@ -10,6 +10,7 @@ from functools import partial
 from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.flow_moments import NEARLY
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, force_model
 from hydro_ident.estimate.listed_effects import ListedEffects
@@ -32,6 +33,8 @@ from hydro_ident.survey import (
 from hydro_ident.workers import Workers
 from hydro_model.robot import Robot
 
+#: Longest delay that is tried, in cycles: each costs columns, and moments their squares.
+MOST_CYCLES = 50
 #: Recordings are rolled out over this much at their start: roll-outs need them in memory.
 ROLLED_OUT_S = 300.0
 
@@ -118,6 +121,12 @@ class Job:
             f"effect {name} is listed, but the fit of the valve's flows does not know it"
             for name in self.plan.effects.ignored
         ]
+        stated_s, longest_s = self.robot.command_delay_s, self.plan.longest_delay_s
+        if self.plan.flows and stated_s > longest_s:
+            notes.append(
+                f"the robot file states a command_delay_s of {stated_s:g} s: more than is tried,"
+                f" which is {longest_s:g} s here ({MOST_CYCLES} cycles at most)"
+            )
         if self.every:
             notes.append(
                 f"scores are of one block in {self.every} of the bags, which the fit never saw"
@@ -159,14 +168,16 @@ def prepared(
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)
+    windows, longest_s = _delays_tried(robot, surveys, settings.windows)
     plan = GatherPlan(
         robot,
         planned_force_model(robot, effects, surveys),
         effects,
         _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
         settings.filters,
-        _delays_tried(robot, surveys, settings.windows),
+        windows,
         still_positions(surveys, still),
+        longest_delay_s=longest_s,
     )
     return Job(robot, sources, others, seen, signals, plan, still, every, workers)
 
@@ -233,13 +244,18 @@ def _plot_spacing(surveys: Sequence[Survey], every: int) -> int:
 
 def _delays_tried(
     robot: Robot, surveys: Sequence[Survey], windows: WindowSettings
-) -> WindowSettings:
-    """Windows whose delays end a cycle beyond what the robot file states, where that is longer."""
-    stated = robot.command_delay_s / max(survey.recording.period_s for survey in surveys)
-    if stated <= windows.max_delay_cycles:
-        return windows
-    # At the very end of what is tried a delay could not come out larger than it is stated.
-    return replace(windows, max_delay_cycles=math.ceil(stated) + 1.0)
+) -> tuple[WindowSettings, float]:
+    """Windows with the delays of the slowest recording, and the longest of any recording in s.
+
+    They end a cycle beyond what the robot file states, where that is longer: at the very end of
+    what is tried, a delay could not come out larger than it is stated.
+    """
+    cycles_s = [survey.recording.period_s for survey in surveys]
+    stated = math.ceil(robot.command_delay_s / max(cycles_s) - NEARLY)
+    if windows.max_delay_cycles < stated < MOST_CYCLES:
+        windows = replace(windows, max_delay_cycles=stated + 1.0)
+    longest_s = windows.max_delay_cycles * max(cycles_s)
+    return windows, min(longest_s, MOST_CYCLES * min(cycles_s))
 
 
 def _hold_out(surveys: Sequence[Survey], every: int, filters: FilterSettings) -> HoldOut:

@@ -144,7 +144,7 @@ def test_what_a_chamber_has_alone_follows_its_rows(robot: Robot) -> None:
     p_a, p_b = (_chamber(side, robot, time, u, 0.0035) for side in "ab")
     gathered = FlowGatherer(robot, "late", WindowSettings())
     gathered.add(_trace(robot, u, time, p_a, p_b))
-    found = fit_delay(robot, [gathered], WindowSettings())
+    found = fit_delay(robot, [gathered])
     assert found is not None
     order = ["inverse_bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb"]
     chambers = []
@@ -171,7 +171,7 @@ def test_shared_parameters_of_any_size_are_averaged(robot: Robot) -> None:
     gathered = FlowGatherer(robot, "run", WindowSettings())
     pressures = (_chamber(side, robot, time, u, 0.001) for side in "ab")
     gathered.add(_trace(robot, u, time, *pressures))
-    found = fit_delay(robot, [gathered], WindowSettings())
+    found = fit_delay(robot, [gathered])
     assert found is not None
     stds = np.array([[1e-13, 1e-3, 1e-9], [2e-13, 3e-3, 1e-9]])
     thetas = np.array([[1.3e-9, 0.010, 7e-7], [1.4e-9, 0.014, 8e-7]])
@@ -338,3 +338,28 @@ def test_no_comparison_where_a_chamber_is_missing(robot: Robot) -> None:
     summed = SummedFlow(robot, 0.001, WindowSettings())
     summed.add(replace(trace, p_b=np.full_like(trace.p_b, np.nan)))
     assert summed.result() == ()
+    summed.add(replace(trace, p_b=np.full_like(trace.p_b, np.nan)))
+    assert summed.result() == ()
+
+
+def test_bags_of_different_rates_reach_the_same_delays(robot: Robot) -> None:
+    """4 ms are two fifths of the slow bag's cycle, and four cycles of the fast one's."""
+    fine_s, thin, late = 1e-3, 10, 4
+    time = np.arange(0.0, 6.0, fine_s)
+    runs = []
+    for held in (1, thin):
+        u = np.repeat(_signal(robot, time[::held]), held)
+        acting = np.concatenate([np.full(late, u[0]), u])[: u.size]
+        p_a, p_b = (_chamber(side, robot, time, acting, 0.0) for side in "ab")
+        columns = [c[::held] for c in (u, time, p_a, p_b)]
+        one = replace(_trace(robot, *columns), step_s=held * fine_s)
+        runs.append(replace(one, label=f"every {held}"))
+    wide = WindowSettings(max_delay_cycles=float(thin))
+    alone, joint = fit_hydraulics(robot, runs[:1], wide), fit_hydraulics(robot, runs)
+    assert alone is not None
+    assert joint is not None
+    assert alone.delay_s == pytest.approx(late * fine_s, abs=2e-5)
+    assert joint.delay_s == pytest.approx(alone.delay_s, abs=1e-4)
+    for name, value in EDGES.items():
+        assert alone.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-3)
+        assert joint.cylinders[0].value(name)[0] == pytest.approx(value, rel=3e-4)

@@ -108,28 +108,24 @@ def blocks_of(
         for name in ("lagged", "effective")
     )
     labels = [moments[i].label for i, _ in chosen]
+    by_group = None if combines is None else [combines[i] for i, _ in chosen]
     first = moments[0]
     lags, width = first.lags + 1, first.width
-    factors = np.array([moments[i].factor[k] for i, k in chosen])
-    stacked = factors.reshape(-1, lags * width, lags, width)
+    stacked = [moments[i].factor[k].reshape(-1, lags, moments[i].width) for i, k in chosen]
     half = (width - 1) // 2 if first.instruments else 0
-    z = stacked[..., :half] if first.instruments else None
-    x, y = stacked[..., half:-1], stacked[..., -1]
+    z = np.array([one[..., :half] for one in stacked]) if first.instruments else None
+    x, y = _split(stacked, half, by_group)
     totals = [m.far.total for m in moments]
-    far = np.array([totals[i][k] for i, k in chosen])
+    far = [totals[i][k] for i, k in chosen]
     totals_z = [None if m.far_z is None else m.far_z.total for m in moments]
     sums_z = [(totals_z[i], k) for i, k in chosen]
     far_z = np.array([one[k] for one, k in sums_z if one is not None])
-    own = [(moments[i].own, k) for i, k in chosen]
-    rows = np.array([one[k] for one, k in own if one is not None])
-    own_x, own_y = (rows[..., half:-1], rows[..., -1]) if rows.size else (None, None)
-    if combines is not None:
-        by_group = [combines[i] for i, _ in chosen]
-        x = np.stack([part @ combine for part, combine in zip(x, by_group, strict=True)])
-        far = np.stack([c.T @ part @ c for part, c in zip(far, by_group, strict=True)])
+    found = [(moments[i].own, k) for i, k in chosen]
+    own = [one[k] for one, k in found if one is not None]
+    own_x, own_y = _split(own, half, by_group) if own else (None, None)
+    if by_group is not None:
+        far = [c.T @ part @ c for part, c in zip(far, by_group, strict=True)]
         x, y = _shortened(x, y)
-        if own_x is not None:
-            own_x = np.stack([part @ c for part, c in zip(own_x, by_group, strict=True)])
     return Blocks(
         x,
         y,
@@ -138,11 +134,28 @@ def blocks_of(
         count,
         effective,
         tuple(labels),
-        far,
+        np.array(far),
         far_z if far_z.size else None,
         first.stride,
         own_x=own_x,
         own_y=own_y,
+    )
+
+
+def _split(
+    groups: Sequence[FloatArray], half: int, combines: Sequence[FloatArray] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Regressors and y of factors of several groups; shorter ones end in rows of zeros."""
+    x, y = [one[..., half:-1] for one in groups], [one[..., -1] for one in groups]
+    if combines is not None:
+        x = [part @ combine for part, combine in zip(x, combines, strict=True)]
+    rows = max(len(part) for part in x)
+    return _padded(x, rows), _padded(y, rows)
+
+
+def _padded(parts: Sequence[FloatArray], rows: int) -> FloatArray:
+    return np.array(
+        [np.pad(p, [(0, rows - len(p)), *((0, 0) for _ in p.shape[1:])]) for p in parts]
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.blocks import Blocks, blocks_of
-from hydro_ident.estimate.chambers import WindowSettings, chambers_of, column_names
+from hydro_ident.estimate.chambers import chambers_of, column_names
 from hydro_ident.estimate.flow_moments import ChamberMoments, FlowGatherer, combination
 from hydro_ident.estimate.least_squares import Fit, fit_of_solution
 from hydro_ident.estimate.regression import Solution, misfit, plain_parameters, solve_wls
@@ -37,7 +37,7 @@ class FittedChamber:
         Its covariance includes what the delay's uncertainty adds.
     solution : Solution
     blocks : Blocks
-    combines : tuple of (w, p) array
+    combines : dict of str to (w, p) array
         Its columns from those gathered, by recording.
     """
 
@@ -45,7 +45,7 @@ class FittedChamber:
     fit: Fit
     solution: Solution
     blocks: Blocks
-    combines: tuple[FloatArray, ...]
+    combines: dict[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +75,10 @@ class _Chamber:
 
     names: tuple[str, ...]
     parts: tuple[ChamberMoments, ...]
-    windows: WindowSettings
 
     def combines(self, delay_s: float) -> list[tuple[FloatArray, FloatArray]]:
         extras = len(self.names) - 3
-        return [combination(delay_s / p.step_s, extras, self.windows) for p in self.parts]
+        return [combination(delay_s / p.step_s, extras, p.windows) for p in self.parts]
 
     def blocks(self, delay_s: float) -> Blocks:
         combines = [combine for combine, _ in self.combines(delay_s)]
@@ -98,7 +97,6 @@ class _Chamber:
 def fit_delay(
     robot: Robot,
     gathered: Sequence[FlowGatherer],
-    windows: WindowSettings,
     solve: Solve = solve_wls,
 ) -> DelayFit | None:
     """Fit the delay in [0, longest] together with every chamber's parameters.
@@ -111,7 +109,7 @@ def fit_delay(
     ----------
     robot : Robot
     gathered : sequence of FlowGatherer
-    windows : WindowSettings
+        The range ends where the columns of one of them do.
     solve : callable
         The estimator.
 
@@ -120,11 +118,11 @@ def fit_delay(
     DelayFit or None
         None where no chamber has enough windows.
     """
-    chambers = _chambers(robot, gathered, windows)
+    chambers = _chambers(robot, gathered)
     if not chambers:
         return None
-    step_s = max(p.step_s for c in chambers.values() for p in c.parts)
-    longest = step_s * windows.max_delay_cycles
+    parts = [p for c in chambers.values() for p in c.parts]
+    step_s, longest = max(p.step_s for p in parts), min(p.longest_s for p in parts)
     weights = {name: solve(c.blocks(0.5 * longest)).weight for name, c in chambers.items()}
     delay = _coarse_delay(chambers, weights, longest)
     steps = {name: _delay_step(c, delay, solve) for name, c in chambers.items()}
@@ -160,9 +158,7 @@ def _settled_delay(
     return delay_s
 
 
-def _chambers(
-    robot: Robot, gathered: Sequence[FlowGatherer], windows: WindowSettings
-) -> dict[str, _Chamber]:
+def _chambers(robot: Robot, gathered: Sequence[FlowGatherer]) -> dict[str, _Chamber]:
     found = {}
     for chamber in chambers_of(robot):
         parts = [g.chambers[chamber.channel] for g in gathered if chamber.channel in g.chambers]
@@ -171,7 +167,7 @@ def _chambers(
             continue
         names = column_names(chamber, parts[0].listed)
         if sum(int(p.moments.rows.sum()) for p in parts) > 10 * len(names):
-            found[chamber.channel] = _Chamber(names, tuple(parts), windows)
+            found[chamber.channel] = _Chamber(names, tuple(parts))
     return found
 
 
@@ -239,7 +235,8 @@ def _result(
         if 0.0 < information[name] < math.inf:
             covariance = _with_shared_delay(step, information[name], total)
             fit = replace(fit, covariance=covariance, dof=step.theta_dof)
-        combines = tuple(combine for combine, _ in chamber.combines(delay_s))
+        parts = zip(chamber.parts, chamber.combines(delay_s), strict=True)
+        combines = {part.moments.label: combine for part, (combine, _) in parts}
         fitted[name] = FittedChamber(chamber.names, fit, step.plain, blocks, combines)
     if total <= 0.0:
         return DelayFit(delay_s, math.inf, 1.0, fitted, longest_s)

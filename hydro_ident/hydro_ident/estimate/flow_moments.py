@@ -34,6 +34,8 @@ Select = Callable[[Rows], Rows]
 
 #: Delays per sampling interval: a cubic, wrong by some 1e-8 of a column.
 _NODES = 4
+#: Share of a cycle by which the rates of two recordings may differ and be the same.
+NEARLY = 0.01
 _AT = 0.5 - 0.5 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
 
 
@@ -140,11 +142,19 @@ class ChamberMoments:
     moments : Moments
     step_s : float
         Sampling interval of the recording.
+    windows : WindowSettings
+        As gathered: with the delays that its columns reach.
     """
 
     listed: tuple[str, ...]
     moments: Moments
     step_s: float
+    windows: WindowSettings
+
+    @property
+    def longest_s(self) -> float:
+        """Longest delay that its columns reach."""
+        return self.windows.max_delay_cycles * self.step_s
 
 
 @dataclass(slots=True)
@@ -164,6 +174,8 @@ class FlowGatherer:
     weights : mapping of str to Weights
         Robust weights by chamber.
     chambers : dict of str to ChamberMoments
+    longest_s : float
+        Longest delay of any recording: at a finer rate it is more cycles than `windows` say.
     """
 
     robot: Robot
@@ -173,20 +185,24 @@ class FlowGatherer:
     select: Select | None = None
     weights: dict[str, Weights] = field(default_factory=dict)
     chambers: dict[str, ChamberMoments] = field(default_factory=dict)
+    longest_s: float = 0.0
 
     def add(self, trace: Trace) -> None:
         """Take in the next trace; its valve signals as the listed laws shape them."""
+        windows = self.windows.reaching(self.longest_s - NEARLY * trace.step_s, trace.step_s)
         for chamber in chambers_of(self.robot):
-            listed, rows = self._rows(chamber, trace)
+            listed, rows = self._rows(chamber, trace, windows)
             if not rows.time_s.size:
                 continue
             name = chamber.channel
             if name not in self.chambers:
                 moments = Moments.like(rows, self.label)
-                self.chambers[name] = ChamberMoments(listed, moments, trace.step_s)
+                self.chambers[name] = ChamberMoments(listed, moments, trace.step_s, windows)
             self.chambers[name].moments.add(rows, self.weights.get(name))
 
-    def _rows(self, chamber: Chamber, trace: Trace) -> tuple[tuple[str, ...], Rows]:
+    def _rows(
+        self, chamber: Chamber, trace: Trace, windows: WindowSettings
+    ) -> tuple[tuple[str, ...], Rows]:
         listed, columns = self.extra(chamber, trace) if self.extra else ((), None)
-        rows = gathered_rows(chamber, trace, self.windows, columns)
+        rows = gathered_rows(chamber, trace, windows, columns)
         return listed, rows if self.select is None else self.select(rows)

@@ -141,11 +141,12 @@ def fit_hydraulics(
         None where no chamber has pressures, stroke and valve signal.
     """
     windows = windows or WindowSettings()
+    longest_s = windows.max_delay_cycles * max((t.step_s for t in traces), default=0.0)
     gathered: dict[str, FlowGatherer] = {}
     for trace in traces:
         name = trace.recording
         if name not in gathered:
-            gathered[name] = FlowGatherer(robot, name, windows, extra, select)
+            gathered[name] = FlowGatherer(robot, name, windows, extra, select, longest_s=longest_s)
         gathered[name].add(trace)
     return hydraulic_fit(robot, list(gathered.values()), windows)
 
@@ -171,7 +172,7 @@ def hydraulic_fit(
     HydraulicFit or None
         None where no chamber has enough windows.
     """
-    found = fit_delay(robot, gathered, windows, solve)
+    found = fit_delay(robot, gathered, solve)
     if found is None:
         return None
     by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}

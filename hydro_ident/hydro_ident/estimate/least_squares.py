@@ -144,7 +144,6 @@ def weights_of(
     blocks: Blocks,
     before: Weights | None = None,
     number: int = 0,
-    combine: FloatArray | None = None,
 ) -> Weights:
     """Weights of the next robust pass.
 
@@ -158,10 +157,7 @@ def weights_of(
         Of the pass before: its residuals give the scale.
     number : int
         Of the next pass, from 0.
-    combine : (w, p) array, optional
-        The regressors as combinations of those gathered.
     """
-    theta = solution.theta if combine is None else combine @ solution.theta
     keys = list(zip(blocks.channel.tolist(), blocks.labels, strict=True))
     scale = dict(zip(keys, solution.level.tolist(), strict=True))
     if before is not None:
@@ -171,7 +167,7 @@ def weights_of(
         # Where half of the residuals vanish (exact data) the last scale stays.
         met = before.residuals.items()
         scale |= {k: grown.get(k, 1.0) * robust_scale(h) or scale[k] for k, h in met}
-    return Weights(np.append(-theta, 1.0), scale, number >= HUBER_PASSES)
+    return Weights(np.append(-solution.theta, 1.0), scale, number >= HUBER_PASSES)
 
 
 def robust_settled(before: Solution, after: Solution, number: int) -> bool:

@@ -18,7 +18,7 @@ are: weights take the peaks off, and the noise looks smaller and whiter than it 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -55,6 +55,15 @@ class Weights:
     scale: Mapping[tuple[int, str], float]
     biweight: bool
     residuals: dict[tuple[int, str], Histogram] = field(default_factory=dict)
+
+    def of_gathered(self, combine: FloatArray) -> Weights:
+        """Those of rows with other columns, of which the fitted ones are combinations.
+
+        Parameters
+        ----------
+        combine : (w, p) array
+        """
+        return replace(self, theta=np.append(combine @ self.theta[:-1], 1.0))
 
     def of(self, channel: int, label: str, block: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Weights of rows with their lags.

@@ -150,7 +150,7 @@ def flow_coverage(
             fresh = replace(rows, y=exact[name] + FLOW * noise)
             moments = Moments.like(fresh, "run")
             moments.add(fresh)
-            gatherer.chambers[name] = ChamberMoments((), moments, STEP_S)
+            gatherer.chambers[name] = ChamberMoments((), moments, STEP_S, windows)
             plain[name] = _iid(fresh.x @ combine, fresh.y)
         return _flow_outcome(robot, gatherer, plain, delay_s)
 

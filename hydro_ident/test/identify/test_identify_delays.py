@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.identification import identify
+from hydro_ident.identification import Settings, identify
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
@@ -66,3 +66,21 @@ def test_lost_valve_messages_are_left_out_at_either_delay(late: Any) -> None:
     assert len(flows) == 4
     for channel in flows:
         assert channel.summary()["fit_after_pct"] > 90.0  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("estimator", ["wls", "robust"])
+def test_recordings_of_different_rates_have_one_delay(late: Any, estimator: Any) -> None:
+    both = [_sampled(late, every, f"every {every}") for every in (2, 1)]
+    found = identify(_stating(), both, settings=Settings(estimator=estimator))
+    rows = {p.name: p for p in found.parameters}
+    assert rows["command_delay"].value == pytest.approx(STATED_S, abs=1e-4)
+    for valve in late.robot.valves:
+        for edge in EDGES:
+            true = getattr(valve, edge)
+            assert rows[f"{valve.name}.{edge}"].value == pytest.approx(true, rel=0.01)
+
+
+def test_milliseconds_in_place_of_seconds_are_said(late: Any) -> None:
+    found = identify(_stating(8.0), [late.recording()])
+    [note] = [n for n in found.notes if "command_delay_s" in n]
+    assert "of 8 s: more than is tried, which is 0.002 s" in note
