@@ -293,6 +293,51 @@ def test_a_listed_spool_lag_does_not_shift_the_delay(robot: Robot) -> None:
         assert fit.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("law", "parameters"),
+    [
+        ("valve_spool_lag", {"frequency": 40.0, "damping": 0.8}),
+        ("valve_rate_limit", {"rate": 5.0}),
+        ("valve_hysteresis", {"half_width": 0.02}),
+    ],
+)
+def test_laws_that_remember_hold_through_lost_messages(
+    robot: Robot, law: str, parameters: dict[str, float]
+) -> None:
+    effects = ListedEffects.of(
+        replace(robot, effects=(EffectSpec(law, "lift_valve", parameters),))
+    )
+    time = np.arange(0.0, 2.0, H)
+    whole = 0.3 * np.sin(5.0 * time)
+    told = whole.copy()
+    told[50::50] = np.nan
+    behind, without = (
+        effects.with_signal_laws(_trace(robot, u, time, time, time)).valve_signal[:, 0]
+        for u in (told, whole)
+    )
+    known = np.isfinite(told)
+    assert np.isfinite(behind[known]).all()
+    # What the command does in a cycle is not known: 0.003 at most.
+    assert np.abs(behind - without)[known].max() < 0.003
+
+
+def test_a_latched_valve_shuts_and_a_lost_message_does_not(robot: Robot) -> None:
+    """What a spool does behind either: from 0, or from where it was."""
+    time = np.arange(0.0, 1.0, H)
+    parameters = {"frequency": 40.0, "damping": 0.8}
+    effect = EffectSpec("valve_spool_lag", "lift_valve", parameters)
+    effects = ListedEffects.of(replace(robot, effects=(effect,)))
+    signal = np.full(time.size, 0.5)
+    signal[200:400] = np.nan
+    lost = _trace(robot, signal, time, time, time)
+    latched = replace(lost, latched=~np.isfinite(signal))
+    held, shut = (effects.with_signal_laws(t).valve_signal[:, 0] for t in (lost, latched))
+    assert np.isnan(held[200:400]).all()
+    assert np.isnan(shut[200:400]).all()
+    assert held[400:] == pytest.approx(0.5, rel=1e-6)
+    assert shut[400] < 0.1
+
+
 def _compared(robot: Robot, trace: Trace) -> SummedComparison:
     summed = SummedFlow(robot, 0.001, WindowSettings())
     half = trace.samples // 2

@@ -13,9 +13,9 @@ from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.traces import Trace, last_known, traces_of
 from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.lost_signals import LATEST_S, held_signal, last_known
+from hydro_ident.mismatch.lost_signals import LATEST_S, held_signal
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.telling import telling

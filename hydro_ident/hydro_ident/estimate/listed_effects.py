@@ -23,7 +23,7 @@ from hydro_ident.estimate.held_effects import (
 )
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.traces import Trace, last_known
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
@@ -201,7 +201,10 @@ class ListedEffects:
             index = one.cylinder or 0
             signals = cylinder_signals(self.robot, trace, index)
             known = np.isfinite(result[:, index])
-            signals[:, VALVE_SIGNAL] = np.where(known, result[:, index], 0.0)
+            before = result[:, index]
+            if trace.latched is not None:
+                before = np.where(trace.latched, 0.0, before)
+            signals[:, VALVE_SIGNAL] = last_known(before)
             law = _mean_signal(one, signals, trace.step_s)
             result[:, index] = np.where(known, law, np.nan)
         return replace(trace, valve_signal=result)

@@ -12,6 +12,7 @@ from hydro_ident.bag.grid import runs
 from hydro_ident.bag.rails import between_readings, followed
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
+from hydro_ident.estimate.rows import BoolArray
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 
@@ -55,6 +56,8 @@ class Trace:
         What the controller followed, where that was recorded throughout.
     oil_c : (N,) array or None
         Oil temperature in deg C, where it was recorded: straight from reading to reading.
+    latched : (N,) bool array or None
+        While every valve was held shut; None: never.
     """
 
     label: str
@@ -72,6 +75,7 @@ class Trace:
     core: tuple[int, int] | None = None
     q_ref: FloatArray | None = None
     oil_c: FloatArray | None = None
+    latched: BoolArray | None = None
 
     @property
     def samples(self) -> int:
@@ -116,6 +120,25 @@ def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
             trace = _trace(recording, part, label, piece.start_ns)
             traces.append(replace(trace, core=own))
     return tuple(traces)
+
+
+def last_known(signal: FloatArray) -> FloatArray:
+    """A valve's signal with the last known sample in every hole, or the first before any; else 0.
+
+    For laws that remember: a valve holds what it was told last, and a spool that were taken to 0
+    in every hole would ring behind it. What comes of long holes is not used.
+
+    Parameters
+    ----------
+    signal : (N,) array
+    """
+    known = np.isfinite(signal)
+    if known.all():
+        return signal
+    if not known.any():
+        return np.zeros_like(signal)
+    at = np.maximum.accumulate(np.where(known, np.arange(signal.size), -1))
+    return np.asarray(signal[np.where(at < 0, int(np.argmax(known)), at)])
 
 
 def _with_rails(recording: Recording) -> Recording:
@@ -189,6 +212,7 @@ def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Tra
         cycle=round((int(recording.stamp_ns[piece.start]) - start_ns) * 1e-9 / recording.period_s),
         q_ref=_complete(recording.q_ref, piece),
         oil_c=_oil_temperature(recording, piece),
+        latched=recording.latched[piece] if recording.latched[piece].any() else None,
     )
 
 

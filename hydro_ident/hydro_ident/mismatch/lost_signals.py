@@ -89,21 +89,3 @@ def out_of_reach(signal: FloatArray, step_s: float, delay_s: float) -> BoolArray
     for begin, end in runs(~np.isfinite(signal)):
         result[max(begin - 1, 0) : end + reach] = False
     return result
-
-
-def last_known(signal: FloatArray) -> FloatArray:
-    """A valve's signal with the last known sample in every hole, or the first before any; else 0.
-
-    For laws that remember: what comes of holes that are no short ones is not used.
-
-    Parameters
-    ----------
-    signal : (N,) array
-    """
-    known = np.isfinite(signal)
-    if known.all():
-        return signal
-    if not known.any():
-        return np.zeros_like(signal)
-    at = np.maximum.accumulate(np.where(known, np.arange(signal.size), -1))
-    return np.asarray(signal[np.where(at < 0, int(np.argmax(known)), at)])

@@ -136,4 +136,5 @@ def _part(trace: Trace, begin: int, end: int, number: int) -> Trace:
         core=None,
         q_ref=None,
         oil_c=None if trace.oil_c is None else trace.oil_c[at],
+        latched=None if trace.latched is None else trace.latched[at],
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.traces import Trace, last_known
 from hydro_ident.mismatch.changed_torques import ChangedTorques
 from hydro_ident.mismatch.law_signals import (
     dry_rows,
@@ -18,7 +18,6 @@ from hydro_ident.mismatch.law_signals import (
     with_edges,
     with_pressures,
 )
-from hydro_ident.mismatch.lost_signals import last_known
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import (
     Model,
@@ -231,7 +230,6 @@ class Signals:
         if kept is None or kept[0] is not trace:
             before = self._spool(model, stretch, cylinder, laws[:-1])
             signals, known = self._own_rows(model, stretch, cylinder), np.isfinite(before)
-            # A spool that remembers would ring after every hole that it took for 0.
             signals[:, VALVE_SIGNAL] = last_known(before)
             law = _mean_signal(laws[-1], signals, trace.step_s)
             kept = trace, np.where(known, law, np.nan)
