@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import OVER_BULK
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
@@ -42,6 +42,9 @@ class Parameter:
         Physics is left out in its channels: it may be off by more than `std` says.
     bounds : pair of float
         Range that the value cannot leave; the interval ends there.
+    reciprocal : bool
+        What is fitted, and what errs as normal noise does, is 1 / value: `std` is to first order,
+        and the interval's ends are those of 1 / value.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Parameter:
     held: bool = False
     model_error: bool = False
     bounds: tuple[float, float] = (-math.inf, math.inf)
+    reciprocal: bool = False
 
     @property
     def ci95(self) -> tuple[float, float] | None:
@@ -63,7 +67,14 @@ class Parameter:
         if self.held:
             return None
         half = student_95(self.dof) * self.std
-        return max(self.value - half, self.bounds[0]), min(self.value + half, self.bounds[1])
+        low, high = self.value - half, self.value + half
+        if self.reciprocal and self.value > 0.0:
+            share = half / self.value
+            low = self.value / (1.0 + share)
+            high = self.value / (1.0 - share) if share < 1.0 else math.inf
+        if not self.bounds[0] <= self.value <= self.bounds[1]:
+            return low, high
+        return max(low, self.bounds[0]), min(high, self.bounds[1])
 
 
 def student_95(dof: float) -> float:
@@ -204,6 +215,8 @@ def cylinder_parameters(
             robot.cylinder(fit.cylinder).bulk_modulus_pa,
             good[INVERSE_BULK],
             dof=dof[INVERSE_BULK],
+            bounds=BULK_BOUNDS_PA,
+            reciprocal=True,
         )
     ]
     for name in fit.names:

@@ -12,11 +12,12 @@ from scipy.signal import lsim
 from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
 from hydro_ident.estimate.delay import fit_delay
 from hydro_ident.estimate.flow_moments import FlowGatherer
-from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
+from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, HydraulicFit, fit_hydraulics
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.shared_parameters import chambers_to_cylinder
 from hydro_ident.estimate.summed_flow import SummedComparison, SummedFlow, summed_dict
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.parameters import cylinder_parameters, student_95
 from hydro_model.robot import EffectSpec, Robot
 
 H = 0.002
@@ -205,6 +206,37 @@ def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot) -> None:
 def test_a_cylinder_with_one_chamber_is_rejected_and_said(robot: Robot) -> None:
     (lift,) = _fit(robot, 0.001, p_b=np.nan).cylinders
     assert lift.rejected == "only one of its two chambers was recorded"
+
+
+def test_oil_that_is_barely_told_is_not_identified(robot: Robot) -> None:
+    """Positions so coarse that compliance is two deviations from none; the edges are known."""
+    trace, rng = _run(robot), np.random.default_rng(1)
+    noisy = replace(trace, stroke=trace.stroke + 0.008 * rng.normal(size=trace.stroke.shape))
+    fit = fit_hydraulics(robot, [noisy])
+    assert fit is not None
+    [lift] = fit.cylinders
+    inverse, std = lift.value("inverse_bulk_modulus")
+    assert 1.0 < inverse / std < 3.0
+    assert lift.rejected == "inverse_bulk_modulus cannot be told from these data"
+    rows = {p.name: p for p in cylinder_parameters(robot, lift, {})}
+    bulk = rows["lift_cylinder.bulk_modulus"]
+    assert not bulk.identifiable
+    # As stiff as oil can be fits as well; the other end is what compliance may be at most.
+    half = student_95(bulk.dof) * std
+    assert bulk.ci95 == pytest.approx((1.0 / (inverse + half), BULK_BOUNDS_PA[1]))
+
+
+def test_the_interval_of_well_known_oil_is_as_good_as_symmetric(robot: Robot) -> None:
+    trace, rng = _run(robot), np.random.default_rng(1)
+    noisy = replace(trace, stroke=trace.stroke + 1e-4 * rng.normal(size=trace.stroke.shape))
+    fit = fit_hydraulics(robot, [noisy])
+    assert fit is not None
+    [bulk, *_] = cylinder_parameters(robot, fit.cylinders[0], {})
+    half = student_95(bulk.dof) * bulk.std
+    assert half / bulk.value == pytest.approx(0.012, abs=0.002)
+    assert bulk.ci95 is not None
+    low, high = bulk.ci95
+    assert (bulk.value - low, high - bulk.value) == pytest.approx((half, half), rel=0.02)
 
 
 def test_a_signal_of_one_sign_leaves_two_edges_unknown(robot: Robot) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import block_diag
 
+from hydro_ident.estimate.bounds import DEVIATIONS
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
 from hydro_ident.estimate.closed_chain import HeldPart
 from hydro_ident.estimate.delay import FittedChamber, Solve, fit_delay
@@ -196,9 +197,9 @@ def _combine(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
         [max(f.fit.collinearity[f.names.index(n)] for f in fits if n in f.names) for n in order]
     )
     std = np.sqrt(np.diag(covariance))
-    # Edges and bulk modulus cannot be zero; what an effect adds may well be.
+    # Edges and compliance are clear of zero; what an effect adds may well be none.
     known = tuple(
-        bool(c < MAX_COLLINEARITY and (s < abs(v) or not _essential(name)))
+        bool(c < MAX_COLLINEARITY and (DEVIATIONS * s < abs(v) or not _essential(name)))
         for name, c, s, v in zip(order, collinear, std, theta, strict=True)
     )
     chamber = fits[0].chamber
