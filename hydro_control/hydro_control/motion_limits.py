@@ -78,15 +78,14 @@ def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimit
     Raises
     ------
     ControlError
-        The supply's pressure is within the band below the transducers' range in which valves
-        close.
+        The supply's pressure is above the transducers' range, at which valves close.
     """
-    most = (1.0 - RELIEF_BAND) * robot.sensors.pressure_range_pa
+    most = robot.sensors.pressure_range_pa
     if robot.supply_pressure_pa > most:
         raise ControlError(
-            f"robot {robot.name}: expected a supply of at most {most / 1e5:.0f} bar, 90 % of its"
-            f" pressure transducers' range, found {robot.supply_pressure_pa / 1e5:.0f} bar: what"
-            " feeds a chamber is closed above; give the range that they have (sensors, pressure)"
+            f"robot {robot.name}: expected a supply of at most {most / 1e5:.0f} bar, its pressure"
+            f" transducers' range, found {robot.supply_pressure_pa / 1e5:.0f} bar: near the range's"
+            " end valves close; give the range that they have (sensors, pressure)"
         )
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])

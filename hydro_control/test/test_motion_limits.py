@@ -306,7 +306,9 @@ def test_no_chamber_at_its_limit_is_fed(
 
 def test_a_supply_that_the_transducers_cannot_show_is_refused() -> None:
     """Valves would be closed for pressures that the load needs, and nobody told."""
-    with pytest.raises(ControlError, match="a supply of at most 225 bar, 90 % of its pressure"):
+    with pytest.raises(
+        ControlError, match="a supply of at most 250 bar, its pressure transducers"
+    ):
         limits_of(replace(load_robot("xs031"), supply_pressure_pa=28e6))
 
 
