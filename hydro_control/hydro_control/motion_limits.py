@@ -84,8 +84,8 @@ def limits_of(robot: Robot, tip_speed_m_s: float = TIP_SPEED_M_S) -> MotionLimit
     if robot.supply_pressure_pa > most:
         raise ControlError(
             f"robot {robot.name}: expected a supply of at most {most / 1e5:.0f} bar, its pressure"
-            f" transducers' range, found {robot.supply_pressure_pa / 1e5:.0f} bar: near the range's"
-            " end valves close; give the range that they have (sensors, pressure)"
+            f" transducers' range, found {robot.supply_pressure_pa / 1e5:.0f} bar: valves close"
+            " near that range's end; give the range that they have (sensors, pressure)"
         )
     lower = np.array([joint.lower for joint in robot.joints])
     upper = np.array([joint.upper for joint in robot.joints])
