@@ -12,7 +12,7 @@ from hydro_hw_bridge.calibration import load_calibration
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.parameters import PARAMETERS, Settings, settings_from
+from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
 from hydro_model.robot import Robot
 
 
@@ -87,14 +87,28 @@ def gate_limits(settings: Settings, robot: Robot) -> GateLimits:
     ----------
     settings : Settings
     robot : Robot
+
+    Raises
+    ------
+    BridgeError
+        A command may be no older than a cycle of the device, or than two in real time, where the
+        next one is never there on the dot.
     """
     period_s = 1.0 / robot.sensors.rate_hz
+    max_age_cycles = int(1e-3 * settings.max_age_ms / period_s + 1e-6)
+    least = 1 if settings.clock == LOCKSTEP else 2
+    if max_age_cycles < least:
+        raise BridgeError(
+            f"parameter 'max_age_ms': expected at least {1e3 * least * period_s:g} ms, {least}"
+            f" cycles of the device at {robot.sensors.rate_hz:g} Hz (rate_hz of the robot file),"
+            f" found {settings.max_age_ms:g}"
+        )
     return GateLimits(
         valve_names=robot.valve_names,
         rated_voltage_v=tuple(valve.rated_voltage_v for valve in robot.valves),
         period_s=period_s,
         slew_v_s=settings.slew_limit_v_s,
-        max_age_cycles=int(1e-3 * settings.max_age_ms / period_s + 1e-6),
+        max_age_cycles=max_age_cycles,
         min_supply_pa=settings.min_supply_pa,
         reenable_slew_v_s=settings.reenable_slew_v_s,
     )
