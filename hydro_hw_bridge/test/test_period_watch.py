@@ -9,6 +9,7 @@ import pytest
 
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.period_watch import GRACE_S, SHARE, PeriodWatch
+from hydro_hw_bridge.supervision import OTHER_PERIOD
 
 PERIOD_S = 0.002
 
@@ -37,8 +38,12 @@ def test_it_is_said_by_how_much() -> None:
     watch = PeriodWatch(PERIOD_S)
     assert watch.look(0, 0.0) == ""
     assert watch.look(1049, 0.999) == ""
-    said = watch.look(1100, 1.0)
-    assert said.startswith("the device's cycles are 0.909 ms apart, expected 2 ms (rate_hz")
+    said = watch.look(1250, 1.25)
+    assert said.startswith("the device's cycles are 1 ms apart, expected 2 ms (rate_hz")
+    watch = PeriodWatch(0.00125)
+    watch.look(0, 0.0)
+    said = watch.look(4000, 2.5)
+    assert said.startswith("the device's cycles are 0.625 ms apart, expected 1.25 ms (rate_hz")
 
 
 def test_the_grace_ends_where_it_says() -> None:
@@ -67,6 +72,10 @@ def test_after_a_pause_it_is_known_as_soon_as_before() -> None:
     for k in range(2, 1300):
         said = watch.look(k, 100.0 + k * 0.001)
     assert said
+    watch.forget()
+    watch.look(0, 0.0)
+    watch.look(1, 0.5)  # behind by half a second, a stall: what follows is ahead of that
+    assert watch.look(1 + 1000, 0.5 + 0.88)
 
 
 def test_a_device_that_counts_anew_is_looked_at_anew() -> None:
@@ -93,12 +102,15 @@ def test_the_bridge_drives_no_device_that_is_faster(real_time: Any, lockstep: An
     assert bare.paced(1.0).answer is None
 
 
-def test_a_restart_of_the_device_begins_anew(real_time: Any) -> None:
+@pytest.mark.parametrize("first", [5, (1 << 26) + 2000], ids=["back", "far ahead"])
+def test_a_restart_of_the_device_begins_anew(real_time: Any, first: int) -> None:
     real_time.drive()
-    real_time.cycle(100_000)
+    real_time.cycle(1000)
     real_time.core.paced(10.0)
-    real_time.cycle(5)
+    real_time.cycle(first)  # further ahead than a day of cycles, it counts anew, too
     real_time.core.paced(10.0)
-    real_time.cycle(6)
-    real_time.core.paced(10.002)
-    assert real_time.core.gate.faults == {}
+    assert OTHER_PERIOD not in real_time.core.gate.faults
+    for counter in range(first + 1, first + 600):
+        real_time.cycle(counter)
+        real_time.core.paced(10.0)
+    assert OTHER_PERIOD in real_time.core.gate.faults

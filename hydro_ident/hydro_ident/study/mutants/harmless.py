@@ -112,12 +112,26 @@ def _supervision() -> Iterator[Harmless]:
     private = "a private function, whose callers say what the word means"
     for name, words, why in (
         ("sync", "sync: Frame, counter: int", "the bridge's core says what the word means"),
+        ("paced", "counter: int, at_s: float", "the bridge's core says what the word means"),
         ("_check", "status: Status, supply_pa: float", private),
         ("_stands", "name: str, reason: str", private),
     ):
         head = f"def {name}(self, {words}, *, active: bool) -> None:"
         where = f"Supervision.{name}"
         yield Harmless("supervision", where, head, head.replace("*", "/"), why)
+
+
+def _period_watch() -> Iterator[Harmless]:
+    again = "if ahead_s < 0.0:"
+    yield Harmless(
+        "period_watch", "PeriodWatch.look", again, again.replace("<", "<="),
+        "neither ahead nor behind, this cycle is as good to count from as the one before",
+    )  # fmt: skip
+    grace = "if ahead_s <= GRACE_S + SHARE * elapsed_s:"
+    yield Harmless(
+        "period_watch", "PeriodWatch.look", grace, grace.replace("<=", "<"),
+        "a clock's reading is not exactly at the limit but by chance, and may be told or not then",
+    )  # fmt: skip
 
 
 def _command_intake() -> Iterator[Harmless]:
@@ -253,6 +267,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_plausibility(),
     *_bridge_core(),
     *_supervision(),
+    *_period_watch(),
     *_command_intake(),
     *_valve_frames(),
     *_amplifier(),
