@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.bounds import DEVIATIONS
 from hydro_ident.estimate.physical import (
     BaseEstimate,
     ConsistentBody,
@@ -81,6 +82,39 @@ def _distance_text(found: PhysicalParameters) -> str:
         f"the closest base parameters that bodies can have are {known}: shown under `physical`,"
         " not used"
     )
+
+
+def impossible(result: PhysicalResult | None) -> str:
+    """That no bodies have the identified base parameters, by more than noise explains.
+
+    Parameters
+    ----------
+    result : PhysicalResult or None
+
+    Returns
+    -------
+    str
+        A sentence; empty where there are such bodies, or they may be there.
+    """
+    found = None if result is None else result.parameters
+    if found is None or found.feasible or not _known(found):
+        return ""
+    if found.distance <= _by_noise(len(found.base)):
+        return ""
+    names = dict.fromkeys(name for problem in found.problems for name in problem.bodies)
+    return (
+        f"no bodies ({', '.join(names)}) have the identified base parameters, which are"
+        f" {found.distance:.0f} standard deviations from any that do: standard parameters and"
+        " identified.urdf cannot be had; the machine does more than its model knows (list what"
+        " `diagnose` finds of it), or the robot file is of another machine"
+    )
+
+
+def _by_noise(count: int) -> float:
+    """Distance from the truth that noise passes as seldom as `DEVIATIONS` of one parameter."""
+    from scipy.special import chdtri, ndtr
+
+    return float(np.sqrt(chdtri(count, 2.0 * ndtr(-DEVIATIONS))))
 
 
 def _known(found: PhysicalParameters) -> bool:

@@ -14,6 +14,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.compare import Comparison
 from hydro_ident.consistent_robot import (
     PhysicalResult,
+    impossible,
     physical_notes,
     physical_result,
     with_standard_parameters,
@@ -174,6 +175,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
     physical = None
     if found is not None and found.base_parameters:
         physical = physical_result(found, robot)
+        judged = judged.with_problem(impossible(physical))
         found = with_standard_parameters(found, physical.parameters)
     parameters = parameter_list(robot, inertial, hydraulic, biases)
     return Identification(

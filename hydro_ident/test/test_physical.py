@@ -10,6 +10,8 @@ import pinocchio as pin
 import pytest
 
 from hydro_ident.consistent_robot import (
+    PhysicalResult,
+    impossible,
     physical_dict,
     physical_result,
     reference_values,
@@ -207,6 +209,7 @@ def test_noise_makes_base_parameters_infeasible_by_no_more_than_its_size() -> No
         seen.add(found.feasible)
         # The truth is feasible and this far away; the closest cannot be farther.
         assert found.distance <= float(np.linalg.norm(draw)) * (1.0 + 1e-6)
+        assert impossible(PhysicalResult(found, (), ())) == ""
     assert seen == {True, False}
 
 

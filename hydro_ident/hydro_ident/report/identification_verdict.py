@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from hydro_ident.consistent_robot import impossible
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import left_out
 from hydro_ident.parameters import Parameter
@@ -35,6 +36,8 @@ def identification_verdict(found: Identification, held_out: Sequence[ChannelRows
     physics = left_out(found.channels or found.fitted)
     if found.verdict == NOT_ENOUGH:
         tone, headline = "bad", "These recordings are not enough to identify the machine."
+    elif impossible(found.physical):
+        tone, headline = "warn", "Numbers were identified that no machine can have."
     elif found.verdict != IDENTIFIED:
         tone, headline = "warn", "Part of the machine was identified; the rest stays as given."
     elif physics:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.identification import Identification, identify
 from hydro_model.base_parameters import base_map
+from hydro_model.cylinder import lever
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -179,3 +181,17 @@ def test_a_robot_file_without_masses_is_identified(crane_run: Any) -> None:
     for one in found.parameters:
         assert one.identifiable == usual[one.name].identifiable
         assert one.value == pytest.approx(usual[one.name].value, rel=1e-3, abs=one.std), one.name
+
+
+def test_parameters_that_no_bodies_have_are_a_problem(crane_run: Any) -> None:
+    """The lift's force drops with its acceleration, as no rigid body's does."""
+    cylinder, q = crane_run.robot.cylinders[0], crane_run.q
+    qdd = motion(q, 0.002, FilterSettings())[2]
+    p_a = crane_run.p_a.copy()
+    p_a[:, 0] -= 285.0 * qdd[:, 0] / lever(cylinder, q[:, 0]) / cylinder.area_a_m2
+    found = identify(crane_run.recording().robot, [crane_run.recording(p_a=p_a)])
+    assert found.verdict == "partly_identified"
+    [text] = found.problems
+    assert "no bodies (lift_link, tilt_link) have the identified base parameters" in text
+    assert "standard deviations from any that do" in text
+    assert "`diagnose`" in text
