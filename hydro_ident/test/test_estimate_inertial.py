@@ -18,6 +18,7 @@ from hydro_ident.estimate.inertial import (
     force_columns,
     force_model,
     measured_force,
+    still_joints,
 )
 from hydro_ident.estimate.least_squares import Rows, weighted_least_squares
 from hydro_ident.estimate.traces import Trace
@@ -111,6 +112,22 @@ def test_a_stuck_joint_names_the_parameters_it_hides(
     assert fit.still == still
     assert lost in fit.missing
     assert kept not in fit.missing
+
+
+@pytest.mark.parametrize(
+    ("bits", "travel", "still"),
+    [(12, 0.28, False), (12, 0.04, True), (20, 0.011, False), (6, 0.2, True)],
+)
+def test_a_joint_that_a_coarse_encoder_sees_swing_moves(
+    robot: Robot, bits: int, travel: float, still: bool
+) -> None:
+    coarse = replace(robot, sensors=replace(robot.sensors, encoder_counts_per_rev=1 << bits))
+    time = np.arange(0.0, 8.0, H)
+    trace = _trace(robot, _motion(time), time)
+    count = 2.0 * np.pi / (1 << bits)
+    swing = -1.2 + 0.5 * travel * np.sin(time)
+    q = np.column_stack([trace.q[:, 0], swing if bits == 20 else count * np.round(swing / count)])
+    assert (1 in still_joints(coarse, [replace(trace, q=q)])) == still
 
 
 def test_no_motion_at_all_leaves_every_friction_and_inertia_unknown(robot: Robot) -> None:

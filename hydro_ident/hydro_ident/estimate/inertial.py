@@ -56,10 +56,11 @@ __all__ = [
 
 #: A parameter whose column resembles the others this much is not told apart from them.
 MAX_COLLINEARITY = 1.0e3
-#: A joint that never leaves a band of this many encoder counts stands still; so does one that
-#: moves less than `STILL_RANGE`, where friction hides everything else.
-STILL_COUNTS = 200.0
-STILL_RANGE = 0.01
+#: A joint that never leaves a band of this many encoder counts stands still, unless it moves more
+#: than `MOVING_RANGE` by an encoder that coarse (two neighbours of a count are its flicker); so
+#: does one that moves less than `STILL_RANGE`, where friction hides everything else.
+STILL_COUNTS, FLICKER_COUNTS = 200.0, 3.0
+STILL_RANGE, MOVING_RANGE = 0.01, 0.05
 
 
 def still_joints(robot: Robot, traces: Sequence[Trace]) -> tuple[int, ...]:
@@ -88,7 +89,8 @@ def least_travel(robot: Robot) -> FloatArray:
         Of its slides, counts per revolution say nothing.
     """
     count = 2.0 * np.pi / robot.sensors.encoder_counts_per_rev
-    turning = max(STILL_RANGE, STILL_COUNTS * count)
+    resolved = min(STILL_COUNTS * count, max(MOVING_RANGE, FLICKER_COUNTS * count))
+    turning = max(STILL_RANGE, resolved)
     return np.array([STILL_RANGE if joint.prismatic else turning for joint in robot.joints])
 
 
