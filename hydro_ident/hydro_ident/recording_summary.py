@@ -16,6 +16,7 @@ from hydro_ident.bag.grid import LongestGap, longest_gap
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.derivatives import secant_slope
+from hydro_ident.estimate.inertial import least_travel
 from hydro_ident.health import Finding, find_irregularities
 from hydro_ident.inspection import Range, ranges_of
 from hydro_ident.json_numbers import finite
@@ -46,7 +47,7 @@ class JointMotion:
     speed_limit : float
         0 where the robot file states none.
     moving_share : float
-        Of the time.
+        Of the time; 0 of a joint that stands still throughout.
     reversals : int
         Changes of direction, rests in between or not.
     """
@@ -175,14 +176,15 @@ def _summary(survey: Survey, training: bool) -> RecordingSummary:
 
 
 def _motion(recording: Recording, velocity: FloatArray) -> tuple[JointMotion, ...]:
-    found = []
+    found, least_travels = [], least_travel(recording.robot)
     for i, joint in enumerate(recording.robot.joints):
         q, v = recording.q[:, i], velocity[:, i]
         q, v = q[np.isfinite(q)], v[np.isfinite(v)]
         if not q.size or not v.size:
             continue
         least = _MOVES * float(np.quantile(np.abs(v), _USUAL))
-        moving = np.abs(v) > least
+        # The speeds of a joint at rest are its encoder's flicker.
+        moving = (np.abs(v) > least) & (np.ptp(q) >= least_travels[i])
         # Signs of the moving samples alone: a rest between two ways does not hide a reversal.
         reversals = int(np.count_nonzero(np.diff(np.sign(v[moving]))))
         found.append(
