@@ -19,8 +19,9 @@ from hydro_control.applied import AppliedWatch
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
-from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
+from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.output import Output
+from hydro_control.path_limits import refuse_beyond
 from hydro_control.reference_run import ReferenceRun
 from hydro_control.required_motion import Reference
 from hydro_control.runaway import RunawayLimits, RunawayWatch
@@ -31,7 +32,6 @@ from hydro_control.trajectory import Waypoint
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath
-from hydro_model.paths_check import check_path
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["Answer", "ControllerCore", "Counts", "Sample"]
@@ -94,8 +94,7 @@ class ControllerCore:
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         if self.path is not None:
-            check_path(self.law.robot, self.path)
-            refuse_fast(self.path, self.tip_speed_m_s)
+            refuse_beyond(self.law.robot, self.path, self.tip_speed_m_s)
         self._warm_up()
 
     def _warm_up(self) -> None:

@@ -9,13 +9,14 @@ from typing import Literal
 import numpy as np
 
 from hydro_control.errors import ControlError
-from hydro_control.motion_limits import TIP_SPEED_M_S, refuse_fast
+from hydro_control.motion_limits import TIP_SPEED_M_S
+from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
 from hydro_control.required_motion import Reference
 from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath
-from hydro_model.paths_check import check_path, joints_at_tip
+from hydro_model.paths_check import joints_at_tip
 from hydro_model.paths_segments import Hold, Quintic, Segment
 from hydro_model.robot import FloatArray, Robot
 
@@ -24,9 +25,9 @@ APPROACH_LIMIT = {"tip": 0.3, "joint": 0.3}
 APPROACH_SPEED = {"tip": 0.1, "joint": 0.1}
 SHORTEST_APPROACH_S = 0.5
 STOP_S = 0.5
-_CHECK_STEP_S = 0.02
 _APPROACH_CHECKS = 8
 _UNIT = {"tip": "m", "joint": "rad or m"}
+_REST_HINT = " (a point without velocities is one of rest: give velocities)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +129,7 @@ class ReferencePlayer:
         pause = (Hold(first, wait),) if wait > 0.0 else ()
         whole = (*approach, *pause, *segments)
         if not path_checked:
-            self._check(space, whole, q, _CHECK_STEP_S)
+            self._check(space, whole, q)
         elif approach:
             self._check(space, approach, q, approach[0].duration_s / _APPROACH_CHECKS)
         return Plan(space, Path(whole))
@@ -183,7 +184,8 @@ class ReferencePlayer:
             segments, first = _for_all_joints(self.robot, path, at)
         pause = (Hold(at, delay_s),) if delay_s > 0.0 else ()
         whole = (*pause, *_approach(space, at, first), *segments)
-        self._check(space, whole, q, _CHECK_STEP_S)
+        resting = any(np.size(point.velocity) == 0 for point in waypoints[:-1])
+        self._check(space, whole, q, hint=_REST_HINT if resting else "")
         return Plan(space, Path(whole))
 
     def _standing(self, space: str, stamp_s: float, q: FloatArray) -> FloatArray:
@@ -205,7 +207,13 @@ class ReferencePlayer:
             raise ControlError(f"the present reference has no joint positions: {error}") from error
 
     def _check(
-        self, space: str, segments: tuple[Segment, ...], q: FloatArray, step_s: float
+        self,
+        space: str,
+        segments: tuple[Segment, ...],
+        q: FloatArray,
+        step_s: float = CHECK_STEP_S,
+        *,
+        hint: str = "",
     ) -> None:
         path: TipPath | JointPath
         if space == "tip":
@@ -215,10 +223,10 @@ class ReferencePlayer:
         start = segments[0].sample(0.0)[0]
         try:
             pose = start if space == "joint" else joints_at_tip(self.robot, start, q)
-            check_path(_reaching(self.robot, pose), path, near=q, step_s=step_s)
+            reaching = _reaching(self.robot, pose)
+            refuse_beyond(reaching, path, self._tip_speed_m_s, q, step_s=step_s, hint=hint)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
-        refuse_fast(path, self._tip_speed_m_s)
 
 
 def _reaching(robot: Robot, q: FloatArray) -> Robot:
@@ -271,6 +279,16 @@ class _Spread:
         return whole
 
 
+def _of_all_joints(segment: Segment, base: FloatArray, columns: tuple[int, ...]) -> Segment:
+    """A segment of some joints as one of all; a quintic stays one, which is quick to check."""
+    if not isinstance(segment, Quintic):
+        return _Spread(segment, base, columns, segment.duration_s, segment.polynomial)
+    coefficients = np.zeros((len(segment.coefficients), len(base)))
+    coefficients[0] = base
+    coefficients[:, list(columns)] = segment.coefficients
+    return Quintic(coefficients, segment.duration_s, segment.polynomial)
+
+
 def _for_all_joints(
     robot: Robot, path: JointPath, at: FloatArray
 ) -> tuple[tuple[Segment, ...], FloatArray]:
@@ -280,8 +298,6 @@ def _for_all_joints(
     except RobotError as error:
         raise ControlError(str(error)) from error
     base = np.array(at, dtype=float)
-    segments: tuple[Segment, ...] = tuple(
-        _Spread(s, base, columns, s.duration_s, s.polynomial) for s in path.segments
-    )
+    segments = tuple(_of_all_joints(segment, base, columns) for segment in path.segments)
     whole = replace(path, segments=segments, start_delay_s=0.0)
     return segments, whole.sample(0.0)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -24,6 +25,11 @@ NONE = np.array([])
 
 def points(*rows: tuple[float, list[float]]) -> list[Waypoint]:
     return [Waypoint(t, np.array(q), NONE, NONE) for t, q in rows]
+
+
+def ramp(step_s: float) -> list[Waypoint]:
+    """Positions alone, as of a log that is played again: 0.2 rad/s on the whole."""
+    return points(*((k * step_s, [0.6 + 0.2 * k * step_s]) for k in range(1, 101)))
 
 
 def beyond(place: FloatArray, step: list[float]) -> list[float]:
@@ -145,6 +151,10 @@ def test_joint_names_in_any_order() -> None:
         ("joint", ["lift"], points((0.0, [0.6])), "a point after time 0"),
         ("joint", ["lift"], points((0.0, [1.2]), (1.0, [0.7])), "starts 0.600 rad or m"),
         ("joint", ["lift"], points((0.2, [1.2])), "reaches a speed of"),
+        # Between two samples of the check both ends of a leg are at rest.
+        ("joint", ["lift"], points((0.01, [1.2])), "reaches a speed of"),
+        ("joint", ["lift"], points((2.0, [0.7]), (2.004, [0.71])), "speed of .* at 2.00 s"),
+        ("joint", ["lift"], ramp(0.01), "acceleration of 11.* at .* s.*give velocities"),
         ("joint", ["lift"], points((9.0, [2.0])), "'lift' goes to 2"),
     ],
 )
@@ -154,6 +164,31 @@ def test_refusals_of_trajectories(
     player = ReferencePlayer(ROBOT, POSE)
     with pytest.raises(ControlError, match=expected):
         player.plan_trajectory(space, names, rows, 0.0, POSE)  # type: ignore[arg-type]
+
+
+def test_points_with_velocities_are_as_quick_as_they_like() -> None:
+    """The motion whose bare positions would ask for 20 times its acceleration."""
+    times = np.linspace(0.0, 3.0, 301)[1:]
+    wave = 2.0 * np.pi / 3.0
+    q, qd = 0.7 - 0.1 * np.cos(wave * times), 0.1 * wave * np.sin(wave * times)
+    qd[-1] = 0.0
+    rows = [
+        Waypoint(float(t), np.array([at]), np.array([speed]), NONE)
+        for t, at, speed in zip(times, q, qd, strict=True)
+    ]
+    player = ReferencePlayer(ROBOT, POSE)
+    plan = player.plan_trajectory("joint", ["lift"], rows, 0.0, POSE)
+    assert plan.path.sample(1.5)[0][0] == pytest.approx(0.8)
+
+
+def test_the_longest_trajectory_is_checked_in_seconds() -> None:
+    """Nobody is heard meanwhile."""
+    times = np.arange(1, 5001) * 0.12
+    rows = points(*((float(t), [0.6 + 0.1 * float(np.sin(0.3 * t))]) for t in times))
+    player = ReferencePlayer(ROBOT, POSE)
+    begin = time.thread_time()
+    player.plan_trajectory("joint", ["lift"], rows, 0.0, POSE)
+    assert time.thread_time() - begin < 3.0
 
 
 def test_a_trajectory_has_to_end_at_rest() -> None:

@@ -98,7 +98,22 @@ class Path:
 
     def sample_many(self, times_s: ArrayLike) -> Sample:
         """Position, velocity and acceleration at N times, (N, k) each."""
-        samples = [self.sample(float(t)) for t in np.atleast_1d(np.asarray(times_s, float))]
+        times = np.atleast_1d(np.asarray(times_s, float))
+        where = np.searchsorted(self._starts, times, side="right") - 1
+        order = np.argsort(where, kind="stable")
+        position = np.empty((len(times), len(self.sample(0.0)[0])))
+        velocity, acceleration = np.empty_like(position), np.empty_like(position)
+        for rows in np.split(order, np.flatnonzero(np.diff(where[order])) + 1):
+            found = self._sample_together(int(where[rows[0]]), times[rows])
+            position[rows], velocity[rows], acceleration[rows] = found
+        return position, velocity, acceleration
+
+    def _sample_together(self, index: int, times: FloatArray) -> Sample:
+        """Samples at times that lie in one segment, or all before the first or after the last."""
+        inside = 0 <= index < len(self.segments)
+        if inside and isinstance(segment := self.segments[index], Quintic):
+            return segment.sample_many(times - self._starts[index])
+        samples = [self.sample(float(t)) for t in times]
         position, velocity, acceleration = (
             np.array(column) for column in zip(*samples, strict=True)
         )

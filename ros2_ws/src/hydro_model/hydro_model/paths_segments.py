@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from hydro_model.robot import FloatArray
 
 Sample = tuple[FloatArray, FloatArray, FloatArray]
+_Number = TypeVar("_Number", float, FloatArray)
 
 
 class Segment(Protocol):
@@ -105,10 +106,16 @@ class Quintic:
         position, first, second = np.array(list(zip(*rows, strict=True)))
         return position, first * rate, second * (rate * rate)
 
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times, (N, k) each."""
+        s, rate = times_s[:, None] / self.duration_s, 1.0 / self.duration_s
+        position, first, second = _quintic(s, *self.coefficients)
+        return position, first * rate, second * (rate * rate)
+
 
 def _quintic(
-    s: float, c0: float, c1: float, c2: float, c3: float, c4: float, c5: float
-) -> tuple[float, float, float]:
+    s: _Number, c0: _Number, c1: _Number, c2: _Number, c3: _Number, c4: _Number, c5: _Number
+) -> tuple[_Number, _Number, _Number]:
     """Value of a polynomial and its first two derivatives."""
     value = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
     first = c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))
