@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from hydro_control.approach import APPROACH_CHECKS, approach_to
 from hydro_control.errors import ControlError
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
@@ -20,13 +21,7 @@ from hydro_model.paths_check import joints_at_tip
 from hydro_model.paths_segments import Hold, Quintic, Segment
 from hydro_model.robot import FloatArray, Robot
 
-#: A path may start this far from where the robot stands, and is then approached at this speed.
-APPROACH_LIMIT = {"tip": 0.3, "joint": 0.3}
-APPROACH_SPEED = {"tip": 0.1, "joint": 0.1}
-SHORTEST_APPROACH_S = 0.5
 STOP_S = 0.5
-_APPROACH_CHECKS = 8
-_UNIT = {"tip": "m", "joint": "rad or m"}
 _REST_HINT = " (a point without velocities is one of rest: give velocities)"
 
 
@@ -124,14 +119,14 @@ class ReferencePlayer:
         segments, first = path.segments, path.sample(0.0)[0]
         if isinstance(path, JointPath):
             segments, first = _for_all_joints(self.robot, path, at)
-        approach = _approach(space, at, first)
+        approach = self._approach(space, at, first, q)
         wait = path.start_delay_s + delay_s - sum(s.duration_s for s in approach)
         pause = (Hold(first, wait),) if wait > 0.0 else ()
         whole = (*approach, *pause, *segments)
         if not path_checked:
             self._check(space, whole, q)
         elif approach:
-            self._check(space, approach, q, approach[0].duration_s / _APPROACH_CHECKS)
+            self._check(space, approach, q, approach[0].duration_s / APPROACH_CHECKS)
         return Plan(space, Path(whole))
 
     def plan_trajectory(
@@ -183,7 +178,7 @@ class ReferencePlayer:
             path = JointPath(segments_through(at[columns], waypoints), joints=tuple(names))
             segments, first = _for_all_joints(self.robot, path, at)
         pause = (Hold(at, delay_s),) if delay_s > 0.0 else ()
-        whole = (*pause, *_approach(space, at, first), *segments)
+        whole = (*pause, *self._approach(space, at, first, q), *segments)
         resting = any(np.size(point.velocity) == 0 for point in waypoints[:-1])
         self._check(space, whole, q, hint=_REST_HINT if resting else "")
         return Plan(space, Path(whole))
@@ -205,6 +200,14 @@ class ReferencePlayer:
             return joints_at_tip(self.robot, now.position, q)
         except RobotError as error:
             raise ControlError(f"the present reference has no joint positions: {error}") from error
+
+    def _approach(
+        self, space: Literal["tip", "joint"], at: FloatArray, first: FloatArray, q: FloatArray
+    ) -> tuple[Segment, ...]:
+        try:
+            return approach_to(self.robot, space, at, first, q)
+        except RobotError as error:
+            raise ControlError(f"the robot cannot go to the path's start: {error}") from error
 
     def _check(
         self,
@@ -243,21 +246,6 @@ def _reaching(robot: Robot, q: FloatArray) -> Robot:
 
 def _hold(space: Literal["tip", "joint"], position: FloatArray) -> Plan:
     return Plan(space, Path((Hold(position, 0.0),)))
-
-
-def _approach(space: str, at: FloatArray, first: FloatArray) -> tuple[Segment, ...]:
-    """A quintic to the start of a path, if it is near."""
-    away = first - at
-    distance = float(np.linalg.norm(away) if space == "tip" else np.max(np.abs(away)))
-    if distance == 0.0:
-        return ()
-    if distance > APPROACH_LIMIT[space]:
-        raise ControlError(
-            f"the path starts {distance:.3f} {_UNIT[space]} from where the robot stands,"
-            f" expected at most {APPROACH_LIMIT[space]}"
-        )
-    duration = max(SHORTEST_APPROACH_S, 1.875 * distance / APPROACH_SPEED[space])
-    return (Quintic.at_rest(at.tolist(), first.tolist(), duration),)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -13,8 +14,9 @@ from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath, load_path
+from hydro_model.paths_check import joint_motion
 from hydro_model.paths_segments import Hold, Quintic
-from hydro_model.robot import FloatArray
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
@@ -76,6 +78,43 @@ def test_an_approach_longer_than_the_delay_keeps_its_speed() -> None:
     player.play(player.plan_path(joint_path(start.tolist(), [0.7, -1.4]), 0.0, POSE), 0.0)
     speeds = [np.abs(player.sample(t).velocity).max() for t in np.arange(0.0, 3.75, 0.01)]
     assert max(speeds) == pytest.approx(0.1, rel=1e-3)
+
+
+def slow(limit: float) -> Robot:
+    """The crane with a lift joint that is slower than approaches usually are."""
+    lift, tilt = ROBOT.joints
+    return replace(ROBOT, joints=(replace(lift, velocity_limit=limit), tilt))
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_an_approach_is_as_slow_as_the_joints_are(checked: bool) -> None:
+    player = ReferencePlayer(slow(0.05), POSE)
+    start = [float(POSE[0]) + 0.1, float(POSE[1])]
+    path = joint_path(start, [start[0], -1.4])
+    plan = player.plan_path(path, 0.0, POSE, path_checked=checked)
+    assert plan.path.duration_s == pytest.approx(1.875 * 0.1 / 0.05 + 2.0)
+    speeds = [abs(plan.path.sample(t)[1][0]) for t in np.linspace(0.0, 4.0, 401)]
+    assert max(speeds) == pytest.approx(0.05, rel=1e-3)
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_an_approach_of_the_tip_is_as_slow_as_the_joints_are(checked: bool) -> None:
+    robot = slow(0.02)
+    player = ReferencePlayer(robot, POSE)
+    start = TIP + np.array([0.0, 0.0, 0.1])
+    path = TipPath.through([start.tolist(), beyond(start, [0.01, 0.0, 0.0])], [4.0])
+    plan = player.plan_path(path, 0.0, POSE, path_checked=checked)
+    whole = TipPath(plan.path.segments, tip_link=robot.tip_link)
+    times = np.linspace(0.0, whole.duration_s, 200)
+    speeds = np.abs(joint_motion(robot, whole, times, POSE)[1])
+    assert 0.9 * 0.02 < speeds[:, 0].max() <= 0.02
+
+
+def test_an_approach_that_never_ends_is_refused() -> None:
+    player = ReferencePlayer(slow(0.001), POSE)
+    path = joint_path([float(POSE[0]) + 0.1, float(POSE[1])], [0.7, -1.5])
+    with pytest.raises(ControlError, match=r"would take 188 s, expected at most 60 s"):
+        player.plan_path(path, 0.0, POSE)
 
 
 def test_a_far_start_is_refused() -> None:
