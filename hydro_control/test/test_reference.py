@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path as FilePath
 
@@ -218,16 +217,6 @@ def test_points_with_velocities_are_as_quick_as_they_like() -> None:
     player = ReferencePlayer(ROBOT, POSE)
     plan = player.plan_trajectory("joint", ["lift"], rows, 0.0, POSE)
     assert plan.path.sample(1.5)[0][0] == pytest.approx(0.8)
-
-
-def test_the_longest_trajectory_is_checked_in_seconds() -> None:
-    """Nobody is heard meanwhile."""
-    times = np.arange(1, 5001) * 0.12
-    rows = points(*((float(t), [0.6 + 0.1 * float(np.sin(0.3 * t))]) for t in times))
-    player = ReferencePlayer(ROBOT, POSE)
-    begin = time.thread_time()
-    player.plan_trajectory("joint", ["lift"], rows, 0.0, POSE)
-    assert time.thread_time() - begin < 3.0
 
 
 def test_a_trajectory_has_to_end_at_rest() -> None:
