@@ -17,7 +17,9 @@ from hydro_ident.estimate.chambers import (
 from hydro_ident.estimate.derivatives import FilterSettings, secant_slope
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
+from hydro_ident.estimate.late_forces import late_rows
 from hydro_ident.estimate.listed_effects import NULL_BIAS, OVER_BULK, ListedEffects
+from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.noise import flow_noise, force_noise
 from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.scores import ChannelScore, HoldOut, Tally
@@ -72,6 +74,8 @@ class ScoreKeeper:
         Which rows are wanted: those that took no part in the fit, those that did.
     tallies, fitted : dict of str to Tally
         The former and the latter, by channel.
+    late : Moments or None
+        Of the rows that took part, with columns for forces that are read late.
     """
 
     plan: ScorePlan
@@ -79,6 +83,7 @@ class ScoreKeeper:
     trained: bool = False
     tallies: dict[str, Tally] = field(default_factory=dict)
     fitted: dict[str, Tally] = field(default_factory=dict)
+    late: Moments | None = None
 
     def add(self, trace: Trace) -> None:
         """Take in the next trace, as recorded, without signal laws."""
@@ -97,6 +102,11 @@ class ScoreKeeper:
         rows = force_rows(model, trace, plan.filters, still)
         if rows is None:
             return
+        if self.trained and not fit.rejected:
+            late = plan.split.training(late_rows(model, trace, rows, plan.filters))
+            if self.late is None:
+                self.late = Moments.like(late, trace.recording)
+            self.late.add(late)
         speed = secant_slope(trace.time_s, trace.q)
         for side in self._sides():
             own = side.choose(rows)

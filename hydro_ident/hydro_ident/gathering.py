@@ -161,12 +161,15 @@ class Scored:
     tallies, fitted : dict of str to Tally
         By channel: rows that took no part in the fit, and rows that did.
     summed : SummedFlow or None
+    late : Moments or None
+        Of `ScoreKeeper`.
     """
 
     name: str
     tallies: dict[str, Tally]
     fitted: dict[str, Tally]
     summed: SummedFlow | None
+    late: Moments | None = None
 
 
 def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -> Scored:
@@ -188,4 +191,4 @@ def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -
             keeper.add(trace)
             if comparison is not None:
                 comparison.add(plan.effects[1].with_signal_laws(trace))
-    return Scored(source.name, keeper.tallies, keeper.fitted, comparison)
+    return Scored(source.name, keeper.tallies, keeper.fitted, comparison, keeper.late)

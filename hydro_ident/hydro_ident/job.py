@@ -12,7 +12,8 @@ from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.flow_moments import NEARLY
 from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import ForceModel, force_model
+from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_model
+from hydro_ident.estimate.late_forces import LateForce, late_forces
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -20,8 +21,9 @@ from hydro_ident.estimate.summed_flow import SummedComparison
 from hydro_ident.estimation import Estimates
 from hydro_ident.estimator_choice import Choice
 from hydro_ident.free_run import FreeRun, free_run, no_free_run
-from hydro_ident.gathering import GatherPlan, score_source
-from hydro_ident.model_error import model_error_note
+from hydro_ident.gathering import GatherPlan, Scored, score_source
+from hydro_ident.model_error import late_note, model_error_note
+from hydro_ident.parameters import student_95
 from hydro_ident.sources import Source, first_traces
 from hydro_ident.survey import (
     Survey,
@@ -191,11 +193,14 @@ class Scores:
     held_out, fitted : tuple of ChannelScore
         On rows that took no part in the fit, and on those that did.
     summed : tuple of SummedComparison
+    late : tuple of LateForce
+        Forces that look late by so much that a friction is off.
     """
 
     held_out: tuple[ChannelScore, ...]
     fitted: tuple[ChannelScore, ...]
     summed: tuple[SummedComparison, ...]
+    late: tuple[LateForce, ...] = ()
 
 
 def scored(job: Job, estimates: Estimates) -> Scores:
@@ -226,7 +231,18 @@ def scored(job: Job, estimates: Estimates) -> Scores:
     signals = merged_signals(job.robot, job.checked)
     held_out = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
     fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
-    return Scores(tuple(held_out), tuple(fitted), () if total is None else total.result())
+    summed = () if total is None else total.result()
+    return Scores(tuple(held_out), tuple(fitted), summed, _late(estimates, found))
+
+
+def _late(estimates: Estimates, found: Sequence[Scored]) -> tuple[LateForce, ...]:
+    """Forces that look late, by plain least squares: outliers only make them look less so."""
+    fit = estimates.inertial
+    gathered = [one.late for one in found if one.late is not None]
+    if fit is None or not gathered:
+        return ()
+    pairs = zip(fit.fit.dof.tolist(), fit.fit.std.tolist(), strict=True)
+    return late_forces(fit, gathered, [student_95(dof) * std for dof, std in pairs])
 
 
 def rolled_out(job: Job, found: Robot | None, hydraulic: HydraulicFit | None) -> FreeRun:
@@ -273,9 +289,19 @@ def planned_force_model(
     return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)
 
 
-def score_notes(scores: Sequence[ChannelScore], wanted: bool) -> list[str]:
-    """What the scores say, or that there are none where some were wanted."""
-    if wanted and not scores:
-        return ["no stretch of the bags can be used to check the predictions: nothing was scored"]
-    note = model_error_note(scores)
-    return [note] if note else []
+def score_notes(scores: Scores, wanted: bool, fit: InertialFit | None) -> list[str]:
+    """What the last pass says, or that nothing was scored where something was wanted.
+
+    Parameters
+    ----------
+    scores : Scores
+    wanted : bool
+        Whether something was to be scored.
+    fit : InertialFit or None
+    """
+    late = [late_note(one, fit) for one in scores.late if fit is not None]
+    if wanted and not scores.held_out:
+        nothing = "no stretch of the bags can be used to check the predictions: nothing was scored"
+        return [nothing, *late]
+    note = model_error_note(scores.held_out)
+    return [note, *late] if note else late

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from hydro_ident.channel_scores import LEFT_OUT
 from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.estimate.late_forces import LateForce
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_model.robot import Robot
@@ -38,11 +39,31 @@ def model_error_note(scores: Sequence[ChannelScore]) -> str:
     )
 
 
+def late_note(late: LateForce, fit: InertialFit) -> str:
+    """That forces look late, and what it does to a friction.
+
+    Parameters
+    ----------
+    late : LateForce
+    fit : InertialFit
+        Whose friction it is.
+    """
+    value = float(fit.fit.theta[fit.model.names.index(late.friction)])
+    when = "after" if late.late_s > 0.0 else "before"
+    return (
+        f"forces of {', '.join(late.channels)} are as though read {abs(late.late_s) * 1e3:.3g} ms"
+        f" {when} the positions (+- {late.std_s * 1e3:.2g} ms, one standard deviation): without"
+        f" that, {late.friction} would be {late.value:.4g} in place of {value:.4g}, which"
+        " is more than its interval says"
+    )
+
+
 def flagged(
     parameters: Sequence[Parameter],
     robot: Robot,
     inertial: InertialFit | None,
     ratios: Mapping[str, float],
+    late: Sequence[LateForce] = (),
 ) -> tuple[Parameter, ...]:
     """Mark the parameters whose channels leave physics out.
 
@@ -54,6 +75,8 @@ def flagged(
         Its parameters are fitted to all force channels together.
     ratios : mapping of str to float
         See `left_out`.
+    late : sequence of LateForce
+        Of which the frictions are off.
 
     Returns
     -------
@@ -74,5 +97,6 @@ def flagged(
             joint = joints[p.name.split(".")[0]]
             channels = (f"{joint}/flow_a", f"{joint}/flow_b")
         marked = p.model_error or any(name in ratios for name in channels)
+        marked |= any(one.friction == p.name for one in late)
         found.append(replace(p, model_error=marked))
     return tuple(found)

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.derivatives import FilterSettings, smooth_rates
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.contributions import pressure_rates
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
@@ -61,11 +60,11 @@ def _left(work: Residuals) -> float:
 
 def test_rates_of_pressures_are_their_slopes() -> None:
     time = STEP_S * np.arange(4000)
-    rate = pressure_rates(5.0e6 * np.sin(9.0 * time), STEP_S, FilterSettings())
+    rate = smooth_rates(5.0e6 * np.sin(9.0 * time), STEP_S, FilterSettings())
     inner = slice(100, -100)
     # Central differences of a sine are short of its slope by (9 x 0.002)^2 / 6.
     assert rate[inner] == pytest.approx(4.5e7 * np.cos(9.0 * time)[inner], abs=1e-4 * 4.5e7)
-    assert not pressure_rates(np.ones(1), STEP_S, FilterSettings()).any()
+    assert not smooth_rates(np.ones(1), STEP_S, FilterSettings()).any()
 
 
 def test_the_base_takes_skews_up(make_run: Make, lay_out: Callable[..., Residuals]) -> None:

@@ -204,6 +204,23 @@ def motion(
     return (smooth, *central_differences(smooth, step_s))
 
 
+def smooth_rates(values: FloatArray, step_s: float, settings: FilterSettings) -> FloatArray:
+    """Rates of pressures or forces (N, ...), as quick as forces are looked at; per second.
+
+    Parameters
+    ----------
+    values : (N, ...) array
+        0 is taken for what is not known.
+    step_s : float
+    settings : FilterSettings
+    """
+    finite = np.where(np.isfinite(values), values, 0.0)
+    if len(finite) < 2:
+        return np.zeros_like(finite)
+    smooth = low_pass(finite, step_s, settings.differentiation_hz, settings.order)
+    return np.asarray(np.gradient(smooth, step_s, axis=0))
+
+
 def parallel_filter(
     data: FloatArray,
     step_s: float,

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.derivatives import FilterSettings, low_pass
+from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Material, Place, Stretch
@@ -79,18 +79,9 @@ def skewed(material: Material, stretch: Stretch) -> FloatArray:
     trace, settings = stretch.trace, material.filters
     areas = [area for c in material.robot.cylinders for area in (-c.area_a_m2, c.area_b_m2)]
     pressures = np.stack([trace.p_a, trace.p_b], axis=2).reshape(trace.samples, -1)
-    slopes = np.array(areas) * pressure_rates(pressures, trace.step_s, settings)
-    late = -pressure_rates(trace.joint_torque, trace.step_s, settings)
+    slopes = np.array(areas) * smooth_rates(pressures, trace.step_s, settings)
+    late = -smooth_rates(trace.joint_torque, trace.step_s, settings)
     return material.filtered(stretch, np.concatenate([slopes, late], axis=1))
-
-
-def pressure_rates(pressures: FloatArray, step_s: float, filters: FilterSettings) -> FloatArray:
-    """Rates of pressures or torques (N, ...), as quick as forces are looked at; per second."""
-    finite = np.where(np.isfinite(pressures), pressures, 0.0)
-    if len(finite) < 2:
-        return np.zeros_like(finite)
-    smooth = low_pass(finite, step_s, filters.differentiation_hz, filters.order)
-    return np.asarray(np.gradient(smooth, step_s, axis=0))
 
 
 def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
-from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.mismatch.balance_steps import Balance, balance_steps
 from hydro_ident.mismatch.contributions import (
     contribution,
     measured,
     pressure_of,
-    pressure_rates,
     skewed,
 )
 from hydro_ident.mismatch.material import Material, Stretch
@@ -292,7 +291,7 @@ class Predictor:
             chamber = material.chambers[material.chamber_index(channel)]
             trace = stretch.trace
             pressure = pressure_of(chamber, trace)
-            self._rates[key] = pressure_rates(pressure, trace.step_s, material.filters)
+            self._rates[key] = smooth_rates(pressure, trace.step_s, material.filters)
         return self._rates[key]
 
 
