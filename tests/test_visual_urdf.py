@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.robot_ranges import limits
 from hydro_model.closed_chain import part_places
 from hydro_model.cylinder import stroke
+from hydro_model.joint_ranges import limits
 from hydro_model.kinematics import link_frames, tip_position
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots

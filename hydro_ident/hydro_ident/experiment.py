@@ -18,7 +18,7 @@ import yaml
 
 from hydro_ident.design.fourier_stage import optimised_blocks, visit_blocks
 from hydro_ident.design.information import ForceInformation, Residual
-from hydro_ident.design.limits import Limits, half_range, middle
+from hydro_ident.design.limits import Limits, half_range, margins, middle
 from hydro_ident.design.prediction import Prediction, predict
 from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import (
@@ -146,10 +146,17 @@ def design_excitation(
     Raises
     ------
     IdentError
-        The duration is too short, or no motion fits the robot's limits.
+        The duration is too short, a joint has no limit of its speed, or no motion fits the
+        robot's limits.
     """
     if not duration_s >= SHORTEST_S:
         raise IdentError(f"expected a duration of {SHORTEST_S:g} s or more, found {duration_s:g}")
+    endless = [joint.name for joint in robot.joints if not np.isfinite(joint.velocity_limit)]
+    if endless:
+        raise IdentError(
+            f"no motion is as fast as robot {robot.name} can be: expected a velocity in the"
+            f" URDF's <limit> of every joint, found none of {', '.join(endless)}"
+        )
     for share in _FLOW_SHARES[:-1]:
         limits = replace(LIMITS, flow=share * LIMITS.flow)
         try:
@@ -246,8 +253,8 @@ def _designed(
     file.write_text(path_text(content), encoding="utf-8")
     path = cast(JointPath, load_path(file))
     try:
-        most = _BETWEEN * LIMITS.flow
-        check = check_path(robot, path, margin=LIMITS.margin, flow_limit=most, step_s=_STEP_S)
+        kept, most = margins(robot, LIMITS), _BETWEEN * LIMITS.flow
+        check = check_path(robot, path, margin=kept, flow_limit=most, step_s=_STEP_S)
     except RobotError as error:
         raise _BeyondLimitsError(
             f"no motion fits the limits of robot {robot.name}: {error}"

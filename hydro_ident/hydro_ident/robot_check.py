@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.robot_file_gaps import missing_fields
-from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses, limits
+from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
 from hydro_ident.robot_units import unit_errors, unit_warnings
+from hydro_model.joint_ranges import limits
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_checks import slightly_wide

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hydro_model.cylinder import inside_stroke, lever, stroke
+from hydro_model.joint_ranges import limits
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Cylinder, FloatArray, Robot
 
@@ -15,20 +16,8 @@ from hydro_model.robot import Cylinder, FloatArray, Robot
 POSITIONS, OTHERS = 201, 33
 #: Poses drawn for the mass matrix.
 POSES = 256
-#: A joint without limits is looked at over a turn, or this many metres either way.
-_ENDLESS_M = 1.0
 #: Force is not divided by a lever shorter than this part of the longest one.
 _NO_LEVER = 1e-3
-
-
-def limits(robot: Robot) -> FloatArray:
-    """Lower and upper limit of every joint, finite, (n, 2)."""
-    rows = []
-    for joint in robot.joints:
-        reach = _ENDLESS_M if joint.prismatic else np.pi
-        low = joint.lower if np.isfinite(joint.lower) else -reach
-        rows.append((low, joint.upper if np.isfinite(joint.upper) else reach))
-    return np.array(rows, dtype=np.float64)
 
 
 def drawn_poses(robot: Robot, count: int = POSES) -> FloatArray:

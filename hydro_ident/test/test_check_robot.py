@@ -19,9 +19,10 @@ import yaml
 from hydro_ident.commands.check_robot import main
 from hydro_ident.report.robot_drawing import POSES, drawings, plane_of
 from hydro_ident.robot_check import ERROR, NOTE, WARNING, RobotCheck, check_robot
-from hydro_ident.robot_ranges import drawn_poses, limits
+from hydro_ident.robot_ranges import drawn_poses
 from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
+from hydro_model.joint_ranges import limits
 from hydro_model.rigid_body import potential_energy
 from hydro_model.robot_files import load_robot, shipped_robots
 

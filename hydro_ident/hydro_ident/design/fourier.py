@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.design.information import ForceInformation, moments, sandwich
-from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle
+from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle, room
 from hydro_model.paths_segments import Fourier
 from hydro_model.robot import FloatArray, Robot
 
@@ -127,9 +127,9 @@ class FourierDesign:
 
         variables = self._variables(start)
         low, high = -np.ones(variables.shape), np.ones(variables.shape)
-        room = np.maximum(half_range(self.robot) - self.limits.margin, 0.0)
-        low[:, :, 0] = (middle(self.robot) - room) / self._unit[:, 0]
-        high[:, :, 0] = (middle(self.robot) + room) / self._unit[:, 0]
+        reach = room(self.robot, self.limits)
+        low[:, :, 0] = (middle(self.robot) - reach) / self._unit[:, 0]
+        high[:, :, 0] = (middle(self.robot) + reach) / self._unit[:, 0]
 
         def objective(flat: FloatArray) -> tuple[float, FloatArray]:
             value, slope = self._value_and_slope(flat.reshape(variables.shape))

@@ -7,7 +7,7 @@ import numpy as np
 from hydro_ident.design.fourier import Blocks, FourierDesign, Spectrum, start_blocks
 from hydro_ident.design.information import ForceInformation, moments
 from hydro_ident.design.limits import middle, natural_frequencies_hz
-from hydro_ident.design.poses import short_order, static_poses
+from hydro_ident.design.poses import CANDIDATES, short_order, static_poses
 from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import add_static
 from hydro_ident.errors import IdentError
@@ -60,23 +60,34 @@ def optimised_blocks(
     Raises
     ------
     IdentError
-        No block fits the limits.
+        No block fits the limits, or the robot can stand nowhere within them.
     """
     robot, left = program.robot, duration_s - program.duration_s - _RETURN_S
     count = int(np.clip(round(left / (_BLOCK_S + _BETWEEN_S)), 2, _MOST_BLOCKS))
     spectrum = _spectrum(robot, count, left / count - _BETWEEN_S)
     told = _told(program, information)
     problem = FourierDesign(information, program.limits, spectrum, told)
-    starts = [
-        start_blocks(robot, spectrum, static_poses(information, program.limits, count, one), one)
-        for one in (seed * _STARTS + k for k in range(_STARTS))
-    ]
-    blocks = problem.best_of(starts)
+    blocks = problem.best_of(_starts(problem, seed))
     trial = program.copy()
     played = visit_blocks(trial, blocks, start)
     length = blocks.duration_s + (duration_s - trial.duration_s - _SPARE_S) / played
     problem = FourierDesign(information, program.limits, _spectrum(robot, count, length), told)
     return problem.improved(blocks)
+
+
+def _starts(problem: FourierDesign, seed: int) -> list[Blocks]:
+    """First guesses about poses in which the robot can stand."""
+    robot, spectrum = problem.robot, problem.spectrum
+    found = []
+    for one in (seed * _STARTS + k for k in range(_STARTS)):
+        poses = static_poses(problem.information, problem.limits, spectrum.blocks, one)
+        if len(poses):
+            found.append(start_blocks(robot, spectrum, poses, one))
+    if not found:
+        raise IdentError(
+            f"no motion fits the limits of robot {robot.name}: of {CANDIDATES} poses none does"
+        )
+    return found
 
 
 def _spectrum(robot: Robot, count: int, length_s: float) -> Spectrum:

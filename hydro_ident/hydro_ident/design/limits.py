@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_model.cylinder import lever, stroke
+from hydro_model.joint_ranges import limits as joint_limits
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -22,7 +23,7 @@ class Limits:
     Attributes
     ----------
     margin : float
-        Distance from the joint limits, rad or m.
+        Distance from the joint limits, rad or m; `margins` has it of every joint.
     stroke_margin : float
         Distance of a piston from either end, over its stroke: a small chamber is stiff, and a
         controller tuned elsewhere rings on it.
@@ -72,9 +73,9 @@ def limit_ratios(
     inertia = np.asarray(mass_matrix(robot, q))
     swing = np.einsum("tij,tj->ti", inertia, qdd)
     columns = []
+    reach, centre = room(robot, limits), middle(robot)
     for j, joint in enumerate(robot.joints):
-        half, centre = 0.5 * (joint.upper - joint.lower), 0.5 * (joint.upper + joint.lower)
-        columns.append(np.abs(q[:, j] - centre) / max(half - limits.margin, 1e-9))
+        columns.append(np.abs(q[:, j] - centre[j]) / reach[j])
         columns.append(np.abs(qd[:, j]) / (limits.speed * joint.velocity_limit))
         columns.append(np.abs(torque[:, j]) / joint.effort_limit)
     valves = {valve.cylinder: valve for valve in robot.valves}
@@ -99,13 +100,28 @@ def limit_ratios(
 
 
 def middle(robot: Robot) -> FloatArray:
-    """The middle of the joints' ranges."""
-    return np.array([0.5 * (joint.lower + joint.upper) for joint in robot.joints])
+    """The middle of the joints' ranges; of a joint without an end, of what it is used in."""
+    return np.asarray(joint_limits(robot).mean(axis=1))
 
 
 def half_range(robot: Robot) -> FloatArray:
     """Half of the joints' ranges."""
-    return np.array([0.5 * (joint.upper - joint.lower) for joint in robot.joints])
+    low, high = joint_limits(robot).T
+    return np.asarray(0.5 * (high - low))
+
+
+def margins(robot: Robot, limits: Limits) -> FloatArray:
+    """Distance that is kept from the limits of every joint, rad or m, (n,).
+
+    No more than is kept from a piston's ends: of a range of some centimetres `Limits.margin`
+    would leave nothing.
+    """
+    return np.minimum(limits.margin, 2.0 * limits.stroke_margin * half_range(robot))
+
+
+def room(robot: Robot, limits: Limits) -> FloatArray:
+    """Distance from the middle that a design may use of every joint, rad or m, (n,)."""
+    return half_range(robot) - margins(robot, limits)
 
 
 def force_range(robot: Robot, cylinder: Cylinder) -> tuple[float, float]:

@@ -8,7 +8,8 @@ from hydro_ident.design.information import ForceInformation
 from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle
 from hydro_model.robot import FloatArray
 
-_CANDIDATES = 400
+#: Poses that are tried, and the most of a limit that one of them may use.
+CANDIDATES, _NEAR = 400, 0.95
 #: Share of a joint's range to either side of its middle: room to move about a pose.
 _SPREAD = 0.8
 #: What is unknown beforehand, as a share of what all the candidates together would tell.
@@ -36,10 +37,10 @@ def static_poses(
     robot = information.robot
     rng = np.random.default_rng(seed)
     poses = middle(robot) + _SPREAD * half_range(robot) * rng.uniform(
-        -1.0, 1.0, (_CANDIDATES, robot.dof)
+        -1.0, 1.0, (CANDIDATES, robot.dof)
     )
     still = np.zeros_like(poses)
-    poses = poses[limit_ratios(robot, limits, poses, still, still).max(axis=1) <= 0.95]
+    poses = poses[limit_ratios(robot, limits, poses, still, still).max(axis=1) <= _NEAR]
     if not len(poses):
         return np.asarray(poses)
     still = np.zeros_like(poses)

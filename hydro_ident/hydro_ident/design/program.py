@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.design.limits import Limits, fits, limit_ratios, middle
+from hydro_ident.design.limits import Limits, fits, limit_ratios, margins, middle
 from hydro_ident.errors import IdentError
 from hydro_model.cylinder import stroke
 from hydro_model.fields import Fields
+from hydro_model.joint_ranges import limits as joint_limits
 from hydro_model.paths_kinds import read_segments
 from hydro_model.paths_segments import Segment
 from hydro_model.robot import FloatArray, Robot
@@ -171,13 +172,13 @@ def limit_names(robot: Robot) -> list[str]:
 
 def _beyond(robot: Robot, limits: Limits, at: FloatArray, ratio: FloatArray) -> str:
     """Which limit a pose is beyond and what it is: a joint's before what follows from it."""
-    for q, joint in zip(at, robot.joints, strict=True):
-        low, high = joint.lower + limits.margin, joint.upper - limits.margin
-        if not low <= q <= high:
+    ranges = zip(robot.joints, joint_limits(robot).tolist(), margins(robot, limits), strict=True)
+    for q, (joint, (low, high), kept) in zip(at, ranges, strict=True):
+        if not low + kept <= q <= high - kept:
             unit = "m" if joint.prismatic else "rad"
             return (
-                f"joint '{joint.name}': expected {low:.4g} to {high:.4g} {unit} (its limits"
-                f" less {limits.margin:g}), found {q:.4g}"
+                f"joint '{joint.name}': expected {low + kept:.4g} to {high - kept:.4g} {unit}"
+                f" (its limits less {kept:.3g}), found {q:.4g}"
             )
     for q, cylinder in zip(_driven(robot, at), robot.cylinders, strict=True):
         x, margin = float(stroke(cylinder, q)), limits.stroke_margin * cylinder.stroke_m

@@ -33,8 +33,8 @@ from hydro_ident.estimate.least_squares import Fit, Rows, fit_of_solution
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.regression import Solution, solve_wls
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.robot_ranges import limits
 from hydro_model.cylinder import lever
+from hydro_model.joint_ranges import limits
 from hydro_model.robot import FloatArray, Joint, Robot
 
 __all__ = [

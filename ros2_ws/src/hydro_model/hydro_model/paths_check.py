@@ -10,6 +10,7 @@ import numpy as np
 
 from hydro_model.cylinder import lever, piston_force, stroke
 from hydro_model.errors import RobotError
+from hydro_model.joint_ranges import limits
 from hydro_model.kinematics import tip_position, tip_state
 from hydro_model.paths import JointPath, Path, TipPath
 from hydro_model.paths_segments import Sample
@@ -95,8 +96,7 @@ def joints_at_tip(robot: Robot, tip_m: FloatArray, near: FloatArray | None = Non
 
 
 def _starts(robot: Robot) -> Iterator[FloatArray]:
-    lower = np.array([joint.lower for joint in robot.joints])
-    upper = np.array([joint.upper for joint in robot.joints])
+    lower, upper = limits(robot).T
     shares = (0.5, 0.2, 0.8) if robot.dof <= 4 else (0.3, 0.7)
     for share in product(shares, repeat=robot.dof):
         yield lower + np.array(share) * (upper - lower)
@@ -170,7 +170,7 @@ def joint_motion(
 def _spread(robot: Robot, path: JointPath, sample: Sample, near: FloatArray | None) -> Sample:
     """The samples of some joints in columns of all, the others at rest."""
     columns = [robot.joint_index(name) for name in path.joints]
-    middle = np.array([0.5 * (joint.lower + joint.upper) for joint in robot.joints])
+    middle = limits(robot).mean(axis=1)
     shape = (len(sample[0]), robot.dof)
     q = np.tile(middle if near is None else np.asarray(near, dtype=float), (shape[0], 1))
     qd, qdd = np.zeros(shape), np.zeros(shape)
@@ -183,7 +183,7 @@ def check_path(
     path: TipPath | JointPath,
     *,
     near: FloatArray | None = None,
-    margin: float = 0.0,
+    margin: float | FloatArray = 0.0,
     flow_limit: float = np.inf,
     step_s: float = 0.02,
 ) -> PathCheck:
@@ -195,7 +195,7 @@ def check_path(
     path : TipPath or JointPath
     near : (n,) array, optional
         Joint positions at the start.
-    margin : float
+    margin : float or (n,) array
         Distance kept from the joint limits, rad or m.
     flow_limit : float
         Greatest `PathCheck.flow_share` allowed.
@@ -214,10 +214,11 @@ def check_path(
     """
     times = check_times(path, step_s)
     q, qd, qdd = joint_motion(robot, path, times, near)
-    for i, joint in enumerate(robot.joints):
+    margins = np.broadcast_to(margin, robot.dof).tolist()
+    for i, (joint, kept) in enumerate(zip(robot.joints, margins, strict=True)):
         name = f"joint '{joint.name}'"
-        _limit(times, q[:, i], joint.upper - margin, f"{name} goes to", "at most")
-        _limit(times, -q[:, i], -joint.lower - margin, f"{name} goes to", "at least")
+        _limit(times, q[:, i], joint.upper - kept, f"{name} goes to", "at most")
+        _limit(times, -q[:, i], -joint.lower - kept, f"{name} goes to", "at least")
         speed = np.abs(qd[:, i])
         _limit(times, speed, joint.velocity_limit, f"{name} reaches a speed of", "at most")
     x, xd, share = _pistons(robot, q, qd, qdd)
