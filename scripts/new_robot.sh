@@ -3,7 +3,8 @@
 # draws it into NAME.html. Exit 0 nothing wrong; 1 an error in the description, both files are left to be
 # looked at (--force writes them anew); 2 bad usage, nothing written.
 #   scripts/new_robot.sh NAME.urdf --tip LINK --valve L_MIN BAR [--valve ...] --supply BAR \
-#     --cylinder JOINT PX PY CX CY BORE ROD STROKE CLOSED [--cylinder ...] [--force] [--json F]
+#     --cylinder JOINT PX PY CX CY BORE ROD STROKE CLOSED [--cylinder ...] \
+#     [--rated-voltage V] [--rate HZ] [--pressure-range BAR] [--force] [--json F]
 set -euo pipefail
 shopt -s inherit_errexit
 

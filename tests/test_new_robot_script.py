@@ -46,6 +46,19 @@ def test_a_unit_that_was_mistaken_is_corrected_by_force(tmp_path: Path) -> None:
     assert "ERROR" not in done.stdout
 
 
+def test_what_was_not_given_is_asked_for(tmp_path: Path) -> None:
+    urdf = tmp_path / "crane.urdf"
+    urdf.write_text(URDF, encoding="utf-8")
+    right = [*PINS, "0.080", "0.045", *SIZES]
+    said = run(urdf, *right).stdout
+    assert "no rated_voltage_v: 10 V is taken" in said
+    assert "no rate_hz: 500 Hz is taken" in said
+    given = ["--rated-voltage", "5", "--rate", "1000", "--force"]
+    said = run(urdf, *right, *given).stdout
+    assert "rated_voltage_v" not in said
+    assert "rate_hz" not in said
+
+
 def test_programs_get_the_check_and_nothing_else(tmp_path: Path) -> None:
     urdf = tmp_path / "crane.urdf"
     urdf.write_text(URDF, encoding="utf-8")

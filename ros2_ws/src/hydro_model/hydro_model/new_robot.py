@@ -1,8 +1,8 @@
 """A hydraulics file to start from: a URDF, pins by the tape measure, numbers from datasheets.
 
 Geometry is asked for as it is measured, two pins as (x, y) from the joint's axis, and written as
-the robot file wants it (eq. 16). What a datasheet seldom says is left to the file's defaults,
-which `check_robot` lists.
+the robot file wants it (eq. 16). What a datasheet seldom says, and what was not given, is left to
+the file's defaults, which `check_robot` lists.
 """
 
 from __future__ import annotations
@@ -16,7 +16,16 @@ from pathlib import Path
 from hydro_model.command import run_command
 from hydro_model.errors import RobotError
 from hydro_model.output import write_text
+from hydro_model.robot import Sensors
 
+_OPTIONS = {
+    "--rated-voltage": ("V", "of the valves at full signal (not stated without: 10 is taken)"),
+    "--rate": ("HZ", "samples of the machine per second (not stated without: 500 is taken)"),
+    "--pressure-range": (
+        "BAR",
+        "end of the pressure sensors' range, gauge (not stated without: 250 is taken)",
+    ),
+}
 _NUMBERS = ("PX", "PY", "CX", "CY", "BORE", "ROD", "STROKE", "CLOSED")
 
 
@@ -83,6 +92,10 @@ def hydraulics_text(
     cylinders: Sequence[MeasuredCylinder],
     valves: Sequence[tuple[float, float]],
     supply_bar: float,
+    *,
+    rated_voltage_v: float | None = None,
+    rate_hz: float | None = None,
+    pressure_range_bar: float | None = None,
 ) -> str:
     """A hydraulics file.
 
@@ -96,6 +109,12 @@ def hydraulics_text(
         Of each cylinder's valve: nominal flow in l/min at a drop in bar over one edge.
     supply_bar : float
         Gauge.
+    rated_voltage_v : float, optional
+        Of the valves' full signal; the file does not state what is not known.
+    rate_hz : float, optional
+        Samples of the machine per second.
+    pressure_range_bar : float, optional
+        End of the pressure sensors' range, gauge.
 
     Returns
     -------
@@ -104,15 +123,19 @@ def hydraulics_text(
     lines = [f"robot: {urdf.stem}", f"urdf: {urdf.name}", f"tip_link: {tip_link}", "cylinders:"]
     lines += [line for one in cylinders for line in one.lines()]
     lines.append("valves:")
+    rated = "" if rated_voltage_v is None else f"rated_voltage_v: {rated_voltage_v:g}, "
     for one, (flow, drop) in zip(cylinders, valves, strict=True):
         edge = edge_coefficient(flow, drop)
         edges = ", ".join(f"{name}: {edge:.3e}" for name in ("c_pa", "c_at", "c_pb", "c_bt"))
         lines += [
             f"  # {flow:g} l/min at {drop:g} bar over one edge",
-            f"  - {{name: {one.joint}_valve, cylinder: {one.joint}_cylinder,"
-            f" rated_voltage_v: 10.0, {edges}}}",
+            f"  - {{name: {one.joint}_valve, cylinder: {one.joint}_cylinder, {rated}{edges}}}",
         ]
-    lines += [f"supply: {{pressure_pa: {supply_bar * 1e5:.4e}}}", "sensors:", "  rate_hz: 500"]
+    lines.append(f"supply: {{pressure_pa: {supply_bar * 1e5:.4e}}}")
+    sensors = [] if rate_hz is None else [f"  rate_hz: {rate_hz:g}"]
+    if pressure_range_bar is not None:
+        sensors.append(f"  pressure: {{range_pa: {pressure_range_bar * 1e5:.4e}}}")
+    lines += ["sensors:", *sensors] if sensors else []
     return "\n".join(lines) + "\n"
 
 
@@ -150,6 +173,8 @@ def _parser() -> argparse.ArgumentParser:
         " them in their order",
     )
     p.add_argument("--supply", required=True, type=float, metavar="BAR", help="gauge")
+    for name, (unit, what) in _OPTIONS.items():
+        p.add_argument(name, type=float, metavar=unit, help=what)
     p.add_argument("--force", action="store_true", help="replace a file that is there already")
     return p
 
@@ -177,6 +202,25 @@ def _valves(given: Sequence[Sequence[float]], cylinders: int) -> list[tuple[floa
     return valves * cylinders if len(valves) == 1 else valves
 
 
+def _ratings(options: argparse.Namespace) -> dict[str, float | None]:
+    """What of the valves and sensors was given, for `hydraulics_text`."""
+    given = {
+        "rated_voltage_v": options.rated_voltage,
+        "rate_hz": options.rate,
+        "pressure_range_bar": options.pressure_range,
+    }
+    for option, value in zip(_OPTIONS, given.values(), strict=True):
+        if value is not None and not 0.0 < value < math.inf:
+            raise RobotError(f"{option}: expected a number above 0, found {value:g}")
+    usual = Sensors().pressure_range_pa / 1e5
+    if options.pressure_range is None and options.supply > usual:
+        raise RobotError(
+            f"--supply: {options.supply:g} bar are beyond the {usual:g} bar to which pressure"
+            " sensors are taken to read: give the end of their range with --pressure-range BAR"
+        )
+    return given
+
+
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_model.robot_files import load_robot
@@ -188,7 +232,9 @@ def _run(arguments: Sequence[str]) -> int:
         raise RobotError(f"{out} is there already: move it away, or replace it with --force")
     cylinders = [_measured(words) for words in options.cylinder]
     valves = _valves(options.valve, len(cylinders))
-    text = hydraulics_text(options.urdf, options.tip, cylinders, valves, options.supply)
+    text = hydraulics_text(
+        options.urdf, options.tip, cylinders, valves, options.supply, **_ratings(options)
+    )
     # Read under another name: what does not fit leaves no file, and one that is there as it was.
     fresh = out.with_name(f".{out.name}.new")
     write_text(fresh, text)

@@ -52,6 +52,46 @@ def test_the_stroke_is_the_distance_of_the_measured_pins(urdf: Path) -> None:
     assert robot.supply_pressure_pa == 18e6
 
 
+def test_what_was_not_given_is_not_stated(urdf: Path) -> None:
+    """What the file leaves out is what `check_robot` asks for."""
+    assert run(urdf, *CYLINDER) == 0
+    text = urdf.with_suffix(".hydraulics.yaml").read_text(encoding="utf-8")
+    assert "rated_voltage_v" not in text
+    assert "rate_hz" not in text
+
+
+def test_what_was_given_is_stated(urdf: Path) -> None:
+    given = ["--rated-voltage", "5", "--rate", "1000", "--cylinder", *CYLINDER]
+    assert main([str(urdf), *REST, *given]) == 0
+    robot = load_robot(urdf.with_suffix(".hydraulics.yaml"))
+    assert robot.valves[0].rated_voltage_v == 5.0
+    assert robot.sensors.rate_hz == 1000.0
+
+
+@pytest.mark.parametrize("option", ["--rated-voltage", "--rate", "--pressure-range"])
+@pytest.mark.parametrize("value", ["0", "-5", "nan", "inf"])
+def test_options_are_numbers_above_0(
+    urdf: Path, option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(urdf), *REST, option, value, "--cylinder", *CYLINDER]) == 2
+    assert f"{option}: expected a number above 0, found {value}" in capsys.readouterr().err
+    assert not urdf.with_suffix(".hydraulics.yaml").exists()
+
+
+def test_a_supply_beyond_the_usual_sensors_needs_their_range(
+    urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """250 bar are the default range: a sensor at its end would read what it cannot."""
+    high = [*REST[:-1], "320", "--cylinder", *CYLINDER]
+    assert main([str(urdf), *high]) == 2
+    said = capsys.readouterr().err
+    assert "--supply: 320 bar" in said
+    assert "250 bar" in said
+    assert "--pressure-range" in said
+    assert main([str(urdf), *high, "--pressure-range", "400"]) == 0
+    assert load_robot(urdf.with_suffix(".hydraulics.yaml")).sensors.pressure_range_pa == 40e6
+
+
 @pytest.mark.parametrize(
     ("cylinder", "said"),
     [
