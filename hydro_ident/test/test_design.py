@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,8 @@ from hydro_ident.design.information import (
 )
 from hydro_ident.design.limits import force_range, middle
 from hydro_ident.design.poses import static_poses
-from hydro_ident.design.prediction import expected_trace, predict
-from hydro_ident.design.pressures import required_hydraulics
+from hydro_ident.design.prediction import cavitating, expected_trace, predict, predicted_json
+from hydro_ident.design.pressures import _Chambers, required_hydraulics
 from hydro_ident.design.program import Program, sampled
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
@@ -102,6 +103,37 @@ def test_required_pressures_and_signals_reproduce_the_motion(robot: Robot) -> No
     rolled = simulate(robot, times, found.signal * rated, q[0], p0=start)
     # Open loop: what is left is the hold between samples, and it drifts.
     assert np.abs(rolled.q - q).max() < 0.01
+
+
+@pytest.mark.parametrize(("rod_share", "cavitates"), [(0.8666, True), (0.5, False)])
+def test_a_chamber_that_is_emptied_faster_than_it_is_filled_is_told(
+    robot: Robot, rod_share: float, cavitates: bool
+) -> None:
+    """Extending at 0.1 m/s, the load pulling with 10 kN; area ratios of 4:1 and 4:3."""
+    lift, valve = robot.cylinders[0], robot.valves[0]
+    chambers = _Chambers(robot, replace(lift, rod_m=rod_share * lift.bore_m), valve, 0.002)
+    x = 0.1 + 0.1 * 0.002 * np.arange(1500)
+    count = len(x)
+    rows = chambers.run(x.tolist(), [0.1] * count, [-1e4] * count, [0.0] * count)
+    assert rows[:, :2].min() >= robot.tank_pressure_pa
+    assert (rows[:, 3].min() < -robot.atmospheric_pressure_pa) == cavitates
+    if cavitates:
+        # Where both edges' flows are the piston's: (ps - pa) a2^2 = (pb - pt) a1^2.
+        ratio = chambers.a1 / chambers.a2
+        p_s, p_t = robot.supply_pressure_pa, robot.tank_pressure_pa
+        settled = (p_s + ratio**2 * (p_t - 1e4 / chambers.a2)) / (1.0 + ratio**3)
+        assert rows[-1, 3] == pytest.approx(settled, rel=0.02)
+
+
+def test_the_shipped_cranes_run_does_not_cavitate(robot: Robot) -> None:
+    prediction = predict(robot, _sway(robot, 6.0), Residual(), 0.002)
+    assert cavitating(robot, prediction) == ()
+    np.testing.assert_array_less(-robot.atmospheric_pressure_pa, prediction.pressure_unheld_pa)
+    starved = replace(prediction, pressure_unheld_pa=np.array([-1.4e6, 1e6]))
+    assert cavitating(robot, starved) == ("lift_cylinder",)
+    told = json.loads(predicted_json(robot, starved, Residual(), 6.0))["cylinders"]
+    assert [one["cavitates"] for one in told] == [True, False]
+    assert told[0]["pressure_unheld_pa"] == -1.4e6
 
 
 def test_the_optimiser_lowers_its_criterion_alike_every_time(robot: Robot) -> None:

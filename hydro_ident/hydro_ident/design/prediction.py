@@ -36,7 +36,15 @@ from hydro_ident.json_numbers import finite
 from hydro_ident.parameters import effect_unit, listed_value
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
-__all__ = ["Expected", "Motions", "Prediction", "expected_trace", "predict", "predicted_json"]
+__all__ = [
+    "Expected",
+    "Motions",
+    "Prediction",
+    "cavitating",
+    "expected_trace",
+    "predict",
+    "predicted_json",
+]
 
 SCHEMA = "hydro_ident/predicted/1"
 Motions = tuple[FloatArray, FloatArray, FloatArray]
@@ -59,7 +67,9 @@ class Prediction:
     signal : (m,) array
         Greatest valve signal that the motion needs.
     pressure_low_pa, pressure_high_pa : (m,) array
-        Range of both chambers' pressures, gauge.
+        Range of both chambers' pressures, gauge, held between tank and supply.
+    pressure_unheld_pa : (m,) array
+        The lowest where nothing held them; below absolute zero the oil cavitates.
     """
 
     parameters: tuple[Expected, ...]
@@ -68,6 +78,7 @@ class Prediction:
     signal: FloatArray
     pressure_low_pa: FloatArray
     pressure_high_pa: FloatArray
+    pressure_unheld_pa: FloatArray
 
 
 def predict(robot: Robot, motion: Motions, residual: Residual, step_s: float) -> Prediction:
@@ -104,6 +115,7 @@ def predict(robot: Robot, motion: Motions, residual: Residual, step_s: float) ->
         signal=_extreme(np.abs(hydraulics.signal)),
         pressure_low_pa=-_extreme(-np.minimum(hydraulics.p_a, hydraulics.p_b)),
         pressure_high_pa=_extreme(np.maximum(hydraulics.p_a, hydraulics.p_b)),
+        pressure_unheld_pa=-_extreme(-hydraulics.unheld),
     )
 
 
@@ -195,6 +207,23 @@ def _friction(robot: Robot, name: str, std: float) -> Expected:
     return Expected(name, unit, datasheet, std)
 
 
+def cavitating(robot: Robot, prediction: Prediction) -> tuple[str, ...]:
+    """Cylinders of which a chamber is emptied faster than its edge fills it.
+
+    Parameters
+    ----------
+    robot : Robot
+    prediction : Prediction
+
+    Returns
+    -------
+    tuple of str
+        Whose lowest pressure, unheld, is below absolute zero.
+    """
+    lowest = zip(robot.cylinders, prediction.pressure_unheld_pa.tolist(), strict=True)
+    return tuple(c.name for c, pressure in lowest if pressure < -robot.atmospheric_pressure_pa)
+
+
 def predicted_json(
     robot: Robot, prediction: Prediction, residual: Residual, duration_s: float
 ) -> str:
@@ -227,6 +256,8 @@ def predicted_json(
                 "greatest_valve_signal": finite(prediction.signal[i]),
                 "pressure_low_pa": finite(prediction.pressure_low_pa[i]),
                 "pressure_high_pa": finite(prediction.pressure_high_pa[i]),
+                "pressure_unheld_pa": finite(prediction.pressure_unheld_pa[i]),
+                "cavitates": cylinder.name in cavitating(robot, prediction),
             }
             for i, cylinder in enumerate(robot.cylinders)
         ],

@@ -29,11 +29,15 @@ class Hydraulics:
         Gauge, Pa.
     signal : (N, m) array
         Valve signal u; beyond +-1 the motion cannot be followed.
+    unheld : (N, m) array
+        The lower of both pressures where nothing held them between tank and supply: below
+        absolute zero the oil cavitates.
     """
 
     p_a: FloatArray
     p_b: FloatArray
     signal: FloatArray
+    unheld: FloatArray
 
 
 def required_hydraulics(
@@ -54,7 +58,7 @@ def required_hydraulics(
     Hydraulics
     """
     shape = (len(q), len(robot.cylinders))
-    p_a, p_b, signal = (np.full(shape, np.nan) for _ in range(3))
+    p_a, p_b, signal, unheld = (np.full(shape, np.nan) for _ in range(4))
     valves = {valve.cylinder: valve for valve in robot.valves}
     for i, cylinder in enumerate(robot.cylinders):
         if cylinder.name not in valves or robot.supply_pressure_pa <= 0.0:
@@ -65,8 +69,8 @@ def required_hydraulics(
         rate = np.gradient(force[:, i], step_s)
         chamber = _Chambers(robot, cylinder, valves[cylinder.name], step_s)
         columns = chamber.run(x.tolist(), speed.tolist(), force[:, i].tolist(), rate.tolist())
-        p_a[:, i], p_b[:, i], signal[:, i] = columns.T
-    return Hydraulics(p_a, p_b, signal)
+        p_a[:, i], p_b[:, i], signal[:, i], unheld[:, i] = columns.T
+    return Hydraulics(p_a, p_b, signal, unheld)
 
 
 class _Chambers:
@@ -81,19 +85,31 @@ class _Chambers:
     def run(
         self, x: list[float], speed: list[float], force: list[float], rate: list[float]
     ) -> FloatArray:
-        """Rows of p_a, p_b and u."""
-        p_a = self._start(force[0])
-        rows = np.empty((len(x), 3))
+        """Rows of p_a, p_b, u and the lower pressure that the same motion had unheld."""
+        p_a = unheld = self._start(force[0])
+        rows = np.empty((len(x), 4))
         for k, (at, v, f, fdot) in enumerate(zip(x, speed, force, rate, strict=True)):
             p_a = self._inside(p_a, f)
-            p_b = (self.a1 * p_a - f) / self.a2
-            u, flow, slope = self._signal(at, v, fdot, p_a, p_b)
-            rows[k] = p_a, p_b, u
-            stiffness = self.bulk / (self.a1 * at)
-            # Implicit in the edge's own slope: near supply or tank the balance is stiff.
-            change = stiffness * (flow - self.a1 * v) * self.step_s
-            p_a += change / (1.0 + stiffness * slope * self.step_s)
+            u, after = self._step(at, v, f, fdot, p_a)
+            rows[k] = p_a, self._other(p_a, f), u, min(unheld, self._other(unheld, f))
+            # As long as nothing is held both are one.
+            unheld = after if unheld == p_a else self._step(at, v, f, fdot, unheld)[1]
+            p_a = after
         return rows
+
+    def _other(self, p_a: float, force: float) -> float:
+        """Chamber B's pressure (eq. 9)."""
+        return (self.a1 * p_a - force) / self.a2
+
+    def _step(
+        self, x: float, v: float, force: float, fdot: float, p_a: float
+    ) -> tuple[float, float]:
+        """Signal, and chamber A's pressure a step later."""
+        u, flow, slope = self._signal(x, v, fdot, p_a, self._other(p_a, force))
+        stiffness = self.bulk / (self.a1 * x)
+        # Implicit in the edge's own slope: near supply or tank the balance is stiff.
+        change = stiffness * (flow - self.a1 * v) * self.step_s
+        return u, p_a + change / (1.0 + stiffness * slope * self.step_s)
 
     def _start(self, force: float) -> float:
         """Chamber A halfway between the bounds that supply, tank and load set."""
