@@ -164,7 +164,7 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
     robot, scores = job.robot, last.held_out
     inertial, hydraulic, biases = estimates.inertial, estimates.hydraulic, estimates.effects.biases
     recordings = [survey.recording for survey in job.surveys]
-    judged = judge(robot, recordings, inertial, hydraulic)
+    judged = judge(robot, recordings, inertial, hydraulic, [s.continuity for s in job.surveys])
     found = None
     if judged.verdict != NOT_ENOUGH:
         found = identified_robot(robot, inertial, hydraulic, biases)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.continuity import Continuity
 from hydro_ident.estimate.inertial import least_travel
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
@@ -32,6 +33,7 @@ class Survey:
         Pressures, joint torques were recorded.
     referenced_s, usable_s : float
         Time with a recorded reference throughout, and time in all.
+    continuity : Continuity
     """
 
     name: str
@@ -42,6 +44,7 @@ class Survey:
     dry: bool = False
     referenced_s: float = 0.0
     usable_s: float = 0.0
+    continuity: Continuity = field(default_factory=Continuity)
 
 
 def survey_source(source: Source, robot: Robot) -> Survey:
@@ -50,7 +53,9 @@ def survey_source(source: Source, robot: Robot) -> Survey:
     found = _Found()
     for piece in source.pieces():
         digest.add(piece)
-        for trace in traces_of_piece(piece):
+        traces = traces_of_piece(piece)
+        found.continuity.add(piece, traces)
+        for trace in traces:
             signals.add(trace)
             found.wet |= bool(np.isfinite(trace.p_a).any() or np.isfinite(trace.p_b).any())
             found.dry |= bool(np.isfinite(trace.joint_torque).any())
@@ -66,6 +71,7 @@ def survey_source(source: Source, robot: Robot) -> Survey:
         found.dry,
         found.referenced_s,
         found.usable_s,
+        found.continuity,
     )
 
 
@@ -75,6 +81,7 @@ class _Found:
     dry: bool = False
     referenced_s: float = 0.0
     usable_s: float = 0.0
+    continuity: Continuity = field(default_factory=Continuity)
 
 
 def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.continuity import Continuity, broken_up, partly_read
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_model.base_parameters import base_map
@@ -80,6 +81,7 @@ def judge(
     recordings: Sequence[Recording],
     inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
+    continuities: Sequence[Continuity] = (),
 ) -> Judgement:
     """The verdict of an identification.
 
@@ -92,6 +94,8 @@ def judge(
     inertial : InertialFit or None
     hydraulic : HydraulicFit or None
         Both with the stages that were rejected.
+    continuities : sequence of Continuity
+        Of the recordings.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def judge(
     wrong = wrong_robot(robot, recordings)
     if wrong:
         return Judgement(NOT_ENOUGH, tuple(wrong))
-    problems, enough = _force_problems(robot, recordings, inertial, hydraulic)
+    problems, enough = _force_problems(robot, recordings, inertial, hydraulic, continuities)
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
         problems += recorded_as_others(recordings)
@@ -168,16 +172,17 @@ def _force_problems(
     recordings: Sequence[Recording],
     inertial: InertialFit | None,
     hydraulic: HydraulicFit | None,
+    continuities: Sequence[Continuity],
 ) -> tuple[list[str], bool]:
     """Problems of the force channels, and whether there is enough for a model."""
     usable = hydraulic is not None and any(not c.rejected for c in hydraulic.cylinders)
     if inertial is None:
-        return [_no_forces(robot, recordings)], usable
+        return [_no_forces(robot, recordings, continuities)], usable
     if not inertial.missing:
         problems, enough = [], True
     else:
         lost = lost_forces(inertial, recordings)
-        problems = [_motion_problem(robot, inertial, lost)]
+        problems = [_motion_problem(robot, inertial, lost, continuities)]
         if lost and not inertial.still:
             enough = len(inertial.missing) < len(inertial.model.names) or usable
         else:
@@ -193,7 +198,9 @@ def _force_problems(
     return problems, enough
 
 
-def _no_forces(robot: Robot, recordings: Sequence[Recording]) -> str:
+def _no_forces(
+    robot: Robot, recordings: Sequence[Recording], continuities: Sequence[Continuity]
+) -> str:
     names = [*base_map(robot).names, *(f"{c.name}.viscous_friction" for c in robot.cylinders)]
     names += [f"{robot.joint_names[j]}.viscous_friction" for j in robot.dry_joints]
     costs = f"{', '.join(names)} cannot be identified"
@@ -202,8 +209,12 @@ def _no_forces(robot: Robot, recordings: Sequence[Recording]) -> str:
     measured = any(
         np.isfinite(r.q).any() and (r.p_a is not None or r.effort is not None) for r in recordings
     )
+    if measured and (partial := partly_read(continuities)):
+        return f"{partial[0]}: {costs}; {partial[1]}"
     if measured and not any(lost):
         total = sum(recording.duration_s for recording in recordings)
+        if broken := broken_up(continuities, total):
+            return f"{broken}: {costs}; record without gaps (`inspect` lists them)"
         return (
             f"{total:.3g} s are too short for the filters: {costs}; play a run of"
             f" `excite --robot {robot.name}` and record it"
@@ -220,7 +231,12 @@ def lost_forces(inertial: InertialFit, recordings: Sequence[Recording]) -> tuple
     return tuple(c for c in inertial.model.channels if lost and all(c in some for some in lost))
 
 
-def _motion_problem(robot: Robot, inertial: InertialFit, lost: Sequence[str]) -> str:
+def _motion_problem(
+    robot: Robot,
+    inertial: InertialFit,
+    lost: Sequence[str],
+    continuities: Sequence[Continuity],
+) -> str:
     text = f"the data do not determine {', '.join(inertial.missing)}"
     run = f"play a run of `excite --robot {robot.name}`"
     still = [robot.joint_names[j] for j in inertial.still]
@@ -229,6 +245,8 @@ def _motion_problem(robot: Robot, inertial: InertialFit, lost: Sequence[str]) ->
         return f"{text}: {names} did not move; drive every joint through its range, or {run}"
     if lost:
         return f"{text}: {', '.join(lost)} was not measured (see what was lost); record it, too"
+    if partial := partly_read(continuities):
+        return f"{text}: {'; '.join(partial)}"
     return f"{text}: too little motion; {run} and record it"
 
 

@@ -134,6 +134,42 @@ def test_no_valve_topic_costs_the_flow_channels(write_bag, run_columns, robot) -
     assert _losses(r) == {f"{j}/flow_{s}": reason for j in ("lift", "tilt") for s in "ab"}
 
 
+@pytest.mark.parametrize(("every", "how"), [(0, "no"), (20, "hardly a")])
+def test_valves_with_stamps_of_their_own_are_told(
+    every: int, how: str, tmp_path, run_columns, robot
+) -> None:
+    columns = run_columns(N)
+    with BagWriter(tmp_path / "bag") as writer:
+        for topic in ("/joint_states", "/chamber_pressures", "/valve_state"):
+            writer.add_topic(topic, JOINT_STATE)
+        for k in range(N):
+            for topic in ("/joint_states", "/chamber_pressures", "/valve_state"):
+                names, fields = columns[topic]
+                own = topic == "/valve_state" and not (every and k % every == 0)
+                stamp = START_NS + k * PERIOD_NS + (1000 if own else 0)
+                writer.write_stamped(
+                    topic, stamp, {f: v[k] for f, v in fields.items()}, names=names
+                )
+    r = read_recording(tmp_path / "bag", robot)
+    reason = (
+        f"{how} stamp of /valve_state is that of a cycle: record /valve_state with the stamps of"
+        " /joint_states"
+    )
+    assert _losses(r) == {f"{j}/flow_{s}": reason for j in ("lift", "tilt") for s in "ab"}
+
+
+def test_valves_that_are_slower_or_faster_than_the_cycles_lose_nothing(
+    write_bag, run_columns, robot
+) -> None:
+    columns = run_columns(N)
+    del columns["/valve_command"]
+    for topic in ("/valve_state", "/chamber_pressures"):
+        names, fields = columns[topic]
+        thin = {f: np.where(np.arange(N)[:, None] % 5, np.nan, v) for f, v in fields.items()}
+        bag = write_bag(columns | {topic: (names, thin)}, name=topic.strip("/"))
+        assert read_recording(bag, robot).losses == ()
+
+
 def test_one_chamber_costs_the_joints_force_and_that_flow(write_bag, run_columns, robot) -> None:
     columns = run_columns(20)
     names, values = columns["/chamber_pressures"]

@@ -71,6 +71,7 @@ def find_losses(
     valve_v: FloatArray | None,
     valve_source: str,
     period_s: float,
+    valve_stamps: str = "",
     dead: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Loss, ...]:
     """Every channel lost, with its reason.
@@ -89,6 +90,8 @@ def find_losses(
     valve_source : str
         Topic of `valve_v`.
     period_s : float
+    valve_stamps : str
+        What is wrong with the stamps of the valves' topic.
     dead : mapping of str to float
         As of `Recording`.
 
@@ -102,7 +105,7 @@ def find_losses(
     for i, cylinder in enumerate(robot.cylinders):
         joint = cylinder.joint
         position = _position_reason(robot, cylinder, i, blind, stroke)
-        valve = _valve_reason(robot, cylinder, valve_v, valve_source)
+        valve = _valve_reason(robot, cylinder, valve_v, valve_source, valve_stamps)
         dry = [_chamber_reason(robot, i, side, chambers, dead) for side in (0, 1)]
         reasons = {
             f"{joint}/force": [*dict.fromkeys(r for r in dry if r), *_angles_reason(blind)],
@@ -190,11 +193,13 @@ def _chamber_reason(
 
 
 def _valve_reason(
-    robot: Robot, cylinder: Cylinder, valve_v: FloatArray | None, source: str
+    robot: Robot, cylinder: Cylinder, valve_v: FloatArray | None, source: str, stamps: str
 ) -> str:
     columns = [k for k, v in enumerate(robot.valves) if v.cylinder == cylinder.name]
     if not columns:
         return f"robot {robot.name} has no valve for {cylinder.name}"
+    if stamps:
+        return stamps
     if valve_v is None:
         return f"no {VALVE_COMMAND} or {VALVE_STATE}"
     name = robot.valves[columns[0]].name

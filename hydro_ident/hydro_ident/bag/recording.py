@@ -44,6 +44,8 @@ _TYPES = {
     TIP_REFERENCE: POINT_STAMPED,
     OIL_TEMPERATURE: TEMPERATURE,
 }
+#: A valve topic with stamps of its own meets less than this share of the cycles, by chance.
+_MATCHED = 0.5
 #: What `read_bag` has to decode for `recording_of`.
 RECORDING_TOPICS = (*_TYPES, DIAGNOSTICS)
 
@@ -103,7 +105,7 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         raise BagError(f"{bag.path}: expected a topic {JOINT_STATES}, found {there}")
     _check_robot(bag, joints.series, robot)
     grid = _grid(bag, joints, pressures)
-    period_s = _period_s(joints.stamp_ns, robot)
+    period_s = _period_s(grid, robot)
     temperature = topics[OIL_TEMPERATURE]
     joint_columns = _joint_columns(grid, joints, robot)
     notes = _angles_from_strokes(joint_columns, robot)
@@ -126,7 +128,9 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     )
     silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
     lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}
-    return _with_losses(without_dead(replace(recording, **lost), earlier.dead))
+    valves = topics.get(recording.valve_source) or topics[VALVE_STATE] or topics[VALVE_COMMAND]
+    stamps = _valve_stamps(recording, valves)
+    return _with_losses(without_dead(replace(recording, **lost), earlier.dead), stamps)
 
 
 def _joint_columns(grid: IntArray, joints: Topic, robot: Robot) -> dict[str, Any]:
@@ -192,6 +196,21 @@ def _valve_columns(
     }
 
 
+def _valve_stamps(recording: Recording, valves: Topic | None) -> str:
+    """What is wrong with the stamps of the valves' topic; empty where they are the cycles'."""
+    if valves is None:
+        return ""
+    stamps, cycles = valves.stamp_ns, recording.stamp_ns
+    stamps = stamps[(stamps >= cycles[0]) & (stamps <= cycles[-1])]
+    matched = int(np.isin(stamps, cycles, assume_unique=True).sum())
+    # Slower cycles leave messages over, a slower topic cycles: stamps of their own do both.
+    if matched >= _MATCHED * min(len(stamps), len(cycles)) > 0.0:
+        return ""
+    name, how = valves.series.topic, "hardly a" if matched else "no"
+    mend = f"record {name} with the stamps of {JOINT_STATES}"
+    return f"{how} stamp of {name} is that of a cycle: {mend}"
+
+
 def _reference_columns(
     grid: IntArray, reference: Topic | None, tip: Topic | None, robot: Robot
 ) -> dict[str, Any]:
@@ -204,7 +223,7 @@ def _reference_columns(
     }
 
 
-def _with_losses(recording: Recording) -> Recording:
+def _with_losses(recording: Recording, valve_stamps: str) -> Recording:
     return replace(
         recording,
         losses=find_losses(
@@ -216,6 +235,7 @@ def _with_losses(recording: Recording) -> Recording:
             sources=(recording.supply, recording.tank),
             valve_v=recording.valve_v,
             valve_source=recording.valve_source,
+            valve_stamps=valve_stamps,
             period_s=recording.period_s,
             dead=recording.dead,
         ),

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from hydro_ident.estimate.blocks import Blocks, blocks_of
-from hydro_ident.estimate.bounds import DEVIATIONS, Bounds, fit_within_bounds, force_bounds
+from hydro_ident.estimate.bounds import Bounds, fit_within_bounds, force_bounds
 from hydro_ident.estimate.closed_chain import (
     HeldPart,
     IndexArray,
@@ -61,6 +61,8 @@ MAX_COLLINEARITY = 1.0e3
 #: does one that moves less than `STILL_RANGE`, where friction hides everything else.
 STILL_COUNTS, FLICKER_COUNTS = 200.0, 3.0
 STILL_RANGE, MOVING_RANGE = 0.01, 0.05
+#: A robot file of less mass states none. Values of so many deviations show what there is.
+LEAST_MASS_KG, CLEAR_DEVIATIONS = 1.0, 10.0
 
 
 def still_joints(robot: Robot, traces: Sequence[Trace]) -> tuple[int, ...]:
@@ -247,8 +249,7 @@ def parameter_scales(
 ) -> FloatArray:
     """Largest plausible size of every parameter: total mass times powers of the reach.
 
-    The mass is the robot file's or, where they show more of it, that of found values: masses may
-    be unknown.
+    The mass is the robot file's or, where that has none, what found values show of it.
 
     For friction, the force limit of the joint (its cylinder) over its rated speed, infinity where
     either has no limit; for effects, infinity (their bounds are the catalogue's).
@@ -267,8 +268,9 @@ def parameter_scales(
     reach = sum(float(np.linalg.norm(j.translation_m)) for j in robot.joints)
     reach = max(reach + float(np.linalg.norm(robot.tip_offset_m)), 0.1)
     per_mass = [reach ** _power(name) for name in model.base.names]
-    mass = max(float(robot.link_inertia[:, 0].sum()), 1.0)
-    if theta is not None and std is not None:
+    given = float(robot.link_inertia[:, 0].sum())
+    mass = max(given, LEAST_MASS_KG)
+    if given < LEAST_MASS_KG and theta is not None and std is not None:
         mass = max([mass, *_shown_masses(np.array(per_mass), theta, std)])
     scales = [mass * one for one in per_mass]
     for cylinder in robot.cylinders:
@@ -287,9 +289,12 @@ def _power(name: str) -> int:
 
 
 def _shown_masses(per_mass: FloatArray, theta: FloatArray, std: FloatArray) -> list[float]:
-    """Masses in kg that there must be at least, by base parameters that are clearly not zero."""
+    """Masses in kg that there must be at least, by base parameters that are clearly not zero.
+
+    A fit to hardly any motion finds large values of a few deviations.
+    """
     size, deviation = np.abs(theta[: per_mass.size]), std[: per_mass.size]
-    clear = np.isfinite(size) & (size > DEVIATIONS * deviation)
+    clear = np.isfinite(size) & (size > CLEAR_DEVIATIONS * deviation)
     shown: list[float] = (size[clear] / per_mass[clear]).tolist()
     return shown
 

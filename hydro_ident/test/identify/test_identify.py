@@ -183,6 +183,15 @@ def test_a_robot_file_without_masses_is_identified(crane_run: Any) -> None:
         assert one.value == pytest.approx(usual[one.name].value, rel=1e-3, abs=one.std), one.name
 
 
+def test_without_masses_hardly_any_motion_is_not_enough(crane_run: Any) -> None:
+    q = crane_run.q[0] + 0.02 * (crane_run.q - crane_run.q[0])
+    recording = crane_run.recording(q=q)
+    given = replace(recording.robot, link_inertia=np.zeros_like(recording.robot.link_inertia))
+    found = identify(given, [replace(recording, robot=given)])
+    assert found.verdict == "not_enough_data"
+    assert "too little motion" in found.problems[0]
+
+
 def test_parameters_that_no_bodies_have_are_a_problem(crane_run: Any) -> None:
     """The lift's force drops with its acceleration, as no rigid body's does."""
     cylinder, q = crane_run.robot.cylinders[0], crane_run.q

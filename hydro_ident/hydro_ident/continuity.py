@@ -1,0 +1,119 @@
+"""How long a recording goes on without a hole, and which sensors are in part of it only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.streaming import Piece, cut_recording
+from hydro_ident.estimate.traces import LONG_LOSS, Trace
+from hydro_model.robot import FloatArray
+
+
+@dataclass(slots=True)
+class Continuity:
+    """Counted piece by piece, over all cycles.
+
+    Attributes
+    ----------
+    cycles : int
+    missing : dict of str to int
+        Cycles without a reading, by sensor (`lift position`, `lift_cylinder/a`, `lift effort`).
+    stretches : int
+        Stretches in which what is needed is there in every cycle.
+    longest_s : float
+        The longest of them.
+    """
+
+    cycles: int = 0
+    missing: dict[str, int] = field(default_factory=dict)
+    stretches: int = 0
+    longest_s: float = 0.0
+    _begin_s: float = 0.0
+    _end_s: float = -np.inf
+
+    def add(self, piece: Piece, traces: Sequence[Trace]) -> None:
+        """Take in the core of the next piece, and the traces of it."""
+        core = cut_recording(piece.recording, piece.core)
+        self.cycles += len(core)
+        for name, values in _sensors(core):
+            absent = int(np.isnan(values).sum())
+            self.missing[name] = self.missing.get(name, 0) + absent
+        for trace in traces:
+            begin_s = float(trace.time_s[trace.owned.start])
+            # A stretch goes on from piece to piece.
+            if begin_s - self._end_s > 1.5 * trace.step_s:
+                self.stretches, self._begin_s = self.stretches + 1, begin_s
+            self._end_s = float(trace.time_s[trace.owned.stop - 1])
+            self.longest_s = max(self.longest_s, self._end_s - self._begin_s)
+
+    @property
+    def partial(self) -> dict[str, float]:
+        """Sensors that are read, but not in a large share of the cycles, and that share."""
+        shares = {name: count / max(self.cycles, 1) for name, count in self.missing.items()}
+        return {name: share for name, share in shares.items() if LONG_LOSS < share < 1.0}
+
+
+def _sensors(recording: Recording) -> Iterator[tuple[str, FloatArray]]:
+    """Readings of force and position by sensor."""
+    robot = recording.robot
+    joints = ((recording.q, "position"), (recording.effort, "effort"))
+    for values, kind in joints:
+        if values is not None:
+            yield from zip((f"{n} {kind}" for n in robot.joint_names), values.T, strict=True)
+    for side, values in (("a", recording.p_a), ("b", recording.p_b)):
+        if values is not None:
+            yield from zip((f"{c.name}/{side}" for c in robot.cylinders), values.T, strict=True)
+
+
+def partly_read(continuities: Sequence[Continuity]) -> tuple[str, str] | None:
+    """Which sensors are missing in a large part of the cycles, and what would mend that.
+
+    Parameters
+    ----------
+    continuities : sequence of Continuity
+        Of the recordings.
+
+    Returns
+    -------
+    tuple of str, or None
+        None where no sensor is.
+    """
+    worst: dict[str, float] = {}
+    for one in continuities:
+        worst |= {n: max(share, worst.get(n, 0.0)) for n, share in one.partial.items()}
+    if not worst:
+        return None
+    told = ", ".join(f"{name} in {share:.0%}" for name, share in worst.items())
+    return (
+        f"sensors are missing in part of the cycles ({told})",
+        "record every sensor of a topic in each of its messages, with one stamp for a cycle",
+    )
+
+
+def broken_up(continuities: Sequence[Continuity], total_s: float) -> str:
+    """That gaps leave no stretch that is long enough for the filters.
+
+    Parameters
+    ----------
+    continuities : sequence of Continuity
+        Of the recordings.
+    total_s : float
+        Their duration.
+
+    Returns
+    -------
+    str
+        Empty where there are no gaps.
+    """
+    stretches = sum(one.stretches for one in continuities)
+    if stretches <= len(continuities):
+        return ""
+    longest_s = max(one.longest_s for one in continuities)
+    return (
+        f"the longest of {stretches} stretches without a gap lasts {longest_s:.3g} s of"
+        f" {total_s:.3g} s, too short for the filters"
+    )
