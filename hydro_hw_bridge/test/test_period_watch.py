@@ -107,10 +107,12 @@ def test_a_restart_of_the_device_begins_anew(real_time: Any, first: int) -> None
     real_time.drive()
     real_time.cycle(1000)
     real_time.core.paced(10.0)
-    real_time.cycle(first)  # further ahead than a day of cycles, it counts anew, too
-    real_time.core.paced(10.0)
+    for counter in range(first, first + 30):  # so far ahead it counts anew, too
+        real_time.cycle(counter)
+        real_time.core.paced(10.0)
+    assert real_time.core.assembler.counters.restarts == 1
     assert OTHER_PERIOD not in real_time.core.gate.faults
-    for counter in range(first + 1, first + 600):
+    for counter in range(first + 30, first + 650):
         real_time.cycle(counter)
         real_time.core.paced(10.0)
     assert OTHER_PERIOD in real_time.core.gate.faults

@@ -134,6 +134,15 @@ def _period_watch() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _period_words() -> Iterator[Harmless]:
+    words = 'f" {1e3 * self._period_s:.3g} ms (rate_hz of the robot file): correct one of both"'
+    for other in (" 1001.0", " 999.0"):
+        yield Harmless(
+            "period_watch", "PeriodWatch.look", words, words.replace("1e3", other),
+            "three digits of a period are told, a thousandth of it is not",
+        )  # fmt: skip
+
+
 def _command_intake() -> Iterator[Harmless]:
     old = "outdated = counter is not None and counter < self._whole[0]"
     yield Harmless(
@@ -268,6 +277,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_bridge_core(),
     *_supervision(),
     *_period_watch(),
+    *_period_words(),
     *_command_intake(),
     *_valve_frames(),
     *_amplifier(),
