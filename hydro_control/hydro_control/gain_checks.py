@@ -15,8 +15,7 @@ from hydro_control.filters import time_constant_s
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.required_motion import Reference
-from hydro_model.cylinder import lever
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.joint_ranges import limits
 from hydro_model.robot import FloatArray, Robot
 
 #: Share of the rated voltage that one count of an encoder may ask for.
@@ -65,15 +64,15 @@ def gain_warnings(robot: Robot, gains: Gains) -> list[str]:
 def count_shares(robot: Robot, gains: Gains) -> FloatArray:
     """Largest share of the rated voltage that one count of each joint's encoder asks for, (n,).
 
-    Of the law itself, before what limits it: at rest in the middle of the joints' ranges, the
-    weight held.
+    Of the law itself, before what limits it, in the middle of the joints' ranges and of the
+    pressures: what one count changes.
 
     Parameters
     ----------
     robot : Robot
     gains : Gains
     """
-    pose = np.array([0.5 * (j.lower + j.upper) for j in robot.joints])
+    pose = limits(robot).mean(axis=1)
     count = 2.0 * math.pi / robot.sensors.encoder_counts_per_rev
     shares = []
     for i, joint in enumerate(robot.joints):
@@ -89,29 +88,13 @@ def _signals(robot: Robot, gains: Gains, pose: FloatArray, step: FloatArray) -> 
     law = ControlLaw(robot, gains)
     still = np.zeros(robot.dof)
     reference = Reference("joint", pose, still, still)
-    p_a, p_b = _held(robot, pose)
     rails = robot.supply_pressure_pa, robot.tank_pressure_pa
+    half = np.full(len(robot.cylinders), 0.5 * sum(rails))
     rows = []
     for k in range(_BEFORE + _AFTER):
         q = pose + (step if k >= _BEFORE else 0.0)
-        output = law.step(k * law.dt_s, q, p_a, p_b, *rails, reference)
+        output = law.step(k * law.dt_s, q, half, half, *rails, reference)
         if output.fault:
             raise ControlError(f"robot {robot.name} in mid-range: {output.fault}")
         rows.append(output.valve_signal)
     return np.array(rows[_BEFORE - 1 :])
-
-
-def _held(robot: Robot, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gauge pressures that hold the weight, as near to half of the supply as they can be."""
-    torque = inverse_dynamics(robot, pose, 0.0 * pose, 0.0 * pose)
-    most, least = robot.supply_pressure_pa, robot.tank_pressure_pa
-    p_a, p_b = np.empty((2, len(robot.cylinders)))
-    for k, c in enumerate(robot.cylinders):
-        i = robot.joint_index(c.joint)
-        force = float(torque[i]) / float(lever(c, pose[i]))
-        p_b[k] = 0.5 * (most + least)
-        p_a[k] = (force + p_b[k] * c.area_b_m2) / c.area_a_m2
-        if not least < p_a[k] < most:
-            p_a[k] = float(np.clip(p_a[k], 0.9 * least + 0.1 * most, 0.1 * least + 0.9 * most))
-            p_b[k] = (p_a[k] * c.area_a_m2 - force) / c.area_b_m2
-    return p_a, p_b

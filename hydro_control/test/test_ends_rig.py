@@ -221,6 +221,17 @@ def counted_on_everywhere(
     return np.array([span * (1.0 - grid), span * grid])
 
 
+def test_a_valve_that_could_only_feed_the_pumps_line_stops_what_brakes_too_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Braking, a chamber is above the supply: opened, its oil would go there, and the arm on."""
+    monkeypatch.setattr(motion_limits, "braking_energies", counted_on_everywhere)
+    driven = loop(core=jumping(monkeypatch, "joint", LIMITS.upper + 5.0))
+    driven.run(6.0)
+    assert not any(driven.faults)
+    assert 0.005 < driven.beyond()[0] < 0.015
+
+
 def test_an_arm_that_runs_away_is_at_0_v_and_stays_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(motion_limits, "braking_energies", counted_on_everywhere)
     # With a load that the model does not know: without one the valve that closes where it could

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hydro_control.gain_checks import count_shares, gain_warnings
 from hydro_control.gains import Gains
+from hydro_model.rigid_body import mass_matrix, required_torque
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
@@ -42,6 +44,21 @@ def test_what_a_count_asks_grows_with_it_and_with_the_rate() -> None:
 )
 def test_what_is_odd_is_said(robot: Robot, said: str) -> None:
     assert any(text.startswith(said) for text in gain_warnings(robot, Gains()))
+
+
+def test_the_page_on_gains_has_these_numbers() -> None:
+    page = (Path(__file__).parents[2] / "hydro_msgs_docs/gains.md").read_text(encoding="utf-8")
+    fine = count_shares(ROBOT, Gains())[0]
+    coarse = count_shares(with_sensors(encoder_counts_per_rev=2**14), Gains())[0]
+    said = f"{fine:.0%} ({10.0 * fine:.2f} V) for the shipped robot, {coarse:.0%} with 14 bits"
+    text = " ".join(page.split())
+    assert said.replace("%", " %") in text
+    weights = [1.0 - 0.5 ** (500.0 / rate_hz) for rate_hz in (1000.0, 100.0)]
+    assert f"{weights[0]:.2f} at 1 kHz, {weights[1]:.2f} at 100 Hz" in text
+    pose, still, lift = np.array([0.6, -1.5]), np.zeros(2), np.array([1.0, 0.0])
+    held, free = (required_torque(ROBOT, pose, still, lift, still, k) for k in (Gains().k_v, 0.0))
+    rate = (held - free)[0] / mass_matrix(ROBOT, pose)[0, 0]
+    assert f"(1/s): about {rate:.0f} for the lift" in text
 
 
 def test_heavier_filters_at_the_same_rate_are_said() -> None:

@@ -225,8 +225,9 @@ class CanBridge(LifecycleNode):
             begin_ns = time.monotonic_ns()
             frame = None if message is None else self._codec.receive(message)
             now_ns, waited_s = 0, None
+            heard_at = self._heard_at
             if message and frame is not None and frame.role == "sync" and frame.intact:
-                self._heard_at = time.monotonic()
+                heard_at = time.monotonic()
                 now_ns = clock.now().nanoseconds
                 waited_s = self._bus.waited_s(message)
             if frame is not None and frame.role == "claim":
@@ -234,6 +235,8 @@ class CanBridge(LifecycleNode):
                     self._second_bridge()
                 frame = None
             with self._lock:
+                # Not before: until a frame is judged, commands are as old as the one before it.
+                self._heard_at = heard_at
                 first = NOTHING if frame is None else self._received(frame, now_ns)
                 late = () if waited_s is None else self._read_late(waited_s)
                 steps = (first, *late, self._silence(message is None), *self._look_at_bus())

@@ -17,6 +17,20 @@ from hydro_model.robot import Robot
 BoolArray = NDArray[np.bool_]
 
 
+def other_robot(metadata: Mapping[str, str], robot: Robot) -> str:
+    """The robot that a bag says it was recorded of, where it is another one; else empty.
+
+    Parameters
+    ----------
+    metadata : mapping of str to str
+        Of the bag.
+    robot : Robot
+        That it is looked at as.
+    """
+    name = metadata.get("robot", "")
+    return "" if name == robot.name else name
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """A recorded run on the grid of its cycles, N cycles of n joints, m cylinders and valves.
@@ -107,8 +121,7 @@ class Recording:
     @property
     def other_robot(self) -> str:
         """The robot that the bag says it was recorded of, where it is another one; else empty."""
-        name = self.metadata.get("robot", "")
-        return "" if name == self.robot.name else name
+        return other_robot(self.metadata, self.robot)
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

@@ -68,8 +68,10 @@ def other_machine(bag: Bag, robot: Robot) -> list[str]:
     bag : Bag
     robot : Robot
     """
-    name = bag.metadata.get("robot", robot.name)
-    if name == robot.name:
+    from hydro_ident.bag.recorded_run import other_robot
+
+    name = other_robot(bag.metadata, robot)
+    if not name:
         return []
     return [f"recorded as '{name}', not {robot.name}: the tip is that of another machine's links"]
 

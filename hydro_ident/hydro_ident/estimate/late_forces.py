@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.blocks import blocks_of
+from hydro_ident.estimate.bounds import DEVIATIONS
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
     kept_samples,
@@ -35,8 +36,6 @@ from hydro_ident.estimate.traces import Trace
 #: Least and largest time that is told, s: sampled signals are known to no less, and beyond the
 #: other it is no small shift of the motion.
 _LEAST_S, _MOST_S = 5.0e-5, 1.0e-2
-#: Deviations by which it has to be clear of none.
-_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +115,7 @@ def late_forces(
     for k, joints in enumerate(groups):
         late_s = float(beside.theta[free.size + k])
         std_s = float(np.sqrt(beside.covariance[free.size + k, free.size + k]))
-        if not max(_LEAST_S, _DEVIATIONS * std_s) < abs(late_s) < _MOST_S:
+        if not max(_LEAST_S, DEVIATIONS * std_s) < abs(late_s) < _MOST_S:
             continue
         channels = tuple(model.channels[j] for j in joints)
         found += [

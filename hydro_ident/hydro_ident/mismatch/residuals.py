@@ -163,11 +163,7 @@ def residuals(
     if not whole:
         return None
     recorded = whole_traces(others, cleaner, dict[str, int]()) if others else whole[:0]
-    if any(trace.oil_c is None for trace in (*whole, *recorded)):
-        # A law of what only some recordings know would be two laws.
-        whole, recorded = (
-            tuple(replace(t, oil_c=None) for t in some) for some in (whole, recorded)
-        )
+    whole, recorded = _of_one_oil(whole, recorded)
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole)
     if not torque:
@@ -191,19 +187,20 @@ def residuals(
         notes += partly("verified on", recorded, traces)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
         notes += _unlocked(robot, unlocked)
-        there = laid.material(traces)
-        if not there.size:
-            raise NotEnoughDataError(
-                f"{', '.join(s.name for s in others)}: expected rows to verify on, found none:"
-                " take a longer recording, of every joint in motion, or none, and every fifth"
-                " block of the others is kept for it"
-            )
+        there = _material_there(laid, traces, others)
         check = _elsewhere(there, training, signals, unlocked)
     else:
         known = within(material, training.mask, material)
         check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
+
+
+def _of_one_oil(*sets: tuple[Trace, ...]) -> list[tuple[Trace, ...]]:
+    """Without the oil's temperature where only some recordings know it: a law would be two."""
+    if all(trace.oil_c is not None for traces in sets for trace in traces):
+        return list(sets)
+    return [tuple(replace(trace, oil_c=None) for trace in traces) for traces in sets]
 
 
 def _searched(
@@ -218,6 +215,18 @@ def _searched(
     rows = material.masks(split)[0] & telling(material, signals)
     predictor = Predictor(material)
     return Training.of(predictor, rows, training.known(predictor))
+
+
+def _material_there(laid: _Laid, traces: Sequence[Trace], others: Sequence[Source]) -> Material:
+    """Rows to verify on; where there are none, not the fitted recordings are to blame."""
+    there = laid.material(traces)
+    if there.size:
+        return there
+    raise NotEnoughDataError(
+        f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take a"
+        " longer recording, of every joint in motion, or none, and every fifth block of the others"
+        " is kept for it"
+    )
 
 
 def _elsewhere(
