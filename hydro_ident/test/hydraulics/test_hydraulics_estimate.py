@@ -1,0 +1,203 @@
+"""Chamber balances: an independent integration of eqs. 10 to 12 gives back what went in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
+from hydro_ident.estimate.delay import fit_delay
+from hydro_ident.estimate.flow_moments import FlowGatherer
+from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, fit_hydraulics
+from hydro_ident.estimate.shared_parameters import chambers_to_cylinder
+from hydro_ident.parameters import cylinder_parameters, student_95
+from hydro_model.robot import Robot
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.002])
+def test_edges_bulk_modulus_and_delay_come_back(robot: Robot, bench: Any, delay: float) -> None:
+    fit = bench.fit(robot, delay)
+    (lift,) = fit.cylinders
+    assert lift.rejected == ""
+    assert fit.delay_s == pytest.approx(delay, abs=2e-5)
+    assert lift.bulk_modulus()[0] == pytest.approx(bench.BULK, rel=5e-4)
+    for name, value in bench.EDGES.items():
+        assert lift.value(name)[0] == pytest.approx(value, rel=1e-4)
+
+
+def test_each_chamber_alone_gives_the_same_bulk_modulus(robot: Robot, bench: Any) -> None:
+    (lift,) = bench.fit(robot, 0.001).cylinders
+    for chamber in lift.chambers:
+        assert 1.0 / chamber.fit.theta[0] == pytest.approx(bench.BULK, rel=1e-3)
+
+
+def test_what_a_chamber_has_alone_follows_its_rows(robot: Robot, bench: Any) -> None:
+    """However sure its errors' covariance is of a direction: as least squares say."""
+    time = np.arange(0.0, 6.0, bench.H)
+    u = bench.signal(robot, time)
+    # Later than a base may be: the two chambers do not agree on the oil.
+    p_a, p_b = (bench.chamber(side, robot, time, u, 0.0035) for side in "ab")
+    gathered = FlowGatherer(robot, "late", WindowSettings())
+    gathered.add(bench.trace(robot, u, time, p_a, p_b))
+    found = fit_delay(robot, [gathered])
+    assert found is not None
+    order = ["inverse_bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb"]
+    chambers = []
+    for one in found.chambers.values():
+        along = one.fit.theta * np.array([1.0, -0.5, 0.5])
+        covariance = one.fit.covariance + np.outer(along, along) * 0.01
+        chambers.append(replace(one, fit=replace(one.fit, covariance=covariance)))
+    path = chambers_to_cylinder(chambers, order)
+    both = path @ np.concatenate([one.fit.theta for one in chambers])
+    alone = sorted(one.fit.theta[0] for one in chambers)
+    assert alone[0] < both[0] < alone[1]
+    for one in chambers:
+        x, y = (rows[0] for rows in one.blocks.rows)
+        size = np.linalg.norm(x, axis=0)
+        expected = np.linalg.lstsq(x[:, 1:] / size[1:], y - both[0] * x[:, 0])[0] / size[1:]
+        edges = [both[order.index(name)] for name in one.names[1:]]
+        np.testing.assert_allclose(edges, expected, rtol=1e-9)
+
+
+def test_shared_parameters_of_any_size_are_averaged(robot: Robot, bench: Any) -> None:
+    """A compliance of 1e-9 beside a share of one: either by its own information."""
+    time = np.arange(0.0, 6.0, bench.H)
+    u = bench.signal(robot, time)
+    gathered = FlowGatherer(robot, "run", WindowSettings())
+    pressures = (bench.chamber(side, robot, time, u, 0.001) for side in "ab")
+    gathered.add(bench.trace(robot, u, time, *pressures))
+    found = fit_delay(robot, [gathered])
+    assert found is not None
+    stds = np.array([[1e-13, 1e-3, 1e-9], [2e-13, 3e-3, 1e-9]])
+    thetas = np.array([[1.3e-9, 0.010, 7e-7], [1.4e-9, 0.014, 8e-7]])
+    chambers = [
+        replace(
+            one,
+            names=("inverse_bulk_modulus", "bias", f"edge_{k}"),
+            fit=replace(one.fit, theta=thetas[k], covariance=np.diag(stds[k] ** 2)),
+        )
+        for k, one in enumerate(found.chambers.values())
+    ]
+    order = ["inverse_bulk_modulus", "bias", "edge_0", "edge_1"]
+    both = chambers_to_cylinder(chambers, order) @ thetas.ravel()
+    weights = 1.0 / stds[:, :2] ** 2
+    expected = (weights * thetas[:, :2]).sum(axis=0) / weights.sum(axis=0)
+    np.testing.assert_allclose(both[:2], expected, rtol=1e-9)
+
+
+def test_windows_that_touch_a_latched_span_are_left_out(robot: Robot, bench: Any) -> None:
+    time = np.arange(0.0, 2.0, bench.H)
+    u = bench.signal(robot, time)
+    trace = bench.trace(robot, u, time, np.full(time.size, 9e6), np.full(time.size, 9e6))
+    trace.valve_signal[400:600, 0] = np.nan
+    rows = chamber_rows(chambers_of(robot)[0], trace, 0.001, WindowSettings())
+    inside = (rows.time_s > 400 * bench.H - 0.04) & (rows.time_s < 600 * bench.H)
+    assert rows.time_s.size > 70
+    assert not inside.any()
+    assert np.isfinite(rows.x).all()
+
+
+def test_a_cylinder_with_one_chamber_is_rejected_and_said(robot: Robot, bench: Any) -> None:
+    (lift,) = bench.fit(robot, 0.001, p_b=np.nan).cylinders
+    assert lift.rejected == "only one of its two chambers was recorded"
+
+
+def test_oil_that_is_barely_told_is_not_identified(robot: Robot, bench: Any) -> None:
+    """Positions so coarse that compliance is two deviations from none; the edges are known."""
+    trace, rng = bench.run(robot), np.random.default_rng(1)
+    noisy = replace(trace, stroke=trace.stroke + 0.008 * rng.normal(size=trace.stroke.shape))
+    fit = fit_hydraulics(robot, [noisy])
+    assert fit is not None
+    [lift] = fit.cylinders
+    inverse, std = lift.value("inverse_bulk_modulus")
+    assert 1.0 < inverse / std < 3.0
+    assert lift.rejected == "inverse_bulk_modulus cannot be told from these data"
+    rows = {p.name: p for p in cylinder_parameters(robot, lift, {})}
+    bulk = rows["lift_cylinder.bulk_modulus"]
+    assert not bulk.identifiable
+    # As stiff as oil can be fits as well; the other end is what compliance may be at most.
+    half = student_95(bulk.dof) * std
+    assert bulk.ci95 == pytest.approx((1.0 / (inverse + half), BULK_BOUNDS_PA[1]))
+
+
+def test_the_interval_of_well_known_oil_is_as_good_as_symmetric(robot: Robot, bench: Any) -> None:
+    trace, rng = bench.run(robot), np.random.default_rng(1)
+    noisy = replace(trace, stroke=trace.stroke + 1e-4 * rng.normal(size=trace.stroke.shape))
+    fit = fit_hydraulics(robot, [noisy])
+    assert fit is not None
+    [bulk, *_] = cylinder_parameters(robot, fit.cylinders[0], {})
+    half = student_95(bulk.dof) * bulk.std
+    assert half / bulk.value == pytest.approx(0.012, abs=0.002)
+    assert bulk.ci95 is not None
+    low, high = bulk.ci95
+    assert (bulk.value - low, high - bulk.value) == pytest.approx((half, half), rel=0.02)
+
+
+def test_a_signal_of_one_sign_leaves_two_edges_unknown(robot: Robot, bench: Any) -> None:
+    time = np.arange(0.0, 6.0, bench.H)
+    u = np.abs(bench.signal(robot, time)) + 0.01
+    trace = bench.trace(
+        robot,
+        u,
+        time,
+        bench.chamber("a", robot, time, u, 0.0),
+        bench.chamber("b", robot, time, u, 0.0),
+    )
+    fit = fit_hydraulics(robot, [trace])
+    assert fit is not None
+    assert "c_at" in fit.cylinders[0].rejected
+    assert "c_pb" in fit.cylinders[0].rejected
+    assert "cannot be told" in fit.cylinders[0].rejected
+
+
+def test_a_valve_wired_the_wrong_way_round_is_rejected_not_replaced(
+    robot: Robot, bench: Any
+) -> None:
+    time = np.arange(0.0, 6.0, bench.H)
+    (lift,) = bench.fit(robot, 0.001, valve_signal=-bench.signal(robot, time)).cylinders
+    assert "c_pa" in lift.rejected
+
+
+def test_no_pressures_no_hydraulics(robot: Robot, bench: Any) -> None:
+    time = np.arange(0.0, 2.0, bench.H)
+    nothing = np.full(time.size, np.nan)
+    assert fit_hydraulics(robot, [bench.trace(robot, nothing, time, nothing, nothing)]) is None
+
+
+def test_a_recorded_supply_may_vary(robot: Robot, bench: Any) -> None:
+    trace = bench.run(robot, supply=bench.falling)
+    constant = fit_hydraulics(robot, [trace])
+    recorded = replace(trace, supply=np.array([bench.falling(t) for t in trace.time_s]))
+    fit = fit_hydraulics(robot, [recorded])
+    assert fit is not None
+    assert constant is not None
+    for name, value in bench.EDGES.items():
+        assert fit.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-4)
+    # Taken as constant, the edges that it feeds would come out wrong.
+    assert constant.cylinders[0].value("c_pa")[0] != pytest.approx(bench.EDGES["c_pa"], rel=0.02)
+
+
+def test_bags_of_different_rates_reach_the_same_delays(robot: Robot, bench: Any) -> None:
+    """4 ms are two fifths of the slow bag's cycle, and four cycles of the fast one's."""
+    fine_s, thin, late = 1e-3, 10, 4
+    time = np.arange(0.0, 6.0, fine_s)
+    runs = []
+    for held in (1, thin):
+        u = np.repeat(bench.signal(robot, time[::held]), held)
+        acting = np.concatenate([np.full(late, u[0]), u])[: u.size]
+        p_a, p_b = (bench.chamber(side, robot, time, acting, 0.0) for side in "ab")
+        columns = [c[::held] for c in (u, time, p_a, p_b)]
+        one = replace(bench.trace(robot, *columns), step_s=held * fine_s)
+        runs.append(replace(one, label=f"every {held}"))
+    wide = WindowSettings(max_delay_cycles=float(thin))
+    alone, joint = fit_hydraulics(robot, runs[:1], wide), fit_hydraulics(robot, runs)
+    assert alone is not None
+    assert joint is not None
+    assert alone.delay_s == pytest.approx(late * fine_s, abs=2e-5)
+    assert joint.delay_s == pytest.approx(alone.delay_s, abs=1e-4)
+    for name, value in bench.EDGES.items():
+        assert alone.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-3)
+        assert joint.cylinders[0].value(name)[0] == pytest.approx(value, rel=3e-4)
