@@ -29,6 +29,7 @@ EDITS = st.lists(st.tuples(INTEGERS, INTEGERS, INTEGERS), min_size=1, max_size=4
 
 
 def _tried(path: Path, name: str, data: bytes) -> str:
+    path.unlink(missing_ok=True)  # one that is emptied goes to the disk each time
     path.write_bytes(data)
     with time_limit():
         return outcome(named(name), path)

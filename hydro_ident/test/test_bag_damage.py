@@ -175,13 +175,19 @@ def _read(path: Path, way: Callable[[Path], Found] = _whole) -> Found | None:
     return None
 
 
-def _flipped(path: Path) -> Iterator[int]:
-    """Change one bit of every byte of a file in turn; which byte it is."""
+def _anew(path: Path, data: bytes) -> None:
+    """Write a file as a new one: ext4 brings one that is emptied to the disk each time (3 ms)."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(data)
+
+
+def _flipped(path: Path, changes: Callable[[int], int] = lambda at: 1 << at % 8) -> Iterator[int]:
+    """Change every byte of a file in turn, one bit of it if not said; which byte it is."""
     whole = path.read_bytes()
     for at in range(len(whole)):
         data = bytearray(whole)
-        data[at] ^= 1 << at % 8
-        path.write_bytes(data)
+        data[at] ^= changes(at)
+        _anew(path, data)
         yield at
 
 
@@ -205,7 +211,7 @@ def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
     whole = file.read_bytes()
     cut, last = tmp_path / "cut.mcap", 0
     for size in range(len(whole)):
-        cut.write_bytes(whole[:size])
+        _anew(cut, whole[:size])
         found = _read(cut, way)
         if found is None:
             assert last == 0, size
@@ -222,13 +228,11 @@ def test_cut_at_every_byte_a_prefix_is_read_and_the_loss_said(
 def test_every_byte_of_a_project_bag_changed_is_right_or_said(
     tmp_path: Path, project_bag: Path, way: Callable[[Path], Found]
 ) -> None:
-    whole = project_bag.read_bytes()
+    whole, silent = project_bag.read_bytes(), 0
     assert _right_cycles(way(project_bag)) == list(range(COUNT))
-    changed, silent = tmp_path / "changed.mcap", 0
-    for at in range(len(whole)):
-        data = bytearray(whole)
-        data[at] ^= 1 << at // 2 % 8 if at % 2 else 0xFF
-        changed.write_bytes(data)
+    changed = tmp_path / "changed.mcap"
+    _anew(changed, whole)
+    for at in _flipped(changed, lambda at: 1 << at // 2 % 8 if at % 2 else 0xFF):
         found = _read(changed, way)
         if found is None:
             continue
@@ -300,11 +304,9 @@ def test_whatever_byte_changed_a_bag_without_checksums_ends_in_few_pieces(
     """Also where a changed stamp is years away: what lies between is no work."""
     path = _foreign_bag(tmp_path / "foreign.mcap", chunked)
     whole = path.read_bytes()
-    for at in range(len(whole)):
-        for bit in (at % 8, 7):
-            data = bytearray(whole)
-            data[at] ^= 1 << bit
-            path.write_bytes(data)
+    for bits in (lambda at: 1 << at % 8, lambda at: 1 << 7):
+        _anew(path, whole)
+        for _ in _flipped(path, bits):
             _read(path, _in_pieces)
 
 
@@ -345,7 +347,7 @@ def test_every_intact_chunk_of_a_killed_recorders_bag_is_read_alone(killed_bag: 
         damaged = bytearray(data)
         for which, at in enumerate(begins):
             damaged[at + 30] ^= 0 if which == kept else 0x55
-        killed_bag.write_bytes(damaged)
+        _anew(killed_bag, damaged)
         found = _whole(killed_bag)
         assert sum("left out" in loss for loss in found.losses) == 2
         assert _right_cycles(found) == cycles
@@ -360,7 +362,7 @@ def test_no_bit_of_a_killed_recorders_first_chunk_takes_the_others_with_it(
     for at in range(begin, begin + 12 + length):
         damaged = bytearray(data)
         damaged[at] ^= 1 << at % 8
-        killed_bag.write_bytes(damaged)
+        _anew(killed_bag, damaged)
         found = _whole(killed_bag)
         cycles = _right_cycles(found)
         # A bit that means nothing changes nothing.

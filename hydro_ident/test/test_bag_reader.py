@@ -108,6 +108,7 @@ def test_a_file_cut_off_anywhere_gives_its_prefix_and_says_so(
     cut = tmp_path / "cut.mcap"
     last = 0
     for size in [*range(0, len(whole), max(1, len(whole) // 150)), len(whole) - 1]:
+        cut.unlink(missing_ok=True)  # a file that is emptied goes to the disk each time
         cut.write_bytes(whole[:size])
         try:
             bag = read_bag(cut)
@@ -127,6 +128,7 @@ def test_a_project_bag_cut_at_every_byte(tmp_path: Path, write_bag, run_columns,
     cut = tmp_path / "cut.mcap"
     # Every fifth: records are no multiples of it, so every kind of place is met.
     for size in range(0, len(whole), 5):
+        cut.unlink(missing_ok=True)  # a file that is emptied goes to the disk each time
         cut.write_bytes(whole[:size])
         try:
             bag = read_bag(cut)
@@ -147,6 +149,7 @@ def test_changed_bytes_never_pass_as_data(tmp_path: Path, write_bag, run_columns
     for at in rng.choice(len(whole), 250, replace=False):
         data = bytearray(whole)
         data[at] ^= 1 << int(rng.integers(8))
+        flipped.unlink(missing_ok=True)
         flipped.write_bytes(data)
         try:
             bag = read_bag(flipped)

@@ -154,3 +154,22 @@ def test_a_bristle_near_the_limit_of_its_name_bears_both(
     assert told.names == names
     assert told.probability == pytest.approx((1.0 / len(names),) * len(names))
     assert told.beside({"valve_spool_lag": 0.5}).names == (*names, "valve_spool_lag")
+
+
+@pytest.mark.parametrize(
+    ("falls_off_m_s", "distance_m", "names"),
+    [
+        (0.2, 3e-4, ("presliding_friction",)),
+        (0.2, 8e-5, ("coulomb_friction", "presliding_friction")),
+        (0.2, 3e-5, ("coulomb_friction",)),
+        (0.07, 3e-5, ("coulomb_friction", "stribeck_friction")),
+        (0.03, 3e-4, ("stribeck_friction",)),
+    ],
+)
+def test_a_friction_that_lost_its_dip_bears_the_name_of_what_is_left(
+    robot: Robot, falls_off_m_s: float, distance_m: float, names: tuple[str, ...]
+) -> None:
+    parameters = {"force": 1500.0, "stribeck_velocity": falls_off_m_s, "distance": distance_m}
+    spec = EffectSpec("stribeck_friction", "lift_cylinder", parameters)
+    (law,) = resolve(replace(robot, effects=(spec,)))
+    assert named_of([_contender(law, 380.0)], 0.001, 1.0).names == names

@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
 from hydro_ident.mismatch.prediction import Model
@@ -105,6 +106,22 @@ def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
     contest.at_each(late.base, noise, found, ())
     assert "valve_spool_lag" in asked
     assert set(asked) <= set(OF_VALVES)
+
+
+def test_what_was_named_is_weighed_again_whatever_another_gained_in_training(
+    late: Residuals,
+) -> None:
+    """A law that bends to the rows of its fit gains twice as much there and says little else."""
+    whole = fit(late.training, _with(late, (LATE, BENT)), passes=8)
+    noise, contest = whole.bench.noise, Contest(late.training, 1.0)
+    without = fit(late.training, _with(late, (BENT,)), noise, passes=2)
+    lag, delay = contest.fitted(without, _with(late, (LATE, LAGS[0])).terms, noise)
+    bent = replace(lag, gain=2.5 * delay.gain, held_out=0.1 * delay.held_out)
+    named = named_of([delay, bent], 0.0005, 1.0)
+    assert named.names == ("command_delay",)
+    _, again = Searcher(late.training, late.base)._again(named, whole)
+    assert again is not None
+    assert again.names[0] == "command_delay"
 
 
 def test_an_effect_of_one_joint_is_not_the_whole_robots(

@@ -15,6 +15,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.skew import largest_skew, skew_name
 from hydro_ident.mismatch.worth import resolved
@@ -136,3 +137,25 @@ def test_a_known_base_knows_no_skew(make_run: Make) -> None:
         assert work is not None
         found.append(work.base.model.skews_s[0])
     assert found[1] - found[0] == pytest.approx(3.0e-4, rel=0.1)
+
+
+def test_pressures_far_later_than_a_cycle_are_tried_as_late_as_they_are(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """Reversals turn in milliseconds: what lateness does to them is no multiple of a shorter's."""
+    rubbing = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 5e3})
+    run, cycles = _run(make_run, 0.0, rubbing), 7
+    p_a, p_b = (
+        np.concatenate([np.repeat(p[:1], cycles, axis=0), p[:-cycles]]) for p in (run.p_a, run.p_b)
+    )
+    work = lay_out(replace(run, p_a=p_a, p_b=p_b))
+    (friction,) = resolve(replace(load_robot("xs031"), effects=(rubbing,)))
+    current = fit(work.training, work.base.model.with_term(friction))
+    trials = [e for e in work.bank.entries(current.model) if e.trial.name == LATE.name]
+    scores = {
+        float(e.trial.active.parameters[0]): score(current.bench, e, work.training.mask)
+        for e in trials
+        if e.trial.target == "xs031"
+    }
+    best = max(scores, key=lambda delay_s: scores[delay_s].value)
+    assert best == pytest.approx(cycles * STEP_S, rel=0.2)

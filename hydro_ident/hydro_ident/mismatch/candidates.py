@@ -66,6 +66,8 @@ _OF_COMMAND = tuple(0.5 * 1.35**k for k in range(8))
 _CONTACT_SHARES = (0.02, 0.05, 0.1, 0.25)
 #: A mode that is hardly damped answers to a few percent around its own frequency alone.
 _FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7))}
+#: Of late pressures: what lateness does to quick reversals is no multiple of a shorter one.
+_LATE_FACTORS = (1.0, 2.0, 4.0)
 #: Most shapes of one effect at one target.
 MOST_SHAPES = 75
 
@@ -278,6 +280,8 @@ def _grid(
         return [0.0]
     if not effect.linear and spec is effect.parameters[effect.sizes[0]] and _signed(effect):
         return [spec.typical]
+    if effect.name == "pressure_delay":
+        return [f * spec.typical for f in _LATE_FACTORS]
     if effect.name == "command_delay" or effect.reading is not None:
         return [spec.typical]
     if spec.optional:

@@ -291,7 +291,8 @@ class Searcher:
         rest, noise = replace(current.model, terms=others), current.bench.noise
         without = fit(self.training, rest, noise, passes=2)
         least = CLOSE_SHARE * max(c.gain for c in one.tried)
-        near = [c.term for c in one.tried if c.gain >= least]
+        # Its own, whatever another gained on the rows that it was fitted to.
+        near = [c.term for c in one.tried if c.gain >= least or _is(c.term, one.term)]
         terms = [t for t in near if not any(_rival(t, other) for other in others)]
         if not terms:
             return without, None

@@ -15,9 +15,10 @@ from hydro_model.effects.targets import ActiveEffect
 #: Ranges of a parameter outside which a law is nothing but another one's, rounded: a bristle that
 #: bends over less than a tenth of a millimetre, or friction that falls off over more than any slow
 #: motion, is Coulomb's law.
+_DRY, _PRESLIDING = "coulomb_friction", "presliding_friction"
 LIMITS = {
-    "presliding_friction": ("distance", 1.0e-4, np.inf, "coulomb_friction"),
-    "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, "coulomb_friction"),
+    _PRESLIDING: ("distance", 1.0e-4, np.inf, _DRY),
+    "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, _DRY),
 }
 #: Within this factor beyond its limit a law still bears its own name as well: the limit is a
 #: convention, and by what damps a bristle one of 0.15 mm may come out at 0.08.
@@ -91,8 +92,16 @@ class Contender:
             parameter, least, most, other = limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)
             if not least / factor <= self.term.parameters[at] <= factor * most:
-                return other
+                return _PRESLIDING if other == _DRY and self._bends_within(factor) else other
         return effect.name
+
+    def _bends_within(self, factor: float) -> bool:
+        """Whether a dry friction that has lost its dip gives way as far as bristles do."""
+        names = [p.name for p in self.term.effect.parameters]
+        parameter, least, _, _ = LIMITS[_PRESLIDING]
+        return parameter in names and bool(
+            self.term.parameters[names.index(parameter)] >= least / factor
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
