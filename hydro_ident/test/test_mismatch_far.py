@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from hydro_ident.mismatch.diagnosis import _distance, _far
 from hydro_ident.mismatch.outcome import ChannelResult
+from hydro_ident.mismatch.precision import accuracy_of
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_model.robot import Robot
 
 TIMES = np.arange(4000.0) * 0.05
 FORCE = 20e3 + 1000.0 * np.sqrt(2.0) * np.sin(0.8 * TIMES)
@@ -34,11 +39,30 @@ def test_what_is_left_is_held_against_noise_and_signal(
     left_n: float, floor_n: float, told: bool
 ) -> None:
     one = _channel(left_n, floor_n)
-    assert _distance(one) == pytest.approx(left_n / floor_n if told else 0.0)
+    assert _distance(one, 0.0) == pytest.approx(left_n / floor_n if told else 0.0)
 
 
 def test_a_channel_lacks_something_where_it_does_in_both_recordings() -> None:
     grossly, hardly = _channel(220.0, 73.0), _channel(80.0, 73.0)
-    assert _far([grossly], [grossly]) == {"lift/force": pytest.approx(220.0 / 73.0)}
-    assert _far([grossly], [hardly]) == {}
-    assert _far([hardly], [grossly]) == {}
+    least = {"lift/force": 0.0}
+    assert _far([grossly], [grossly], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
+    assert _far([grossly], [hardly], least) == {}
+    assert _far([hardly], [grossly], least) == {}
+
+
+def test_what_transducers_of_the_usual_class_are_off_by_lacks_nothing() -> None:
+    """However quiet they are from one sample to the next."""
+    far = _channel(650.0, 2.0)
+    assert _far([far], [far], {"lift/force": 500.0}) == {"lift/force": pytest.approx(325.0)}
+    assert _far([far], [far], {"lift/force": 700.0}) == {}
+
+
+def test_that_is_a_share_of_the_range_on_both_areas(
+    make_run: tuple, lay_out: Callable[..., Residuals], robot: Robot
+) -> None:
+    true_crane, simulated_run = make_run
+    material = lay_out(simulated_run(true_crane(), 10.0)).training.predictor.material
+    lift = next(c for c in robot.cylinders if c.joint == "lift")
+    expected = 1.25e-3 * robot.sensors.pressure_range_pa * np.hypot(lift.area_a_m2, lift.area_b_m2)
+    assert accuracy_of(material, material.channels.index("lift/force")) == pytest.approx(expected)
+    assert accuracy_of(material, material.channels.index("lift/flow_a")) == 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
@@ -38,6 +38,7 @@ from hydro_ident.mismatch.outcome import (
     Diagnosis,
     Finding,
 )
+from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import (
@@ -201,7 +202,10 @@ def _described(
 ) -> tuple[Unexplained, ...]:
     """Dependence without a name, with its short form where the data allow one."""
     confirmer = Confirmer(work.training, work.check, whole)
-    far = _far(_channels(work, whole, _of_training(work)), _channels(work, whole, work.check))
+    material = work.training.predictor.material
+    least = {name: accuracy_of(material, k) for k, name in enumerate(material.channels)}
+    here, there = (_channels(work, whole, c) for c in (_of_training(work), work.check))
+    far = _far(here, there, least)
     named = {name for f in findings for name in f.channels}
     going = {
         f.channels[0]: f.named.term.effect.name
@@ -215,16 +219,21 @@ def _described(
     )
 
 
-def _far(here: Sequence[ChannelResult], there: Sequence[ChannelResult]) -> dict[str, float]:
-    """Channels that lack something here and there, and over what their noise leaves."""
-    found = [{c.name: _distance(c) for c in channels} for channels in (here, there)]
+def _far(
+    here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
+) -> dict[str, float]:
+    """Channels that lack something here and there, and over what their noise leaves.
+
+    `least` is what their sensors may make of them.
+    """
+    found = [{c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)]
     return {n: d for n, d in found[1].items() if d > 0.0 and found[0].get(n, 0.0) > 0.0}
 
 
-def _distance(one: ChannelResult) -> float:
+def _distance(one: ChannelResult, least: float) -> float:
     """What is left of a channel in units of its noise; 0 of what is little beside either."""
     left = rms(one.measured - one.after)
-    if one.noise_floor <= 0.0:
+    if one.noise_floor <= 0.0 or left <= least:
         return 0.0
     times = left / one.noise_floor
     far = times > FAR and left >= FAR_SHARE * rms(one.measured)

@@ -14,6 +14,9 @@ from hydro_ident.mismatch.training import Training
 #: Slow drift of a pressure transducer as a share of its range, that of a kelvin's change: usual
 #: ones are compensated to 0.01 to 0.04 % of the range per kelvin.
 DRIFT = 2.0e-4
+#: What transducers of the usual class (0.25 % of the range at most) are off by within a recording,
+#: rms, as a share of their range: noise of a tenth of a second and longer, hysteresis, linearity.
+ACCURACY = 1.25e-3
 
 
 def measured_size(training: Training, model: Model, channel: int) -> float:
@@ -45,10 +48,25 @@ def drift_of(material: Material, channel: int) -> float:
     material : Material
     channel : int
     """
+    return DRIFT * _of_full_range(material, channel)
+
+
+def accuracy_of(material: Material, channel: int) -> float:
+    """What transducers of the usual class make of a channel, rms, in its unit; 0 as `drift_of`.
+
+    Parameters
+    ----------
+    material : Material
+    channel : int
+    """
+    return ACCURACY * _of_full_range(material, channel)
+
+
+def _of_full_range(material: Material, channel: int) -> float:
+    """Force of both chambers' pressure ranges, as of errors that know nothing of each other."""
     robot = material.robot
     if material.is_flow(channel) or material.forces.torque:
         return 0.0
     joint = robot.joint_names[material.joint_of(channel)]
-    drift_pa = DRIFT * robot.sensors.pressure_range_pa
     areas = [(c.area_a_m2, c.area_b_m2) for c in robot.cylinders if c.joint == joint]
-    return max((drift_pa * math.hypot(*pair) for pair in areas), default=0.0)
+    return robot.sensors.pressure_range_pa * max((math.hypot(*a) for a in areas), default=0.0)
