@@ -43,6 +43,10 @@ def _push(robot: Robot) -> float:
             {"volume_a": 8e-6, "volume_b": 9e-6},
             {"volume_a": 8e-6, "volume_b": 2e-4},
         ),
+        ("valve_null_bias", "lift_valve", {"bias": -2e-4}, {"bias": 5e-4}),
+        ("valve_hysteresis", "lift_valve", {"half_width": 2e-4}, {"half_width": 1e-3}),
+        ("valve_deadband", "lift_valve", {"width": 4e-4}, {"width": 1e-3}),
+        ("valve_underlap", "lift_valve", {"width": 4e-4}, {"width": 1e-3}),
     ],
 )
 def test_sizes_within_data_sheets_are_minor(

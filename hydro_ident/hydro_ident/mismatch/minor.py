@@ -18,14 +18,21 @@ from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
 
-#: Largest sizes that are within what sensors, drawings and seals are good for: the accuracy of a
-#: good transducer and of setting a joint's zero, a fitting's oil. Real effects begin at that or
-#: well above: gains at 0.1 %, volumes at 0.2 l.
+#: Step of a converter of twelve bits, as a share of the valve's signal either way.
+_STEP = 2.0**-11
+#: Largest sizes that are within what sensors, drawings, seals and converters are good for: the
+#: accuracy of a good transducer and of setting a joint's zero, a fitting's oil, what rounding and
+#: cutting off of a valve's signal leave. Real effects begin at that or well above: gains at 0.1 %,
+#: volumes at 0.2 l, overlaps at 0.1 %.
 _TOLERATED = {
     "pressure_sensor_gain": ("error", 1.0e-3),
     "pressure_sensor_bias": ("bias", 5.0e3),
     "encoder_offset": ("offset", 5.0e-4),
     "dead_volume": ("volume", 1.0e-5),
+    "valve_null_bias": ("bias", 0.5 * _STEP),
+    "valve_hysteresis": ("half_width", 0.5 * _STEP),
+    "valve_deadband": ("width", _STEP),
+    "valve_underlap": ("width", _STEP),
 }
 #: Of what a small machine has they are smaller shares: of its cylinder's oil, of its supply.
 _SHARES = {"dead_volume": 0.03, "pressure_sensor_bias": 5.0e-4}
