@@ -177,7 +177,7 @@ def test_memory_does_not_grow_with_the_bag(
                     yield replace(piece, start_ns=start)
 
     peaks = []
-    for repeats in (2, 4):
+    for repeats in (4, 6):
         tracemalloc.start()
         identify(robot, [Repeated(repeats)], settings=NOTHING_HELD_OUT)
         peaks.append(tracemalloc.get_traced_memory()[1])
