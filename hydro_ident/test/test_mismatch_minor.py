@@ -110,7 +110,7 @@ def test_what_has_no_name_and_is_tiny_is_noted() -> None:
 
 
 def test_an_effect_without_tolerance_is_never_minor(robot: Robot) -> None:
-    tiny = _term(robot, "valve_null_bias", "lift_valve", {"bias": 1e-6})
+    tiny = _term(robot, "valve_spool_lag", "lift_valve", {"frequency": 500.0, "damping": 0.7})
     assert not is_minor(robot, tiny)
 
 
@@ -134,12 +134,14 @@ def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
 def test_the_page_says_these_sizes() -> None:
     page = (Path(__file__).parents[2] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
     paragraph = page.partition("* **Minor.**")[2].partition("* **Limits.**")[0]
-    gain, bias, offset, volume = (minor._TOLERATED[name][1] for name in minor._TOLERATED)
+    gain, bias, offset, volume, null, *others = (most for _, most in minor._TOLERATED.values())
+    assert others == [null, 2.0 * null, 2.0 * null]
     for told in (
         f"gains of transducers below {1e2 * gain:g} %",
         f"{1e-3 * bias:g} kPa",
         f"{1e3 * offset:g} mrad",
         f"{1e6 * volume:g} ml",
+        f"12-bit converter ({1e2 * null:.2g} % of the signal), overlaps and underlaps below one",
         f"{1e2 * minor._FRICTION_SHARE:g} % of what the cylinder can push",
         f"no name is below {1e2 * minor.UNKNOWN_SHARE:g} %",
     ):
