@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,12 @@ from hydro_ident.study.robots import StudyRobot
 from hydro_ident.study.seclusion import can_seclude
 from hydro_model.robot_files import load_robot, shipped_robots
 
+Draw = Callable[[CaseSpec], Any]
+
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory, motion: Motion) -> tuple[Path, list[Any]]:
-    """Four cases of one crane, with short motions in place of designed ones."""
+def drawn(tmp_path_factory: pytest.TempPathFactory, motion: Motion) -> tuple[Path, Draw]:
+    """A study of one crane, and what draws its cases: short motions in place of designed ones."""
     out = tmp_path_factory.mktemp("study")
     folder = out / "robots" / "00"
     folder.mkdir(parents=True)
@@ -37,25 +40,37 @@ def study(tmp_path_factory: pytest.TempPathFactory, motion: Motion) -> tuple[Pat
     robot = load_robot(folder / "crane_00.hydraulics.yaml")
     half = Motion("excite", motion.q[:3000], motion.qd[:3000])
     robots = [StudyRobot(folder, robot, (motion, half))]
-    cases = []
-    with pytest.MonkeyPatch.context() as patch:
-        # Work cycles of a minute would take the test too long; they are another motion, no more.
-        patch.setattr("hydro_ident.study.generate.work", lambda robot, seed: (motion, half))
-        for index, kind in enumerate(("clean", "single", "double", "outside")):
-            case = make_case(CaseSpec(5, index, kind), robots)  # type: ignore[arg-type]
-            write_case(case, out)
-            cases.append(case)
+
+    def draw(spec: CaseSpec) -> Any:
+        with pytest.MonkeyPatch.context() as patch:
+            # Work cycles of a minute would take too long; they are another motion, no more.
+            patch.setattr("hydro_ident.study.generate.work", lambda robot, seed: (motion, half))
+            return make_case(spec, robots)
+
+    return out, draw
+
+
+@pytest.fixture(scope="module")
+def study(drawn: tuple[Path, Draw]) -> tuple[Path, list[Any]]:
+    """Four cases, written."""
+    out, draw = drawn
+    kinds = ("clean", "single", "double", "outside")
+    cases = [draw(CaseSpec(5, i, kind)) for i, kind in enumerate(kinds)]  # type: ignore[arg-type]
+    for case in cases:
+        write_case(case, out)
     return out, cases
 
 
-def test_case_follows_from_its_seed(study: tuple[Path, list[Any]], tmp_path: Path) -> None:
+def test_case_follows_from_its_seed(
+    study: tuple[Path, list[Any]], drawn: tuple[Path, Draw], tmp_path: Path
+) -> None:
     out, cases = study
-    case = cases[1]
+    case = drawn[1](cases[1].spec)
     write_case(case, tmp_path)
     again = json.loads((tmp_path / TRUTHS / f"{case.spec.name}.json").read_text())
     assert again == json.loads((out / TRUTHS / f"{case.spec.name}.json").read_text())
     files = sorted(
-        p.relative_to(out / CASES) for p in (out / CASES).rglob(f"{case.spec.name}/**/*.mcap")
+        p.relative_to(out / CASES) for p in (out / CASES / case.spec.name).rglob("*.mcap")
     )
     assert files
     for file in files:
