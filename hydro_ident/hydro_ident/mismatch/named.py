@@ -12,10 +12,10 @@ from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
 from hydro_model.effects.targets import ActiveEffect
 
+_DRY, _PRESLIDING = "coulomb_friction", "presliding_friction"
 #: Ranges of a parameter outside which a law is nothing but another one's, rounded: a bristle that
 #: bends over less than a tenth of a millimetre, or friction that falls off over more than any slow
 #: motion, is Coulomb's law.
-_DRY, _PRESLIDING = "coulomb_friction", "presliding_friction"
 LIMITS = {
     _PRESLIDING: ("distance", 1.0e-4, np.inf, _DRY),
     "stribeck_friction": ("stribeck_velocity", 0.0, 0.05, _DRY),
