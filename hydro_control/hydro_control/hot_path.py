@@ -13,13 +13,15 @@ from rclpy.duration import Duration
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
-from hydro_control.core import Answer, ControllerCore
+from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.sample_join import SampleJoin
 from hydro_model.robot import FloatArray
 from hydro_msgs_docs import topics
-from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
+from hydro_msgs_docs.hot_loop import HotWait
+from hydro_msgs_docs.hot_messages import HotMessage, HotVectors
 from hydro_msgs_docs.loop_times import LoopTimes
-from hydro_msgs_docs.messages import by_name, joint_state, set_stamp, stamp_ns
+from hydro_msgs_docs.messages import by_name
 from hydro_msgs_docs.real_time import RealTime
 
 #: Longest sleep without a message, after which the loop looks whether it should end.
@@ -58,9 +60,9 @@ class HotPath:
         self._node, self._core, self._on_error = node, core, on_error
         self._real_time = real_time
         qos = topics.reliable()
-        self._joints = HotSubscription(node, JointState, topics.JOINT_STATES, qos)
-        self._pressures = HotSubscription(node, JointState, topics.CHAMBER_PRESSURES, qos)
-        self._applied = HotSubscription(node, JointState, topics.VALVE_STATE, qos)
+        self._joints = HotVectors(node, topics.JOINT_STATES, qos)
+        self._pressures = HotVectors(node, topics.CHAMBER_PRESSURES, qos)
+        self._applied = HotVectors(node, topics.VALVE_STATE, qos)
         self._wait = HotWait(node, self._pressures)
         self._partner = HotWait(node, self._joints)
         self._join = SampleJoin(core.robot)
@@ -155,19 +157,16 @@ class HotPath:
         if sample is None or not self._all_matched():
             return
         self._take_applied()
-        last = self._core.last
         answer = self._core.answer(sample)
         if answer is None:
             return
-        if answer is not last:
-            self._messages.fill(answer)
         self._driven = True
-        self._command.publish(self._messages.command)
+        self._publish_command(answer.stamp_ns, answer.output.voltage_v)
         self.times.work.add(time.monotonic_ns() - begin_ns)
-        self._joint_reference.publish(self._messages.joint_reference)
-        self._tip_reference.publish(self._messages.tip_reference)
+        self._joint_reference.publish(self._messages.joint_reference(answer))
+        self._tip_reference.publish(self._messages.tip_reference(answer))
 
-    def _sample(self) -> Any:
+    def _sample(self) -> Sample | None:
         """Take all that waits on both topics, and wait a little for a missing partner."""
         self._take()
         end = time.monotonic() + _PARTNER_S
@@ -177,17 +176,17 @@ class HotPath:
         return self._join.newest()
 
     def _take(self) -> None:
-        while (message := self._joints.take()) is not None:
-            self._join.add_joints(message)
-        while (message := self._pressures.take()) is not None:
-            self.times.took(stamp_ns(message), time.monotonic_ns())
-            self._join.add_pressures(message)
+        while (vector := self._joints.take()) is not None:
+            self._join.add_joints(vector)
+        while (vector := self._pressures.take()) is not None:
+            self.times.took(vector.stamp_ns, time.monotonic_ns())
+            self._join.add_pressures(vector)
 
     def _take_applied(self) -> None:
-        while (message := self._applied.take()) is not None:
-            voltage_v = by_name(message, "effort", self._valve_names)
+        while (vector := self._applied.take()) is not None:
+            voltage_v = by_name(vector, "effort", self._valve_names)
             if voltage_v is not None:
-                self._core.applied(stamp_ns(message), np.array(voltage_v))
+                self._core.applied(vector.stamp_ns, np.array(voltage_v))
 
     def _all_matched(self) -> bool:
         if not self._matched:
@@ -220,25 +219,31 @@ class HotPath:
         self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
-        self._command.publish(joint_state(stamp, self._valve_names, effort=voltage_v.tolist()))
+        self._command.publish(self._messages.command(stamp, voltage_v))
 
 
 class _Messages:
-    """The three messages of a cycle, allocated once and filled anew for every answer."""
+    """The three messages of a cycle, as bytes."""
 
     def __init__(self, core: ControllerCore) -> None:
-        self.command = joint_state(0, core.robot.valve_names)
-        self.joint_reference = joint_state(0, core.robot.joint_names)
-        self.tip_reference = PointStamped()
-        self.tip_reference.header.frame_id = core.base_frame
+        robot, lists = core.robot, ("position", "velocity", "effort")
+        sizes = dict.fromkeys(lists, robot.dof)
+        self._command = HotMessage(
+            JOINT_STATE, {"effort": len(robot.valves)}, names=robot.valve_names
+        )
+        self._joint = HotMessage(JOINT_STATE, sizes, names=robot.joint_names)
+        self._tip = HotMessage(POINT_STAMPED, {"point": 3}, frame_id=core.base_frame)
 
-    def fill(self, answer: Answer) -> None:
-        """Write an answer into the messages."""
-        output, point = answer.output, self.tip_reference.point
-        for message in (self.command, self.joint_reference, self.tip_reference):
-            set_stamp(message, answer.stamp_ns)
-        self.command.effort = output.voltage_v.tolist()
-        self.joint_reference.position = output.q_d.tolist()
-        self.joint_reference.velocity = output.qd_d.tolist()
-        self.joint_reference.effort = output.required_force_n.tolist()
-        point.x, point.y, point.z = output.tip_d_m.tolist()
+    def command(self, stamp: int, voltage_v: FloatArray) -> bytes:
+        """What the valves shall get."""
+        return self._command.filled(stamp, voltage_v.tolist())
+
+    def joint_reference(self, answer: Answer) -> bytes:
+        """What the joints shall do, and the force required for it."""
+        out = answer.output
+        lists = (out.q_d.tolist(), out.qd_d.tolist(), out.required_force_n.tolist())
+        return self._joint.filled(answer.stamp_ns, *lists)
+
+    def tip_reference(self, answer: Answer) -> bytes:
+        """Where the tip shall be."""
+        return self._tip.filled(answer.stamp_ns, answer.output.tip_d_m.tolist())

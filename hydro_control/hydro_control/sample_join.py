@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from hydro_control.core import Sample
 from hydro_model.robot import FloatArray, Robot
-from hydro_msgs_docs.messages import by_name, stamp_ns
+from hydro_msgs_docs.messages import StampedVector, by_name
 
 _RAILS = ("supply", "tank")
 #: Messages kept per topic while their partners are on the way.
@@ -47,36 +47,36 @@ class SampleJoin:
         self._pressures.clear()
         self.malformed, self.message = 0, ""
 
-    def add_joints(self, message: Any) -> None:
-        """Take a `/joint_states` message."""
-        values = by_name(message, "position", self._joint_names)
+    def add_joints(self, vector: StampedVector) -> None:
+        """Take what came on `/joint_states`."""
+        values = by_name(vector, "position", self._joint_names)
         if values is None:
-            self._lacks("/joint_states", self._joint_names, message)
+            self._lacks("/joint_states", self._joint_names, vector)
         else:
-            self._joints.append((stamp_ns(message), np.array(values)))
+            self._joints.append((vector.stamp_ns, np.array(values)))
             self.message = ""
 
-    def add_pressures(self, message: Any) -> None:
-        """Take a `/chamber_pressures` message; supply and tank may be absent, each by itself."""
-        values = by_name(message, "effort", self._pressure_names)
+    def add_pressures(self, vector: StampedVector) -> None:
+        """Take what came on `/chamber_pressures`; supply and tank may each be absent."""
+        values = by_name(vector, "effort", self._pressure_names)
         if values is None:
-            values = by_name(message, "effort", self._chambers)
-            rails = [by_name(message, "effort", (name,)) for name in _RAILS]
+            values = by_name(vector, "effort", self._chambers)
+            rails = [by_name(vector, "effort", (name,)) for name in _RAILS]
             of_rails = tuple(None if rail is None else rail[0] for rail in rails)
         else:
             of_rails = tuple(values[len(self._chambers) :])
         if values is None:
-            self._lacks("/chamber_pressures", self._chambers, message)
+            self._lacks("/chamber_pressures", self._chambers, vector)
         else:
             chambers = np.array(values[: len(self._chambers)])
-            self._pressures.append((stamp_ns(message), chambers, of_rails))
+            self._pressures.append((vector.stamp_ns, chambers, of_rails))
             self.message = ""
 
-    def _lacks(self, topic: str, names: Any, message: Any) -> None:
-        if not set(names) & set(message.name):
+    def _lacks(self, topic: str, names: Sequence[str], vector: StampedVector) -> None:
+        if not set(names) & set(vector.name):
             return  # of another machine, such as a gripper's driver
         self.malformed += 1
-        self.message = f"{topic} should carry {', '.join(names)}, found {', '.join(message.name)}"
+        self.message = f"{topic} should carry {', '.join(names)}, found {', '.join(vector.name)}"
 
     @property
     def waiting(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib import resources
 from pathlib import Path
@@ -14,34 +15,22 @@ from hydro_control import parameters
 from hydro_control.gains import Gains
 from hydro_control.sample_join import SampleJoin
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.messages import StampedVector
 
 ROBOT = load_robot("xs031")
 
 
-class Stamp:
-    def __init__(self, stamp: int) -> None:
-        self.sec, self.nanosec = divmod(stamp, 10**9)
+def vector(stamp: int, name: Sequence[str], values: Sequence[float]) -> StampedVector:
+    """Of both topics: positions and efforts alike."""
+    return StampedVector(stamp, tuple(name), position=tuple(values), effort=tuple(values))
 
 
-class Header:
-    def __init__(self, stamp: int) -> None:
-        self.stamp = Stamp(stamp)
+def joints(stamp: int, values: tuple[float, float] = (0.6, -1.5)) -> StampedVector:
+    return vector(stamp, ROBOT.joint_names, values)
 
 
-class Vector:
-    """The fields of a JointState that the join reads."""
-
-    def __init__(self, stamp: int, name: list[str], values: list[float]) -> None:
-        self.header = Header(stamp)
-        self.name, self.position, self.effort = name, values, values
-
-
-def joints(stamp: int, values: tuple[float, float] = (0.6, -1.5)) -> Vector:
-    return Vector(stamp, list(ROBOT.joint_names), list(values))
-
-
-def pressures(stamp: int, names: tuple[str, ...] = ROBOT.pressure_names) -> Vector:
-    return Vector(stamp, list(names), [1e6 + i for i in range(len(names))])
+def pressures(stamp: int, names: tuple[str, ...] = ROBOT.pressure_names) -> StampedVector:
+    return vector(stamp, names, [1e6 + i for i in range(len(names))])
 
 
 def test_the_newest_common_stamp_whatever_the_order() -> None:
@@ -64,7 +53,7 @@ def test_the_newest_common_stamp_whatever_the_order() -> None:
 
 def test_values_are_taken_by_name() -> None:
     join = SampleJoin(ROBOT)
-    join.add_joints(Vector(1, ["tilt", "other", "lift"], [-1.5, 9.0, 0.6]))
+    join.add_joints(vector(1, ["tilt", "other", "lift"], [-1.5, 9.0, 0.6]))
     names = ROBOT.pressure_names[::-1]
     join.add_pressures(pressures(1, names))
     sample = join.newest()
@@ -84,7 +73,7 @@ def test_supply_and_tank_may_be_absent_but_no_chamber() -> None:
     assert sample is not None
     assert sample.p_s is None
     join.add_pressures(pressures(2, ROBOT.pressure_names[1:]))
-    join.add_joints(Vector(2, ["lift"], [0.1]))
+    join.add_joints(vector(2, ["lift"], [0.1]))
     assert join.malformed == 2
     assert join.message == "/joint_states should carry lift, tilt, found lift"
     again = join.newest()
@@ -110,8 +99,8 @@ def test_each_rail_counts_by_itself() -> None:
 
 def test_messages_of_other_machines_are_none_of_this_one() -> None:
     join = SampleJoin(ROBOT)
-    join.add_joints(Vector(1, ["gripper"], [0.1]))
-    join.add_pressures(Vector(1, ["grapple/a"], [1e6]))
+    join.add_joints(vector(1, ["gripper"], [0.1]))
+    join.add_pressures(vector(1, ["grapple/a"], [1e6]))
     assert (join.malformed, join.message) == (0, "")
 
 

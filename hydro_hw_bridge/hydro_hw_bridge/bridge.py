@@ -9,7 +9,6 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
@@ -28,8 +27,8 @@ from hydro_hw_bridge.publishers import BridgePublishers
 from hydro_hw_bridge.supervision import FOREIGN
 from hydro_model.errors import HydroError
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.messages import stamp_ns
+from hydro_msgs_docs.hot_loop import HotWait
+from hydro_msgs_docs.hot_messages import HotVectors
 from hydro_msgs_docs.nodes import ERROR, OK, WARN, Diagnostics, fix_parameters, logged_transition
 from hydro_msgs_docs.real_time import RealTime
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
@@ -98,7 +97,7 @@ class CanBridge(LifecycleNode):
             f" {self._codec.layout.describe_load()}"
         )
         self._diagnostics = Diagnostics(self, f"{robot.name}@{self._bus.name}")
-        self._hot = HotSubscription(self, JointState, VALVE_COMMAND, reliable())
+        self._hot = HotVectors(self, VALVE_COMMAND, reliable())
         self._wait = HotWait(self, self._hot)
         self.create_service(Trigger, "~/clear_trip", self._clear_trip)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -226,7 +225,7 @@ class CanBridge(LifecycleNode):
             frame = None if message is None else self._codec.receive(message)
             now_ns, waited_s = 0, None
             heard_at = self._heard_at
-            if message and frame is not None and frame.role == "sync" and frame.intact:
+            if message is not None and frame is not None and frame.role == "sync" and frame.intact:
                 heard_at = time.monotonic()
                 now_ns = clock.now().nanoseconds
                 waited_s = self._bus.waited_s(message)
@@ -239,7 +238,11 @@ class CanBridge(LifecycleNode):
                 self._heard_at = heard_at
                 first = NOTHING if frame is None else self._received(frame, now_ns)
                 late = () if waited_s is None else self._read_late(waited_s)
-                steps = (first, *late, self._silence(message is None), *self._look_at_bus())
+                # What is wrong with the bus is news after an error frame, which is no message,
+                # after sending, and once a cycle in any case.
+                news = message is None or waited_s is not None or first.answer is not None
+                bus = self._look_at_bus() if news else ()
+                steps = (first, *late, self._silence(message is None), *bus)
             self._times.arrived(first.sample, begin_ns)
             self._publish(*steps)
             self._times.published(first.sample, begin_ns)
@@ -277,14 +280,14 @@ class CanBridge(LifecycleNode):
             if not self._wait.wait(COMMAND_TIMEOUT_S):
                 continue
             while (taken := self._hot.take_numbered()) is not None:
-                message, number = taken
+                asked, number = taken
                 with self._lock:
                     unheard_s = time.monotonic() - self._heard_at
                     step = self._core.command(
-                        stamp_ns(message), message.name, message.effort.tolist(), number, unheard_s
+                        asked.stamp_ns, asked.name, asked.effort, number, unheard_s
                     )
                     steps = (step, *self._look_at_bus())
-                self._times.commanded(step, stamp_ns(message))
+                self._times.commanded(step, asked.stamp_ns)
                 self._publish(*steps)
 
     def _look_at_bus(self) -> list[Step]:

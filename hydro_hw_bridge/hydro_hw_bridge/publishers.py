@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -13,6 +12,8 @@ from sensor_msgs.msg import FluidPressure, JointState, Temperature
 
 from hydro_hw_bridge.bridge_step import Sample, ValveState
 from hydro_hw_bridge.codec import Codec
+from hydro_msgs_docs.cdr import JOINT_STATE
+from hydro_msgs_docs.hot_messages import HotMessage
 from hydro_msgs_docs.messages import set_stamp
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
@@ -70,10 +71,11 @@ class BridgePublishers:
         self._atmosphere_pa = codec.robot.atmospheric_pressure_pa
         self._slow_cycles = max(1, round(1.0 / (slow_rate_hz * period_s)))
         names = [*codec.joint_names, *codec.stroke_names]
-        self._joints = self._vector(JOINT_STATES, names)
-        self._pressures = self._vector(CHAMBER_PRESSURES, codec.pressure_names)
-        self._valves = self._vector(VALVE_STATE, codec.valve_names)
         self._has_spools = any(v.spool is not None for v in codec.mapping.valves.values())
+        valves = ("effort", "position") if self._has_spools else ("effort",)
+        self._joints = self._vector(JOINT_STATES, names, ("position", "velocity"))
+        self._pressures = self._vector(CHAMBER_PRESSURES, codec.pressure_names, ("effort",))
+        self._valves = self._vector(VALVE_STATE, codec.valve_names, valves)
         self._slow = [
             (i, self._publisher(FluidPressure, f"/pressure/{name}"))
             for i, name in enumerate(codec.pressure_names)
@@ -96,9 +98,10 @@ class BridgePublishers:
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
-    def _vector(self, topic: str, names: Any) -> tuple[Any, Any]:
-        message = JointState()
-        message.name = list(names)
+    def _vector(
+        self, topic: str, names: Sequence[str], fields: Sequence[str]
+    ) -> tuple[Any, HotMessage]:
+        message = HotMessage(JOINT_STATE, dict.fromkeys(fields, len(names)), names=names)
         return self._publisher(JointState, topic), message
 
     def matched(self, required: Mapping[str, int]) -> list[str]:
@@ -119,20 +122,16 @@ class BridgePublishers:
         """Publish a cycle under its one stamp; pressures become absolute here."""
         readings = sample.readings
         position = (*readings.positions, *readings.strokes_m)
+        velocity = self._velocity.update(sample.counter, position)
         publisher, message = self._joints
-        set_stamp(message, sample.stamp_ns)
-        message.position = array("d", position)
-        message.velocity = array("d", self._velocity.update(sample.counter, position))
-        publisher.publish(message)
+        publisher.publish(message.filled(sample.stamp_ns, position, velocity))
+        absolute = [p + self._atmosphere_pa for p in readings.pressures_pa]
         publisher, message = self._pressures
-        set_stamp(message, sample.stamp_ns)
-        absolute = array("d", (p + self._atmosphere_pa for p in readings.pressures_pa))
-        message.effort = absolute
-        publisher.publish(message)
+        publisher.publish(message.filled(sample.stamp_ns, absolute))
         if sample.counter % self._slow_cycles == 0 and not sample.repeated:
             self._publish_slow(sample, absolute)
 
-    def _publish_slow(self, sample: Sample, absolute_pa: array[float]) -> None:
+    def _publish_slow(self, sample: Sample, absolute_pa: Sequence[float]) -> None:
         for index, publisher in self._slow:
             message = FluidPressure(fluid_pressure=absolute_pa[index])
             set_stamp(message, sample.stamp_ns)
@@ -146,11 +145,8 @@ class BridgePublishers:
         """Publish what the valves got in a cycle."""
         publisher, message = self._valves
         with self._stating:
-            set_stamp(message, state.stamp_ns)
-            message.effort = array("d", state.voltages)
-            if self._has_spools:
-                message.position = array("d", state.spools)
-            publisher.publish(message)
+            values = (state.voltages, state.spools) if self._has_spools else (state.voltages,)
+            publisher.publish(message.filled(state.stamp_ns, *values))
 
     def destroy(self) -> None:
         """Take the publishers off the graph."""

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 2_000_000

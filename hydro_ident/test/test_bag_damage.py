@@ -15,7 +15,6 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from hydro_ident.bag import writer as bag_writer
-from hydro_ident.bag.cdr import JOINT_STATE, encode
 from hydro_ident.bag.playback import contents_of, messages
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.streaming import cut_recording, stream_recordings
@@ -24,6 +23,7 @@ from hydro_ident.commands.inspect import text_of
 from hydro_ident.errors import BagError
 from hydro_ident.inspection import inspect_bag
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 NAMES = ("lift", "tilt")
 TOPIC = "/joint_states"

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import JOINT_STATE
 
 TOPIC, STEP_NS = "/joint_states", 100_000_000
 #: Files of four chunks of two cycles; the second is the larger one.

@@ -13,10 +13,10 @@ import pytest
 import zstandard
 
 from hydro_ident.bag import memory
-from hydro_ident.bag.cdr import JOINT_STATE, encode
 from hydro_ident.bag.mcap_records import CHANNEL, CHUNK, MAGIC, MESSAGE, SCHEMA
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 MIB = 1 << 20
 NAMES = ("lift", "tilt", *(f"j{i}" for i in range(198)))

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.estimate.traces import traces_of, traces_of_piece
 from hydro_model.robot import Robot
+from hydro_msgs_docs.cdr import JOINT_STATE
 
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 2_000_000
 COUNT = 3000

@@ -18,12 +18,12 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from hydro_ident.bag.cdr import JOINT_STATE, encode
 from hydro_ident.bag.chunks import ChunkError, decompress_chunk
 from hydro_ident.bag.definitions import definition
 from hydro_ident.bag.playback import messages
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 NAMES = ("lift", "tilt")
 COUNT = 400

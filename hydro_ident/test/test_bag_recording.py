@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE
 from hydro_ident.bag.grid import contiguous, find_gaps, latched_cycles, runs
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 2_000_000

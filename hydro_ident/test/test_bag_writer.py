@@ -14,7 +14,6 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE
 from hydro_ident.bag.definitions import (
     TYPE_HASHES,
     definition,
@@ -25,6 +24,7 @@ from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE
 from hydro_msgs_docs.topics import MESSAGE_TYPES
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

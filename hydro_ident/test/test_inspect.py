@@ -12,7 +12,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
@@ -22,6 +21,7 @@ from hydro_ident.complaints import complaints_of
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import inspect_bag, robot_of
 from hydro_model import terminal
+from hydro_msgs_docs.cdr import JOINT_STATE
 
 N = 1500
 

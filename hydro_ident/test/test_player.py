@@ -130,9 +130,9 @@ def test_a_bag_is_played_byte_by_byte_in_its_time(node, write_bag, run_columns) 
 def test_latched_topics_reach_who_comes_later(node, tmp_path) -> None:
     from sensor_msgs.msg import JointState
 
-    from hydro_ident.bag.cdr import JOINT_STATE
     from hydro_ident.bag.metadata import OfferedQos
     from hydro_ident.bag.writer import BagWriter
+    from hydro_msgs_docs.cdr import JOINT_STATE
     from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
     from hydro_msgs_docs.topics import latched
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import JOINT_STATE
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.identify import run
+from hydro_msgs_docs.cdr import JOINT_STATE
 
 pytestmark = pytest.mark.needs("clarabel", "plotly")
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import Guess, words_of
 from hydro_ident.bag.log_suggest import suggest
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.cdr import FloatArray
 
 T: FloatArray = np.linspace(0.0, 0.398, 200)
 CRANE = load_robot("xs031")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
@@ -23,6 +22,7 @@ from hydro_ident.metrics import moving_span, speed_m_s, tracking
 from hydro_model import terminal
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
 
 PERIOD_NS = 2_000_000
 START_NS = 1_700_000_000_000_000_000

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
+VECTOR_FIELDS = ("position", "velocity", "effort")
 _SECOND_NS = 1_000_000_000
 
 
@@ -52,12 +54,44 @@ def joint_state(
     return message
 
 
+@dataclass(frozen=True, slots=True)
+class StampedVector:
+    """What a `sensor_msgs/msg/JointState` says, its fields under their names there.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Nanoseconds of ROS time.
+    name : tuple of str
+    position, velocity, effort : tuple of float
+        Units as the topic's page says. As the sender made them: empty, or one value per name,
+        or any other number.
+    """
+
+    stamp_ns: int
+    name: tuple[str, ...] = ()
+    position: tuple[float, ...] = ()
+    velocity: tuple[float, ...] = ()
+    effort: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, message: Any) -> StampedVector:
+        """From a message.
+
+        Parameters
+        ----------
+        message : sensor_msgs.msg.JointState
+        """
+        lists = (tuple(getattr(message, name)) for name in VECTOR_FIELDS)
+        return cls(stamp_ns(message), tuple(message.name), *lists)
+
+
 def by_name(message: Any, field: str, names: Sequence[str]) -> list[float] | None:
     """The values of one field in the order of `names`, or None where one is not there.
 
     Parameters
     ----------
-    message : sensor_msgs.msg.JointState
+    message : sensor_msgs.msg.JointState or StampedVector
     field : {"position", "velocity", "effort"}
     names : sequence of str
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from hydro_ident.bag.cdr import JOINT_STATE, encode
 from hydro_ident.bag.mcap_records import CHANNEL, CHUNK, MAGIC, MESSAGE, SCHEMA
 from hydro_ident.study.fuzz.targets import NAME, shipped_mapping
+from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 #: Reads (path, target): what was said, and the notes beside a bag.
 Read = Callable[[Path, str], str]

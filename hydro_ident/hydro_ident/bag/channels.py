@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.rails import LONGEST_S, silence_s
 from hydro_model.robot import Cylinder, Robot
+from hydro_msgs_docs.cdr import FloatArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
 

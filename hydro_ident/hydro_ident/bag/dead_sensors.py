@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.recorded_run import BoolArray, Recording
 from hydro_model.joint_ranges import limits
+from hydro_msgs_docs.cdr import FloatArray
 
 #: A joint that goes through this share of its range changes what gravity and friction ask for by
 #: far more than a torque's or a pressure's resolution.

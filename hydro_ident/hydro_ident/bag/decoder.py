@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from hydro_ident.bag import memory
-from hydro_ident.bag.cdr import FIELDS
 from hydro_ident.bag.diagnostics import DIAGNOSTIC_ARRAY, Status, add_statuses
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_msgs_docs.cdr import FIELDS
 
 _MOST_NOTES = 1000
 #: Memory is asked for each time that so many more bytes have come.

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hydro_ident.bag.cdr import CdrError, Cursor
 from hydro_ident.bag.mcap_types import MessageBlock
+from hydro_msgs_docs.cdr import CdrError, Cursor
 
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 LEVELS = ("ok", "warn", "error", "stale")

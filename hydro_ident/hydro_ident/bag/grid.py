@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.series import Series
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
 

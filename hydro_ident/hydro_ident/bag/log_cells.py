@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_dates import Dated, dated, why_unread
 from hydro_ident.bag.log_dates_apart import dates_apart
 from hydro_ident.bag.log_file import SHOWN
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _COMMA_NUMBER = re.compile(r"\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*")

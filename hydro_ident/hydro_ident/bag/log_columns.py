@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_clocks import Timeline, clock_of
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import read_columns
@@ -15,6 +14,7 @@ from hydro_ident.bag.log_signal import LogSignal, turns
 from hydro_ident.bag.log_targets import MARGIN
 from hydro_ident.bag.log_times import times_among
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import FloatArray
 
 #: Periods by which angles are wrapped.
 _PERIODS = (360.0, 2.0 * math.pi)

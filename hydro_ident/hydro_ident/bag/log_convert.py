@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_clocks import timeline_of
 from hydro_ident.bag.log_columns import Columns
 from hydro_ident.bag.log_file import Log
@@ -25,6 +24,7 @@ from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
 from hydro_model.terminal import advance
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_REFERENCE,

@@ -13,7 +13,7 @@ from datetime import date, datetime, timedelta
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
+from hydro_msgs_docs.cdr import FloatArray
 
 _CLOCK = r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)(Z?)"
 _TIME_OF_DAY = re.compile(_CLOCK)

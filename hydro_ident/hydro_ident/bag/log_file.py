@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.log_kinds import TEXT, instead_of_log, is_text
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 _MAX_NAMES = 12
 #: Characters of a name or a cell in a message.

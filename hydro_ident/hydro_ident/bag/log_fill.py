@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_columns import wrap_of
 from hydro_ident.bag.log_guess import Reading
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_signal import FILL_IN, unwrapped
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_units import UNITS
+from hydro_msgs_docs.cdr import FloatArray
 
 Entry = dict[str, object]
 

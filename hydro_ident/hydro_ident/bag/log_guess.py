@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
 from hydro_ident.bag.log_words import parts_of, word_set
+from hydro_msgs_docs.cdr import FloatArray
 
 #: How sure a guess is, most sure first.
 LEVELS = ("sure", "likely", "guess", "open")

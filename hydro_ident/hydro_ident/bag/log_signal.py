@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
+from hydro_msgs_docs.cdr import FloatArray
 
 #: What a suggested mapping has where a person has to say.
 FILL_IN = "FILL_IN"

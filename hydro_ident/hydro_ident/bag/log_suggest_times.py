@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_clocks import SAME, SHARED, nearest
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import LEVELS, Guess, Reading, weakest
@@ -26,6 +25,7 @@ from hydro_ident.bag.log_times import (
     unit_beside,
 )
 from hydro_ident.bag.log_units import UNITS
+from hydro_msgs_docs.cdr import FloatArray
 
 #: Rates that logs of machines have, Hz, and the usual one.
 _RATES, _USUAL_HZ = (2.0, 2e4), 500.0

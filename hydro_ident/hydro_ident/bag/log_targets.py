@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_guess import Reading, words_of
 from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.bag.log_words import COMMON, SUPPLY, TANK, alike, chamber_of, word_set
 from hydro_model.robot import Joint, Robot
+from hydro_msgs_docs.cdr import FloatArray
 
 _NAME, _ALIKE, _NUMBER, _CHAMBER = 4.0, 2.5, 2.0, 1.0
 _OIL = word_set("oil öl oel huile aceite olio")

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import Reading
 from hydro_ident.bag.log_units import UNITS
+from hydro_msgs_docs.cdr import FloatArray
 
 #: Seconds of 1970 that a log may have been written at: from 2000 to the end of the stamps, which
 #: are int32; and the `start` of such a log.

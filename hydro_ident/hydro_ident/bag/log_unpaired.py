@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.log_clocks import clock_of
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import Reading, reading_of
@@ -14,6 +13,7 @@ from hydro_ident.bag.log_map import LogMap
 from hydro_ident.bag.log_times import beside, times_among, unit_beside
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import FloatArray
 
 _SHOWN = 3
 

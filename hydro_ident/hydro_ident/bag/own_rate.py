@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recorded_run import BoolArray, Recording
 from hydro_ident.bag.streaming import Piece, map_columns
+from hydro_msgs_docs.cdr import FloatArray
 
 #: Second differences below this share of their rms are those of a straight line: what rounding of
 #: a log's digits leaves. White noise is below it in one sample of eight.

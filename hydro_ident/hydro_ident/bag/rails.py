@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.grid import BoolArray
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 #: A rail goes with pump and accumulator, over tenths of a second: between readings further apart
 #: than this a straight line may miss what it did.

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.cdr import FloatArray, IntArray
 from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.grid import Gap, contiguous, runs
 from hydro_model.robot import Robot
+from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hydro_ident.bag.cdr import FLUID_PRESSURE
 from hydro_ident.bag.definitions import message_class_of
 from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
+from hydro_msgs_docs.cdr import FLUID_PRESSURE
 from hydro_msgs_docs.topics import MESSAGE_TYPES
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
 from hydro_ident.bag.channels import find_losses
 from hydro_ident.bag.dead_sensors import without_dead
 from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles, usual_period_s
@@ -24,6 +23,7 @@ from hydro_ident.bag.series import Series
 from hydro_ident.errors import BagError
 from hydro_model.cylinder import joint_position
 from hydro_model.robot import Robot
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED, TEMPERATURE, FloatArray, IntArray
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     DIAGNOSTICS,

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from hydro_ident.bag.cdr import (
+from hydro_ident.bag.mcap_types import MessageBlock
+from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import (
     FIELDS,
     JOINT_STATE,
     ByteArray,
@@ -18,8 +20,6 @@ from hydro_ident.bag.cdr import (
     Layout,
     layout_of,
 )
-from hydro_ident.bag.mcap_types import MessageBlock
-from hydro_ident.errors import BagError
 
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
 _KEPT_LAYOUTS = 16
@@ -87,7 +87,7 @@ class SeriesBuilder:
     Parameters
     ----------
     topic, message_type : str
-        The type is one of `hydro_ident.bag.cdr.FIELDS`.
+        The type is one of `hydro_msgs_docs.cdr.FIELDS`.
     """
 
     topic: str

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.cdr import IntArray
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.mcap_types import FileHealth
@@ -30,6 +29,7 @@ from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
 from hydro_model.robot import Robot
+from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
 
 #: Cycles on either side of a core. The slowest filter (10 Hz, fourth order) forgets a sample to

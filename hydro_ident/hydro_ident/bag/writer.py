@@ -17,7 +17,6 @@ from typing import IO, Any
 from mcap.writer import CompressionType, IndexType, Writer
 from numpy.typing import ArrayLike
 
-from hydro_ident.bag.cdr import encode
 from hydro_ident.bag.definitions import TYPE_HASHES, definition
 from hydro_ident.bag.described_chunks import describe_in_every_chunk
 from hydro_ident.bag.metadata import (
@@ -30,6 +29,7 @@ from hydro_ident.bag.metadata import (
 from hydro_ident.bag.reader import METADATA_FILE, PROJECT_METADATA
 from hydro_ident.errors import BagError
 from hydro_model.output import write_atomically
+from hydro_msgs_docs.cdr import encode
 
 CHUNK_NS = 200_000_000
 #: A new file after this much log time keeps the index that a writer holds in memory small.

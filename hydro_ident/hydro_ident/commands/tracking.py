@@ -13,11 +13,11 @@ from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.bag.cdr import FloatArray
     from hydro_ident.bag.reader import Bag
     from hydro_ident.bag.recording import Recording
     from hydro_ident.metrics import Tracking
     from hydro_model.robot import Robot
+    from hydro_msgs_docs.cdr import FloatArray
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.cdr import IntArray
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.rails import between_readings, followed
 from hydro_ident.bag.recording import Recording
@@ -15,6 +14,7 @@ from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
+from hydro_msgs_docs.cdr import IntArray
 
 #: A sensor that is missing for this share of a recording is left out instead of all others.
 LONG_LOSS = 0.2

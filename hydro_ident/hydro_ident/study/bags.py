@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hydro_hw_bridge.rig.readings import read_pressures
-from hydro_ident.bag.cdr import JOINT_STATE, TEMPERATURE, FloatArray, encode, layout_of
 from hydro_ident.bag.provenance import software_version
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.traces import Drive
+from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE, FloatArray, encode, layout_of
 from hydro_msgs_docs.topics import (
     CHAMBER_PRESSURES,
     JOINT_STATES,

@@ -44,7 +44,7 @@ CLOSING_S = 0.03
 MOMENTS = ("running", "roll-over", "closing")
 #: What such a result is of: what records, and what reads the bags that are left.
 SOURCES = (
-    "cdr", "chunks", "definitions", "described_chunks", "mcap_records", "mcap_summary", "metadata",
+    "chunks", "definitions", "described_chunks", "mcap_records", "mcap_summary", "metadata",
     "publisher_numbers", "reader", "recorder", "recorder_topics", "signals", "writer",
 )  # fmt: skip
 _RECORDER = "import sys; from hydro_ident.bag.recorder import main; sys.exit(main())"
@@ -266,7 +266,8 @@ def digests(root: Path) -> dict[str, str]:
         That top.
     """
     folder = root / "hydro_ident/hydro_ident/bag"
-    return digests_of(root, [folder / f"{name}.py" for name in SOURCES], ())
+    paths = [folder / f"{name}.py" for name in SOURCES]
+    return digests_of(root, [*paths, root / "hydro_msgs_docs/hydro_msgs_docs/cdr.py"], ())
 
 
 def _parser() -> argparse.ArgumentParser:

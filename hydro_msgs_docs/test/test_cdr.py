@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from hydro_ident.bag.cdr import (
+from hydro_msgs_docs.cdr import (
     FIELDS,
     FLUID_PRESSURE,
     JOINT_STATE,
