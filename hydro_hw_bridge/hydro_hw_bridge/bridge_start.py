@@ -1,19 +1,46 @@
-"""What the bridge's node starts from: its parameters, and the codec and gate that follow."""
+"""What the bridge's node starts from: its parameters, and the parts that follow from them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
+from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
 from hydro_model.robot import Robot
+from hydro_msgs_docs.real_time import RealTime
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeParts:
+    """What a bridge is made of before it runs.
+
+    Attributes
+    ----------
+    settings : Settings
+    codec : Codec
+    limits : GateLimits
+    bus : Bus
+    claim : Claim
+        Taken.
+    real_time : RealTime
+    """
+
+    settings: Settings
+    codec: Codec
+    limits: GateLimits
+    bus: Bus
+    claim: Claim
+    real_time: RealTime
 
 
 def declared(node: Node) -> Settings:

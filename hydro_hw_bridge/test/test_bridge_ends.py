@@ -22,6 +22,7 @@ rclpy = pytest.importorskip("rclpy")
 from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
+from hydro_hw_bridge import bridge_loops as loops_module  # noqa: E402
 from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
 from hydro_msgs_docs.messages import joint_state  # noqa: E402
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
@@ -74,7 +75,7 @@ class Bench:
 
     @property
     def bus(self) -> SlowBus:
-        bus = self.bridge._bus
+        bus = self.bridge._parts.bus
         assert isinstance(bus, SlowBus)
         return bus
 
@@ -87,10 +88,12 @@ class Bench:
     def cycle(self, counter: int, *, lockstep: bool = True) -> None:
         for message in self.codec.encode_cycle(self.readings(counter, lockstep=lockstep)):
             self.device.send(message)
-        self.until(lambda: (s := self.bridge._core.sample) is not None and s.counter == counter)
+        self.until(
+            lambda: (s := self.bridge._loops.core.sample) is not None and s.counter == counter
+        )
 
     def ask(self, counter: int, *voltages: float) -> None:
-        clock = self.bridge._core.clock
+        clock = self.bridge._loops.core.clock
         self.publisher.publish(joint_state(clock.stamp_ns(counter), NAMES, effort=voltages))
 
     def collect(self) -> list[CommandFrame]:
@@ -107,7 +110,7 @@ class Bench:
         self.bridge.trigger_activate()
         end = time.monotonic() + PATIENCE_S
         # Again until it is there: before both ends have matched it is lost; a repeat does nothing.
-        while self.bridge._core.commands.accepted == 0:
+        while self.bridge._loops.core.commands.accepted == 0:
             assert time.monotonic() < end
             self.ask(1, 1.0, 0.0)
             time.sleep(0.05)
@@ -129,7 +132,7 @@ def bench(
 
     monkeypatch.setattr(bridge_module, "open_bus", slow)
     # Time for all its last frames, should the machine be busy.
-    monkeypatch.setattr(bridge_module, "LAST_S", PATIENCE_S)
+    monkeypatch.setattr(loops_module, "LAST_S", PATIENCE_S)
     rclpy.init(
         args=[
             "--ros-args",
@@ -196,21 +199,21 @@ def test_a_bridge_that_ends_is_not_activated_any_more(bench: Bench) -> None:
     bench.bridge.end()
     bench.bridge.end()
     bench.bridge.trigger_activate()
-    assert not bench.bridge._core.active
+    assert not bench.bridge._loops.core.active
     assert_ended_at_zero(bench)
 
 
 def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:
     bench.drive()
     bench.ask(2, 99.0, 0.0)
-    bench.until(lambda: bench.bridge._core.gate.state is GateState.TRIPPED)
-    reason = bench.bridge._core.gate.reason
+    bench.until(lambda: bench.bridge._loops.core.gate.state is GateState.TRIPPED)
+    reason = bench.bridge._loops.core.gate.reason
     assert "command of 99.000 V" in reason
-    before = bench.bridge._core
+    before = bench.bridge._loops.core
     for transition in ("deactivate", "cleanup", "configure", "activate"):
         getattr(bench.bridge, f"trigger_{transition}")()
-    gate = bench.bridge._core.gate
-    assert bench.bridge._core is not before
+    gate = bench.bridge._loops.core.gate
+    assert bench.bridge._loops.core is not before
     assert (gate.state, gate.reason, gate.trips) == (GateState.TRIPPED, reason, 1)
     bench.cycle(10)
     assert not any(frame.enable for frame in bench.collect()[-3:])
@@ -224,4 +227,4 @@ def test_frames_that_wait_to_be_read_are_noticed(bench: Bench) -> None:
     time.sleep(0.2)  # until every read begins late
     bench.cycle(1, lockstep=False)
     bench.cycle(2, lockstep=False)
-    assert bench.bridge._core.read_late > 0
+    assert bench.bridge._loops.core.read_late > 0

@@ -1,0 +1,316 @@
+"""The bridge's two 500 Hz threads: frames to samples, commands to frames, one lock around both."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from rclpy.lifecycle import LifecycleNode
+
+from hydro_hw_bridge import bridge_report
+from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_start import BridgeParts
+from hydro_hw_bridge.bridge_step import NOTHING, Step
+from hydro_hw_bridge.bridge_times import BridgeTimes
+from hydro_hw_bridge.claims import CLAIM_PERIOD_S
+from hydro_hw_bridge.frames import Frame
+from hydro_hw_bridge.link import CommandLink
+from hydro_hw_bridge.parameters import LOCKSTEP
+from hydro_hw_bridge.publishers import BridgePublishers
+from hydro_hw_bridge.supervision import FOREIGN
+from hydro_msgs_docs.hot_loop import HotWait
+from hydro_msgs_docs.hot_messages import HotVectors
+from hydro_msgs_docs.topics import VALVE_COMMAND, reliable
+
+RECEIVE_TIMEOUT_S = 0.005
+#: Silence is told by a bus on which nothing waits; where something always does, after this.
+LONGEST_SILENCE_S = 0.05
+COMMAND_TIMEOUT_S = 0.5
+#: Longer than a device in lockstep takes to repeat a cycle.
+SILENT_S = 2.5
+JOIN_S = 2.0
+#: 0 V is sent again where the bus does not take it, this far apart and for as long.
+LAST_PERIOD_S, LAST_S = 0.002, 0.2
+SECOND_BRIDGE = "second_bridge"
+
+
+class BridgeLoops:
+    """Core, bus and topics of a bridge, and the threads between them.
+
+    Threads run from `start` to `stop`. All else may be called from any thread at any time.
+
+    Parameters
+    ----------
+    node : LifecycleNode
+        Subscribes.
+    parts : BridgeParts
+    on_change : callable
+        Told, without the lock, after whatever may have changed the state.
+    on_error : callable
+        Told of the exception that ended a thread, from that thread.
+
+    Attributes
+    ----------
+    core : BridgeCore
+        Since the last `start`; for others to look at.
+    times : BridgeTimes
+    """
+
+    def __init__(
+        self,
+        node: LifecycleNode,
+        parts: BridgeParts,
+        on_change: Callable[[], None],
+        on_error: Callable[[Exception], None],
+    ) -> None:
+        self._parts, self._on_change, self._on_error = parts, on_change, on_error
+        self._lock = threading.Lock()
+        self._link = CommandLink(parts.bus, parts.limits.max_age_cycles)
+        self.core = self._new_core()
+        self.times = self._new_times()
+        self._clock = node.get_clock()
+        self._hot = HotVectors(node, VALVE_COMMAND, reliable())
+        self._wait = HotWait(node, self._hot)
+        self._topics: BridgePublishers | None = None
+        self._threads: list[threading.Thread] = []
+        self._running = threading.Event()
+        self._heard_at = self._foreign_at = time.monotonic()
+
+    def _new_core(self) -> BridgeCore:
+        parts, lockstep = self._parts, self._parts.settings.clock == LOCKSTEP
+        return BridgeCore(parts.codec, parts.limits, lockstep=lockstep, send=self._link.send)
+
+    def _new_times(self) -> BridgeTimes:
+        lockstep = self._parts.settings.clock == LOCKSTEP
+        return BridgeTimes(self._parts.limits.period_s, lockstep=lockstep)
+
+    # -- from the node
+
+    @property
+    def running(self) -> bool:
+        """Between `start` and `stop`."""
+        return self._running.is_set()
+
+    def start(self, topics: BridgePublishers) -> None:
+        """Read and publish from now on.
+
+        Parameters
+        ----------
+        topics : BridgePublishers
+            Left alone once `stop` has come back.
+        """
+        core = self._new_core()
+        with self._lock:
+            core.carry_over(self.core)
+            self.core = core
+        self._topics = topics
+        self._running.set()
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
+            for name, body in (("can", self._receive_loop), ("command", self._command_loop))
+        ]
+        self.times = self._new_times()
+        self._parts.real_time.prepare()
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End the threads."""
+        self._running.clear()
+        self._wait.wake()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(JOIN_S)
+        self._threads = []
+        self._topics = None
+        self._parts.real_time.leave()
+
+    def activate(self, refuse: Callable[[], None]) -> None:
+        """Drive from now on.
+
+        Parameters
+        ----------
+        refuse : callable
+            Raises where it must not be, with nothing in between.
+        """
+        with self._lock:
+            refuse()
+            self.core.activate(ready=not self._parts.settings.required_subscribers)
+
+    def deactivate(self) -> None:
+        """Drive no more: 0 V now, where there is a device."""
+        with self._lock:
+            core = self.core
+            refused = core.active and core.deactivate() is None and core.sample is not None
+        if refused:
+            self.send_zero(1)
+
+    def send_zero(self, frames: int) -> None:
+        """0 V and enable off so many times; again where the bus does not take it, for a while.
+
+        Parameters
+        ----------
+        frames : int
+        """
+        end = time.monotonic() + LAST_S
+        while frames > 0 and time.monotonic() < end:
+            with self._lock:
+                frames -= self.core.send_zero() is not None
+            time.sleep(LAST_PERIOD_S)
+
+    def clear_trip(self) -> tuple[bool, str]:
+        """As of `Gate.clear`."""
+        with self._lock:
+            return self.core.gate.clear()
+
+    def claim_again(self) -> None:
+        """Every `CLAIM_PERIOD_S`: say who drives here, and forget others that are gone."""
+        self._parts.claim.send()
+        if self._parts.claim.others_gone():
+            with self._lock:
+                self.core.gate.end_fault(SECOND_BRIDGE)
+        if time.monotonic() - self._foreign_at > CLAIM_PERIOD_S:
+            with self._lock:
+                self.core.gate.end_fault(FOREIGN)
+
+    def state(self) -> tuple[object, ...]:
+        """What others are told of at once where it has changed."""
+        with self._lock:
+            core, gate = self.core, self.core.gate
+            return (core.active, core.ready, gate.state, gate.trips, len(gate.faults))
+
+    def report(self, names: dict[str, str]) -> tuple[str, str, dict[str, object]]:
+        """Level, summary and values of one and the same moment, as of `bridge_report`.
+
+        Parameters
+        ----------
+        names : dict of str to str
+            Of robot, mapping and the like.
+        """
+        topics = self._topics
+        silent = bool(self._threads) and time.monotonic() - self._heard_at > SILENT_S
+        missing = (
+            topics.matched(self._parts.settings.required_subscribers)
+            if topics is not None and self.core.active and not self.core.ready
+            else []
+        )
+        with self._lock:
+            level, text = bridge_report.summary(self.core, missing, silent=silent)
+            values = bridge_report.values(self.core, self._parts.bus, names)
+        return level, text, values | self.times.values() | self._parts.real_time.values()
+
+    # -- threads
+
+    def _guarded(self, body: Callable[[], None]) -> None:
+        try:
+            self._parts.real_time.enter()
+            body()
+        except Exception as error:  # noqa: BLE001 - whatever ends a thread must stop the valves
+            self._on_error(error)
+
+    def _receive_loop(self) -> None:
+        bus, codec = self._parts.bus, self._parts.codec
+        while self._running.is_set():
+            message = bus.receive(RECEIVE_TIMEOUT_S)
+            begin_ns = time.monotonic_ns()
+            frame = None if message is None else codec.receive(message)
+            now_ns, waited_s = 0, None
+            heard_at = self._heard_at
+            if message is not None and frame is not None and frame.role == "sync" and frame.intact:
+                heard_at = time.monotonic()
+                now_ns = self._clock.now().nanoseconds
+                waited_s = bus.waited_s(message)
+            if frame is not None and frame.role == "claim":
+                if frame.intact and self._parts.claim.hear(codec.decode_claim(frame)):
+                    self._second_bridge()
+                frame = None
+            with self._lock:
+                # Not before: until a frame is judged, commands are as old as the one before it.
+                self._heard_at = heard_at
+                first = NOTHING if frame is None else self._received(frame, now_ns)
+                late = () if waited_s is None else self._read_late(waited_s)
+                # What is wrong with the bus is news after an error frame, which is no message,
+                # after sending, and once a cycle in any case.
+                news = message is None or waited_s is not None or first.answer is not None
+                of_bus = self._look_at_bus() if news else ()
+                steps = (first, *late, self._silence(message is None), *of_bus)
+            self.times.arrived(first.sample, begin_ns)
+            self._publish(*steps)
+            self.times.published(first.sample, begin_ns)
+            if message is None or first.sample is not None:
+                self._parts.real_time.idle()
+
+    def _received(self, frame: Frame, now_ns: int) -> Step:
+        """With the lock: what follows from a frame."""
+        if frame.role != "command":
+            return self.core.receive(frame, now_ns)
+        if not frame.intact:
+            return NOTHING
+        before = self.core.commands.foreign
+        step = self.core.hear_command(frame)
+        if self.core.commands.foreign != before:
+            self._foreign_at = time.monotonic()
+        return step
+
+    def _read_late(self, waited_s: float) -> tuple[Step, Step]:
+        """With the lock: what follows from when a sync frame came."""
+        return self.core.waited(waited_s), self.core.paced(self._heard_at - waited_s)
+
+    def _silence(self, nothing_waits: bool) -> Step:
+        """With the lock: what follows from how long the device said nothing.
+
+        After a stall of this process what the device said meanwhile waits to be read first.
+        """
+        silence_s = time.monotonic() - self._heard_at
+        if not nothing_waits and silence_s < LONGEST_SILENCE_S:
+            return NOTHING
+        return self.core.silence(silence_s)
+
+    def _command_loop(self) -> None:
+        while self._running.is_set():
+            if not self._wait.wait(COMMAND_TIMEOUT_S):
+                continue
+            while (taken := self._hot.take_numbered()) is not None:
+                asked, number = taken
+                with self._lock:
+                    unheard_s = time.monotonic() - self._heard_at
+                    step = self.core.command(
+                        asked.stamp_ns, asked.name, asked.effort, number, unheard_s
+                    )
+                    steps = (step, *self._look_at_bus())
+                self.times.commanded(step, asked.stamp_ns)
+                self._publish(*steps)
+
+    def _look_at_bus(self) -> list[Step]:
+        """With the lock: what follows from the state of the bus."""
+        return [self.core.condition(*condition) for condition in self._link.conditions()]
+
+    def _publish(self, *steps: Step) -> None:
+        """Without the lock: publishing may take its time, the frames have been sent."""
+        topics = self._topics
+        if topics is None:
+            return
+        for step in steps:
+            if step is NOTHING:
+                continue
+            if step.sample is not None:
+                # Before publishing: the answer to this sample may come at once.
+                self._look_for_subscribers(topics)
+                topics.publish_sample(step.sample)
+            for state in step.valve_states:
+                topics.publish_valve_state(state)
+            self._on_change()
+
+    def _look_for_subscribers(self, topics: BridgePublishers) -> None:
+        if not self.core.active or self.core.ready:
+            return
+        if topics.matched(self._parts.settings.required_subscribers):
+            return
+        with self._lock:
+            self.core.ready = self.core.active
+
+    def _second_bridge(self) -> None:
+        with self._lock:
+            step = self.core.fault(SECOND_BRIDGE, "a second bridge is on the bus")
+        self._publish(step)
