@@ -119,7 +119,7 @@ def test_every_promise_names_a_test() -> None:
 def test_what_is_said_before_the_tables_is_of_the_run_in_them() -> None:
     text = PAGE.read_text(encoding="utf-8")
     [(count, minutes)] = re.findall(
-        r"(\d+) injections were five of each of the other \d+ \((\d+) minutes\)", text
+        r"so that (\d+) injections \(the default, (\d+) minutes\) are five of each", text
     )
     assert f"{count} injections in {minutes} minutes" in text
     # A promise names what it depends on beside its number, not only further down.
