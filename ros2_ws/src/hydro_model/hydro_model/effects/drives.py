@@ -30,6 +30,13 @@ def _rotor_rate(s: Row, p: Row) -> float:
     return (s[PISTON_VELOCITY] - s[STATE_0]) / ROTOR_LAG_S
 
 
+def _rotor_after(s: Row, p: Row) -> float:
+    # A first-order lag of what moves evenly: behind by what that does in a time constant.
+    v, later, passed = s[PISTON_VELOCITY], p[2 + PISTON_VELOCITY], p[1] / ROTOR_LAG_S
+    behind = (later - v) / passed
+    return later - behind + (s[STATE_0] - v + behind) * math.exp(-passed)
+
+
 def _joint_velocity(s: Row, p: Row) -> float:
     return s[PISTON_VELOCITY]
 
@@ -77,7 +84,7 @@ ROTOR_INERTIA = Effect(
         ),
     ),
     terms=(Term(Stage.FRICTION, _rotor),),
-    states=(InternalState(_rotor_rate, _joint_velocity, 0.1),),
+    states=(InternalState(_rotor_rate, _joint_velocity, 0.1, after=_rotor_after),),
     needs_cylinder=False,
     drive_only=True,
     looks_like=("base inertial parameters", "joint_coupling", "structural_flexibility"),

@@ -36,13 +36,18 @@ BEND = ParameterSpec(
 LEAST_BEND_M = 2.0e-5
 
 
-def bristle(at: int) -> InternalState:
+def bristle(at: int, count: int) -> InternalState:
     """A bristle that bends over a distance; none where that is zero.
+
+    Over a travel s in one direction it has the closed form ``w = w1 + (w0 - w1) exp(-|s| / d)``
+    with w1 = 1 forwards and -1 backwards (Dahl, A solid friction model, 1968).
 
     Parameters
     ----------
     at : int
         Index of the distance in the effect's parameters.
+    count : int
+        Number of the effect's parameters.
     """
 
     def rate(s: Row, p: Row) -> float:
@@ -51,8 +56,21 @@ def bristle(at: int) -> InternalState:
         v = s[PISTON_VELOCITY]
         return (v - abs(v) * s[STATE_0]) / max(p[at], LEAST_BEND_M)
 
+    def after(s: Row, p: Row) -> float:
+        if p[at] <= 0.0:
+            return s[STATE_0]
+        v, later = s[PISTON_VELOCITY], p[count + 1 + PISTON_VELOCITY]
+        turn = 1.0 if v * later >= 0.0 else v / (v - later)  # share of the time until it turns
+        end = later if turn == 1.0 else 0.0
+        reach, w = 0.5 * p[count] / max(p[at], LEAST_BEND_M), s[STATE_0]
+        w += (math.copysign(1.0, v + end) - w) * -math.expm1(-abs(v + end) * turn * reach)
+        if turn < 1.0:
+            w += (math.copysign(1.0, later) - w) * -math.expm1(-abs(later) * (1.0 - turn) * reach)
+        return w
+
     law: Law = rate
-    return InternalState(law, nothing, 1.0, needs=at)
+    later: Law = after
+    return InternalState(law, nothing, 1.0, needs=at, after=later)
 
 
 def _coulomb(s: Row, p: Row) -> float:
@@ -113,7 +131,7 @@ STRIBECK = Effect(
         BEND,
     ),
     terms=(Term(Stage.FRICTION, _stribeck),),
-    states=(bristle(4),),
+    states=(bristle(4, 5),),
     looks_like=("presliding_friction", "coulomb_friction"),
     separating_experiment="slow ramps through reversal, and a ladder of steady low speeds",
     needs_cylinder=False,
@@ -135,7 +153,7 @@ ASYMMETRIC = Effect(
         BEND,
     ),
     terms=(Term(Stage.FRICTION, _asymmetric),),
-    states=(bristle(3),),
+    states=(bristle(3, 4),),
     looks_like=("pressure_sensor_bias", "constant_force_offset", "first moments"),
     separating_experiment="pass the same poses at equal speeds in both directions, and rest there",
     needs_cylinder=False,
@@ -152,7 +170,7 @@ PRESSURE_DEPENDENT = Effect(
         BEND,
     ),
     terms=(Term(Stage.FRICTION, _pressure_dependent),),
-    states=(bristle(2),),
+    states=(bristle(2, 3),),
     looks_like=("coulomb_friction", "pin_friction"),
     separating_experiment="the same slow motion with and without a payload",
 )

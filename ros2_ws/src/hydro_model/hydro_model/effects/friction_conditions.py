@@ -6,7 +6,7 @@ import math
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE, bristle
-from hydro_model.effects.law import InternalState, ParameterSpec, Row, Stage, Term, nothing
+from hydro_model.effects.law import ParameterSpec, Row, Stage, Term
 from hydro_model.signals import (
     JOINT_VELOCITY,
     LEVER,
@@ -25,11 +25,6 @@ _LN2 = math.log(2.0)
 
 def _bristle(s: Row, p: Row) -> float:
     return p[0] * s[STATE_0]
-
-
-def _bristle_rate(s: Row, p: Row) -> float:
-    v = s[PISTON_VELOCITY]
-    return (v - abs(v) * s[STATE_0]) / p[1]
 
 
 #: Least distance of the first station and the last, over the stroke.
@@ -71,7 +66,7 @@ PRESLIDING = Effect(
         ParameterSpec("distance", "m", "d, travel in which the bristle bends", 2e-5, 5e-3, 2e-4),
     ),
     terms=(Term(Stage.FRICTION, _bristle),),
-    states=(InternalState(_bristle_rate, nothing, 1.0),),
+    states=(bristle(1, 2),),
     looks_like=("coulomb_friction", "stribeck_friction", "backlash"),
     separating_experiment="reversals of less than a millimetre around several poses",
     needs_cylinder=False,
@@ -122,7 +117,7 @@ PIN_FRICTION = Effect(
         BEND,
     ),
     terms=(Term(Stage.FRICTION, _pins),),
-    states=(bristle(2),),
+    states=(bristle(2, 3),),
     looks_like=("coulomb_friction", "pressure_dependent_friction"),
     separating_experiment="slow reversals at poses of small and of large lever, with two loads",
     limits="the piston force stands for the load of all pins that turn with the joint",

@@ -5,8 +5,8 @@ how fast the states are follows from the effect's parameters and the motion and 
 of magnitude, so no fixed step would do. Errors are measured against the largest value that a state
 had so far, which makes them free of units.
 
-Where the states of held signals have a closed form, or linear rates, they are followed exactly
-(`InternalState.after`, `InternalState.linear`), in one step per sample.
+Where the states have a closed form, or those of held signals linear rates, they are followed
+exactly (`InternalState.after`, `InternalState.linear`), in one step per sample.
 """
 
 from __future__ import annotations
@@ -178,8 +178,13 @@ def _follow_later(
 ) -> None:
     """As `_follow`, by laws of what the states are a sample later."""
     states = memory.row[STATE_0 : STATE_0 + memory.start.shape[0]]
+    ahead = later[-SIGNAL_COUNT:]
     for k in range(signals.shape[0]):
         out[k] = _look(laws, memory, signals[k])
+        if k + 1 == signals.shape[0]:
+            break
+        for c in laws.moving:
+            ahead[c] = signals[k + 1, c]
         for i in range(states.shape[0]):
             memory.start[i] = call_law(after[i], memory.row, later)
         if not _some_unknown(memory.start):
@@ -257,7 +262,7 @@ def follow_states(
     laws = _laws(states, law, parameters)
     if all(state.after for state in states):
         after = np.array([law_address(state.after) for state in states if state.after])
-        later = np.append(parameters, step_s)
+        later = np.concatenate([parameters, [step_s], np.full(SIGNAL_COUNT, np.nan)])
         _follow_later(laws, memory, signals, after, later, out)
     elif all(state.linear for state in states):
         later, mean = _responses(laws, memory.row, step_s)

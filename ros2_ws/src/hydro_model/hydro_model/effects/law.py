@@ -110,8 +110,9 @@ class InternalState:
         Along a recording the effect's laws see the means of linear states until the next sample:
         quicker than the samples, they swing within each in step with the commands.
     after : callable or None
-        Law of its value some time later while signals are held, which has that time, in s, behind
-        the parameters: where it is known, a recording is followed by it.
+        Law of its value some time later, which has behind the parameters that time, in s, and the
+        signals at its end, by their indices: until then `HELD_SIGNALS` are held and the rest moves
+        evenly. Where it is known, a recording is followed by it.
     needs : int or None
         Index of a parameter that is zero where no law looks at the state.
     """

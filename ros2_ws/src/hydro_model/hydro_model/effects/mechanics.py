@@ -131,6 +131,13 @@ def _other_rate(s: Row, p: Row) -> float:
     return (s[OTHER_VELOCITY] - s[STATE_0]) / COUPLING_LAG_S
 
 
+def _other_after(s: Row, p: Row) -> float:
+    # A first-order lag of what moves evenly: behind by what that does in a time constant.
+    v, later, passed = s[OTHER_VELOCITY], p[4 + OTHER_VELOCITY], p[3] / COUPLING_LAG_S
+    behind = (later - v) / passed
+    return later - behind + (s[STATE_0] - v + behind) * math.exp(-passed)
+
+
 def _other_velocity(s: Row, p: Row) -> float:
     return s[OTHER_VELOCITY]
 
@@ -237,7 +244,7 @@ JOINT_COUPLING = Effect(
         ParameterSpec("stiffness", "N m/rad", "k", -1e6, 1e6, 200.0, True, True, default=0.0),
     ),
     terms=(Term(Stage.FRICTION, _coupling),),
-    states=(InternalState(_other_rate, _other_velocity, 0.1),),
+    states=(InternalState(_other_rate, _other_velocity, 0.1, after=_other_after),),
     looks_like=("products of inertia", "supply_droop", "structural_flexibility"),
     separating_experiment="move one joint at a time, the other at rest",
     needs_cylinder=False,
