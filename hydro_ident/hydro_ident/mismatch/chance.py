@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,10 +22,13 @@ _TELLING = 10.0
 _STANDS_OUT = 40.0
 
 
+@lru_cache(maxsize=32)
 def signs(blocks: int, flips: int = FLIPS) -> FloatArray:
     """Signs of `flips` draws of `blocks` whole blocks, (F, B): always the same."""
     rng = np.random.default_rng(SEED)
-    return np.where(rng.random((flips, blocks)) < 0.5, -1.0, 1.0)
+    drawn = np.where(rng.random((flips, blocks)) < 0.5, -1.0, 1.0)
+    drawn.flags.writeable = False
+    return drawn
 
 
 def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:

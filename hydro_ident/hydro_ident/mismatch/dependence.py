@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -126,6 +127,23 @@ def _undisturbed(
     return {"piston_velocity": (y - residual - squeezed) / area}
 
 
+class Whitened(NamedTuple):
+    """Whitened columns of a function beyond the base.
+
+    Attributes
+    ----------
+    columns : (M, m) array
+    inverse : (m, m) array
+        Pseudo-inverse of their products.
+    freedom : int
+        Its rank.
+    """
+
+    columns: FloatArray
+    inverse: FloatArray
+    freedom: int
+
+
 def dependence_of(
     training: Training,
     fitted: Fitted,
@@ -133,8 +151,8 @@ def dependence_of(
     what: tuple[int, str, str],
     knots: FloatArray,
     columns: FloatArray,
-) -> tuple[Dependence, tuple[FloatArray, FloatArray]] | None:
-    """A function of given columns (N, m) as a dependence, and its whitened columns and inverse.
+) -> tuple[Dependence, Whitened] | None:
+    """A function of given columns (N, m) as a dependence, and its whitened columns.
 
     Parameters
     ----------
@@ -172,7 +190,7 @@ def dependence_of(
         max(0.0, 1.0 - after / before) if before > 0.0 else 0.0,
         float(np.sqrt(np.mean(function**2))), knots, theta - theta.mean(), theta,
     )  # fmt: skip
-    return found, (white, inverse)
+    return found, Whitened(white, inverse, freedom)
 
 
 def beyond_base(bench: Bench, fitted: Fitted, function: FloatArray, mask: BoolArray) -> FloatArray:

@@ -12,7 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.dependence import Dependence, dependence_of, inverse_of, values_of
+from hydro_ident.mismatch.dependence import (
+    Dependence,
+    Whitened,
+    dependence_of,
+    inverse_of,
+    values_of,
+)
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import repeats, waves
 from hydro_ident.mismatch.periodic import is_scanned, most_periods
@@ -27,9 +33,6 @@ _KINDS = ("", *OF_READINGS, "compression")
 #: Least number of periods, what a smooth function of so many pieces cannot follow, and steps.
 _LEAST, _STEP = 2.5, 0.5
 
-#: Whitened columns and the inverse of their products.
-Pair = tuple[FloatArray, FloatArray]
-
 
 @dataclass(frozen=True, slots=True)
 class Tried:
@@ -37,7 +40,7 @@ class Tried:
 
     found: Dependence
     columns: FloatArray
-    tried: tuple[Pair, ...]
+    tried: tuple[Whitened, ...]
 
 
 def repeating(training: Training, fitted: Fitted, bench: Bench, channel: int) -> Iterator[Tried]:
@@ -65,16 +68,16 @@ def repeating(training: Training, fitted: Fitted, bench: Bench, channel: int) ->
         if not np.isfinite(seen).all() or is_scanned(seen):
             continue
         numbers = np.arange(_LEAST, most_periods(seen) + _STEP, _STEP)
+        if not numbers.size:
+            continue
         numbers = numbers / max(float(np.ptp(seen)), 1e-300)
-        at = np.where(mask, values[variable], 0.0)
-        turned = [waves(at * number) for number in numbers]
+        turned = np.concatenate([waves(seen * number) for number in numbers], axis=1)
         for times in _KINDS:
-            factor = np.where(mask, factors.get(times, 1.0), 0.0)
+            factor = factors[times][mask] if times in factors else np.ones(seen.size)
             if times and (times not in factors or not np.isfinite(factor).all()):
                 continue
             what = channel, variable, times
-            every = [wave * factor[:, None] for wave in turned]
-            one = _strongest(training, fitted, bench, what, every, numbers)
+            one = _strongest(training, fitted, bench, what, turned * factor[:, None], numbers)
             if one is not None:
                 yield one
 
@@ -84,22 +87,22 @@ def _strongest(
     fitted: Fitted,
     bench: Bench,
     what: tuple[int, str, str],
-    every: list[FloatArray],
+    every: FloatArray,
     numbers: FloatArray,
 ) -> Tried | None:
-    """The strongest of some waves, (N, 2) each, of so many periods per unit."""
-    if numbers.size == 0:
-        return None
-    white = bench.beyond(np.concatenate(every, axis=1)[training.mask])
+    """The strongest of K waves, (M, 2 K) on the training rows, of so many periods per unit."""
+    white = np.asfortranarray(bench.beyond(every))
+    every_sum = white.T @ bench.residual
     tried, gains = [], []
     for k in range(numbers.size):
-        own = white[:, 2 * k : 2 * k + 2]
-        _, inverse = inverse_of(own.T @ own)
-        sums = own.T @ bench.residual
-        tried.append((own, inverse))
+        own, sums = white[:, 2 * k : 2 * k + 2], every_sum[2 * k : 2 * k + 2]
+        freedom, inverse = inverse_of(own.T @ own)
+        tried.append(Whitened(own, inverse, freedom))
         gains.append(float(sums @ inverse @ sums))
     best = int(np.argmax(gains))
-    one = dependence_of(training, fitted, bench, what, np.zeros(2), every[best])
+    columns = np.zeros((training.mask.size, 2))
+    columns[training.mask] = every[:, 2 * best : 2 * best + 2]
+    one = dependence_of(training, fitted, bench, what, np.zeros(2), columns)
     if one is None:
         return None
-    return Tried(repeats(one[0], 1.0 / float(numbers[best])), every[best], tuple(tried))
+    return Tried(repeats(one[0], 1.0 / float(numbers[best])), columns, tuple(tried))

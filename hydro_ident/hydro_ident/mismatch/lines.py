@@ -86,7 +86,7 @@ def _line(
     one = dependence_of(training, fitted, bench, what, np.zeros(2), columns)
     if one is None:
         return None
-    white, inverse = one[1]
+    white, inverse, _ = one[1]
     theta = inverse @ (white.T @ bench.residual)
     p = lines.p_value(number, bench.residual - white @ theta)
     return replace(repeats(one[0], period), p_value=p)

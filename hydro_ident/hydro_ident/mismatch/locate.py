@@ -18,12 +18,13 @@ from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.dependence import (
     Dependence,
     Function,
+    Whitened,
     alone,
     dependence_of,
     inverse_of,
     values_of,
 )
-from hydro_ident.mismatch.few_periods import POSITIONS, Pair, Tried, repeating
+from hydro_ident.mismatch.few_periods import POSITIONS, Tried, repeating
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.lines import Repeatable, lines_of
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
@@ -137,7 +138,7 @@ def _look(training: Training, fitted: Fitted, channel: int, into: _Looked) -> No
         draws, units = flips[_together(one.found)]
         # What took the best function out took noise out, too.
         lost = np.sqrt(units / max(units - best.found.freedom, 1))
-        by_chance = [_by_chance(bench, pair, left, lost * draws) for pair in one.tried]
+        by_chance = [_by_chance(bench, each, left, lost * draws) for each in one.tried]
         into.chances.append(np.max(by_chance, axis=0))
     into.lines += lines_of(own, fitted, channel, _repeatable(own, functions, factors))
 
@@ -163,12 +164,11 @@ def _together(one: Dependence) -> int:
     return TIME_BLOCKS if one.variable == "time" else 1
 
 
-def _by_chance(bench: Bench, pair: Pair, left: FloatArray, draws: FloatArray) -> FloatArray:
+def _by_chance(bench: Bench, one: Whitened, left: FloatArray, draws: FloatArray) -> FloatArray:
     """Values of a function of the residual `left` (M,) whose blocks are flipped by `draws`."""
-    white, inverse = pair
-    drawn = draws @ bench.by_block(white * left[:, None])
-    gains = np.einsum("fi,ij,fj->f", drawn, inverse, drawn)
-    count = max(round(float(np.trace(inverse @ (white.T @ white)))), 1)
+    drawn = draws @ bench.by_block(one.columns * left[:, None])
+    gains = np.sum((drawn @ one.inverse) * drawn, axis=1)
+    count = max(one.freedom, 1)
     return np.asarray((gains - count) / np.sqrt(2.0 * count))
 
 

@@ -184,19 +184,18 @@ def best_subset(
     gains : (M,) array
     coefficients : (M, k) array
     """
-    count = gram.shape[0]
-    gains = np.zeros(sums.shape[0])
-    coefficients = np.zeros_like(sums)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    for number in range(1, count + 1):
+    free = np.asarray(signed, dtype=bool)
+    gains, coefficients = _best_single(size, sums, free, kept)
+    for number in range(2, gram.shape[0] + 1):
         for subset in itertools.combinations(np.flatnonzero(kept).tolist(), number):
             at = list(subset)
             scaled = gram[np.ix_(at, at)] / np.outer(size[at], size[at])
-            if number > 1 and np.linalg.eigvalsh(scaled)[0] < _COLLINEAR:
+            if np.linalg.eigvalsh(scaled)[0] < _COLLINEAR:
                 continue
             found = np.linalg.solve(scaled, (sums[:, at] / size[at]).T).T / size[at]
             gain = np.sum(found * sums[:, at], axis=1)
-            possible = np.all((found >= 0.0) | np.array([signed[i] for i in at]), axis=1)
+            possible = np.all((found >= 0.0) | free[at], axis=1)
             worth = gain - PER_COEFFICIENT * (number - 1)
             have = gains - PER_COEFFICIENT * np.maximum(
                 np.count_nonzero(coefficients, axis=1) - 1, 0
@@ -207,4 +206,16 @@ def best_subset(
             rows = np.flatnonzero(better)
             for position, column in enumerate(at):
                 coefficients[rows, column] = found[rows, position]
+    return gains, coefficients
+
+
+def _best_single(
+    size: FloatArray, sums: FloatArray, free: BoolArray, kept: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """As `best_subset`, of one column each, of norms (k,); free are those of either sign."""
+    found = sums / size**2
+    gain = np.where(kept & (free | (found >= 0.0)), found * sums, 0.0)
+    best, rows = np.argmax(gain, axis=1), np.arange(sums.shape[0])
+    gains, coefficients = gain[rows, best], np.zeros_like(sums)
+    coefficients[rows, best] = np.where(gains > 0.0, found[rows, best], 0.0)
     return gains, coefficients

@@ -225,7 +225,7 @@ def _any_phase(held: Rows, waves: FloatArray, size: float) -> _Held:
         # Flipped blocks choose their phase, too.
         flipped = signs(bench.blocks) @ partial.scores
         gain += float(sums @ phase)
-        drawn = drawn + np.einsum("fi,ij,fj->f", flipped, inverse, flipped)
+        drawn = drawn + np.sum((flipped @ inverse) * flipped, axis=1)
     p_value = float((1 + np.sum(drawn >= gain)) / (1 + drawn.size))
     return _Held(held.improvement(white), p_value, *_size(held, white))
 

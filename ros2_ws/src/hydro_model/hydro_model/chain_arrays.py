@@ -108,7 +108,7 @@ def samples(robot: Robot, *vectors: ArrayLike) -> tuple[list[FloatArray], bool]:
     Returns
     -------
     list of (N, n) array
-        Contiguous.
+        Contiguous and writeable, of whatever kind they were: kernels are compiled for one kind.
     bool
         Whether all were single vectors (then N = 1).
 
@@ -127,11 +127,12 @@ def samples(robot: Robot, *vectors: ArrayLike) -> tuple[list[FloatArray], bool]:
             )
     single = all(array.ndim == 1 for array in arrays)
     if single:
-        return [array.reshape(1, n) for array in arrays], True
+        return [np.require(array.reshape(1, n), requirements="W") for array in arrays], True
     lengths = {array.shape[0] for array in arrays if array.ndim == 2}
     if len(lengths) > 1:
         raise RobotError(
             f"robot {robot.name}: expected stacks of equal length, found {sorted(lengths)}"
         )
     shape = (lengths.pop(), n)
-    return [np.ascontiguousarray(np.broadcast_to(array, shape)) for array in arrays], False
+    whole = (a if a.shape == shape else np.broadcast_to(a, shape) for a in arrays)
+    return [np.require(array, requirements="CW") for array in whole], False
