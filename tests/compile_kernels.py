@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from hydro_control.core import ControllerCore
+from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.random_truth import plain_truth
+from hydro_model.effects import CATALOGUE
+from hydro_model.kinematics import tip_position
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix, regressor
 from hydro_model.robot_files import load_robot
+from hydro_model.signals import SIGNAL_COUNT
 from hydro_model.simulate import simulate
 
 
 def main() -> None:
-    """Roll a model and the rig's plant out for a few cycles, and ask for the dynamics."""
+    """Roll a model and the rig's plant out for a few cycles, ask for dynamics, law and effects."""
     robot = load_robot("xs031")
     q = np.array([0.5, -1.5])
     time_s, voltages = 0.002 * np.arange(3), np.zeros((3, 2))
@@ -22,6 +27,11 @@ def main() -> None:
     inverse_dynamics(robot, motion, motion, motion)
     regressor(robot, motion, motion, motion)
     mass_matrix(robot, motion)
+    tip_position(robot, motion)
+    ControllerCore(robot, Gains())
+    for name in ("presliding_friction", "valve_spool_lag", "structural_flexibility"):
+        effect = CATALOGUE[name]  # one followed by a closed form, one as linear, one by steps
+        effect.evaluate(np.ones((3, SIGNAL_COUNT)), effect.typical, sample_time_s=0.002)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import subprocess
-import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -66,14 +67,29 @@ def finish(process: subprocess.Popen[str]) -> None:
 
 
 @contextmanager
-def busy(loops: int) -> Iterator[None]:
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+def hindered(word: str, seed: int) -> Iterator[list[int]]:
+    """Stop a random process whose command has a word, for 1 to 50 ms, again and again.
+
+    Whatever a busy computer does to processes comes down to this. Yields whom it stopped.
+    """
+    stopped, done, rng = list[int](), threading.Event(), random.Random(seed)
+
+    def hinder() -> None:
+        while not done.wait(rng.uniform(0.001, 0.1)):
+            with suppress(IndexError, ProcessLookupError):  # none yet, or none any more
+                pid = rng.choice(_processes_with(word))
+                os.kill(pid, signal.SIGSTOP)
+                stopped.append(pid)
+                done.wait(rng.uniform(0.001, 0.05))
+                os.kill(pid, signal.SIGCONT)
+
+    thread = threading.Thread(target=hinder)
+    thread.start()
     try:
-        yield
+        yield stopped
     finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
+        done.set()
+        thread.join()
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +138,9 @@ def test_the_tip_follows(idle_run: Path) -> None:
 def test_lockstep_does_not_depend_on_how_busy_the_machine_is(
     idle_run: Path, tmp_path: Path
 ) -> None:
-    with busy(os.cpu_count() or 1):
+    with hindered(str(tmp_path), seed=12) as stopped:
         finish(start(tmp_path, "busy"))
+    assert len(set(stopped)) >= 4  # rig, bridge, recorder, controller
     idle, loaded = truth_of(idle_run, "idle"), truth_of(tmp_path, "busy")
     assert idle.names == loaded.names
     assert idle.rows.tobytes() == loaded.rows.tobytes()
@@ -147,6 +164,7 @@ def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
         assert process.poll() is None
         time.sleep(0.05)
     time.sleep(0.5)
+    assert len(_processes_with(str(tmp_path))) >= 4  # rig, bridge, recorder, controller
     os.killpg(process.pid, number)  # as a terminal does: the whole foreground group
     process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 128 + number
@@ -166,13 +184,13 @@ def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
     assert np.all(stated[-1] == 0.0)
 
 
-def _processes_with(text: str) -> list[str]:
+def _processes_with(text: str) -> list[int]:
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            command = (folder / "cmdline").read_bytes().decode()
         except OSError:
             continue  # it ended meanwhile
-        if text in command and "pytest" not in command:
-            found.append(command)
+        if text in command:
+            found.append(int(folder.name))
     return found

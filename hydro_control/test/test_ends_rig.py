@@ -202,12 +202,11 @@ def test_whatever_jumps_the_limits_are_kept_or_the_arm_is_stopped(
     assert np.ptp(np.array(driven.q), axis=0).max() > 0.1  # it moved
 
 
-@pytest.mark.parametrize("payload_kg", [0.0, 100.0])
 def test_a_payload_that_nobody_told_leaves_the_ends_kept(
-    monkeypatch: pytest.MonkeyPatch, payload_kg: float
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     core = jumping(monkeypatch, "joint", LIMITS.upper + 5.0)
-    driven = loop(core=core, payload_kg=payload_kg)
+    driven = loop(core=core, payload_kg=100.0)
     driven.run(6.0)
     assert not any(driven.faults)
     assert np.all(driven.beyond() < MOST_BEYOND)
@@ -309,23 +308,26 @@ def test_too_far_beyond_an_end_nothing_is_driven() -> None:
     assert not np.any(driven.voltage_v[10:])
 
 
-#: Legal trajectories from mid-range to near an end or several.
+LITTLE_M3, MUCH_M3 = 2e-4, 1.3e-3
+#: Legal trajectories from mid-range to near an end or several; oil beside the cylinders, or the
+#: truth's own.
 NEAR_ENDS = [
-    ((0.0, -2.39), 2.0),
-    ((0.0, -2.39), 4.0),
-    ((-0.04, -2.39), 2.0),
-    ((1.0, -2.39), 1.5),
-    ((1.69, -2.39), 2.0),
-    ((1.69, -1.2), 2.0),
-    ((1.65, -0.5), 2.0),
-    ((1.69, -0.2), 2.0),
-    ((0.8, -0.16), 1.5),
-    ((-0.04, -0.16), 2.0),
+    ((0.0, -2.39), 2.0, MUCH_M3),
+    ((0.0, -2.39), 4.0, LITTLE_M3),
+    ((-0.04, -2.39), 2.0, None),
+    ((-0.04, -2.39), 2.0, MUCH_M3),
+    ((1.0, -2.39), 1.5, None),
+    ((1.69, -2.39), 2.0, LITTLE_M3),
+    ((1.69, -1.2), 2.0, MUCH_M3),
+    ((1.65, -0.5), 2.0, None),
+    ((1.69, -0.2), 2.0, LITTLE_M3),
+    ((0.8, -0.16), 1.5, MUCH_M3),
+    ((-0.04, -0.16), 2.0, None),
+    ((-0.04, -0.16), 2.0, LITTLE_M3),
 ]
 
 
-@pytest.mark.parametrize("dead_m3", [2e-4, None, 1.3e-3], ids=["little", "realistic", "much"])
-@pytest.mark.parametrize(("goal", "seconds"), NEAR_ENDS)
+@pytest.mark.parametrize(("goal", "seconds", "dead_m3"), NEAR_ENDS)
 def test_a_trajectory_to_near_an_end_settles(
     goal: tuple[float, ...], seconds: float, dead_m3: float | None
 ) -> None:

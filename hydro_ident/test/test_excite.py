@@ -17,7 +17,7 @@ from hydro_ident.design.limits import limit_ratios
 from hydro_ident.design.poses import static_poses
 from hydro_ident.design.prediction import predict
 from hydro_ident.errors import IdentError
-from hydro_ident.experiment import LIMITS, design_excitation, start_pose
+from hydro_ident.experiment import LIMITS, Design, design_excitation, start_pose
 from hydro_ident.study.excitation import least_at_rest, repeated
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, load_path
@@ -37,6 +37,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "out"
     assert run(["--robot", "xs031", "--out", str(out)]) == 0
     return out
+
+
+START = (0.8, -1.2)
+
+
+@pytest.fixture(scope="module")
+def listing(robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Design:
+    """A design of 30 s whose robot lists effects."""
+    listing = replace(robot, effects=LISTED)
+    return design_excitation(listing, np.array(START), 30.0, tmp_path_factory.mktemp("listing"))
 
 
 def _path(file: Path) -> JointPath:
@@ -124,20 +134,17 @@ def test_validation_is_a_different_motion(folder: Path) -> None:
         assert abs(np.corrcoef(one[:, joint], two[:, joint])[0, 1]) < 0.7
 
 
-def test_a_start_of_ones_own_and_the_same_design_every_time(robot: Robot, tmp_path: Path) -> None:
-    arguments = ["--robot", "xs031", "--duration", "30", "--start-joints", "0.8", "-1.2"]
-    for name in ("one", "two"):
-        assert run([*arguments, "--out", str(tmp_path / name)]) == 0
-    for name in ("excitation.yaml", "validation.yaml", "predicted.json"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-    path = _path(tmp_path / "one" / "excitation.yaml")
+def test_a_start_of_ones_own_and_the_same_design_every_time(
+    listing: Design, tmp_path: Path
+) -> None:
+    arguments = ["--robot", "xs031", "--duration", "30", "--start-joints", *map(str, START)]
+    assert run([*arguments, "--out", str(tmp_path / "out")]) == 0
+    path = _path(tmp_path / "out" / "excitation.yaml")
     for time in (0.0, path.duration_s):
-        assert path.sample(time)[0] == pytest.approx([0.8, -1.2], abs=1e-6)
+        assert path.sample(time)[0] == pytest.approx(START, abs=1e-6)
     # Listed effects are predicted, and change nothing of the motion.
-    listing = replace(robot, effects=LISTED)
-    design = design_excitation(listing, np.array([0.8, -1.2]), 30.0, tmp_path)
-    assert design.content == yaml.safe_load((tmp_path / "one" / "excitation.yaml").read_text())
-    assert len(design.prediction.parameters) == 18 + 4
+    assert listing.content == yaml.safe_load((tmp_path / "out" / "excitation.yaml").read_text())
+    assert len(listing.prediction.parameters) == 18 + 4
 
 
 def test_listed_effects_are_predicted_beside_the_rest(robot: Robot, folder: Path) -> None:
@@ -233,14 +240,13 @@ def test_a_weak_valve_slows_the_motion(robot: Robot, folder: Path, tmp_path: Pat
 
 
 def test_a_path_that_peaks_between_samples_is_made_to_less(
-    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    robot: Robot, listing: Design, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A crane of three joints was refused: its chirps came 3 % over what they had been made to."""
-    start = np.array([0.6, -1.4])
-    before = design_excitation(robot, start, 30.0, tmp_path).check.flow_share.max()
+    before = listing.check.flow_share.max()
     allowed = float(before / LIMITS.flow) - 0.01
     monkeypatch.setattr(experiment, "_BETWEEN", allowed)
-    after = design_excitation(robot, start, 30.0, tmp_path).check.flow_share.max()
+    after = design_excitation(robot, np.array(START), 30.0, tmp_path).check.flow_share.max()
     assert 0.9 * before < after <= allowed * LIMITS.flow
 
 

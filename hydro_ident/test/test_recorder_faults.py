@@ -99,6 +99,13 @@ def _unbroken(path: Path) -> np.ndarray:
     return cycles
 
 
+def _all_written(folder: Path) -> bool:
+    """Whether chunks have come to the disk, and no more of them for longer than one is open."""
+    before = sum(file.stat().st_size for file in folder.glob("*_t/*"))
+    time.sleep(1.0)
+    return 0 < before == sum(file.stat().st_size for file in folder.glob("*_t/*"))
+
+
 def _private_mount(
     folder: Path, options: str, command: Sequence[str], meanwhile: str = ":"
 ) -> list[str]:
@@ -180,7 +187,10 @@ def test_a_disk_that_is_full_when_it_closes_the_bag_ends_it_in_one_line(
         _wait_for(lambda: (tmp_path / "said.txt").read_text().count("receiving") == 4)
         seen = len(publisher.times)
         _wait_for(lambda: len(publisher.times) > seen + 150)
-    time.sleep(1.0)  # the last chunk is closed after 0.2 s
+        # Its writer stays until the recorder has all: with it would go what is not delivered yet.
+        publisher.stop = True
+        within = Path(f"/proc/{process.pid}/root{disk}")
+        _wait_for(lambda: _all_written(within))
     now.touch()
     assert process.wait(timeout=PATIENCE_S) == 1
     (line,) = _errors(tmp_path)
