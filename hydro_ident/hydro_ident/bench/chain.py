@@ -197,7 +197,7 @@ def _answering(running: Running, processes: _Processes) -> Running:
     """Wait until the chain answers; what its parts said last where it does not."""
     end = time.monotonic() + _PATIENCE_S
     running.bus.begin()
-    while len(running.bus.latencies_s) < _ANSWERS:
+    while running.bus.answered < _ANSWERS:
         try:
             running.check()
         except IdentError as error:

@@ -60,7 +60,7 @@ def measured(chain: AbstractContextManager[Running], seconds: float) -> Round:
         time.sleep(seconds)
         after, wall = _cpu_s(running), time.perf_counter() - began
         lost, cycles = running.bus.lost, running.bus.cycles
-        times = np.array(running.bus.latencies_s)
+        times = running.bus.latencies_s()
         running.check()
     if not times.size or lost > _LOST_SHARE * cycles:
         raise IdentError(

@@ -106,7 +106,7 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
             trips.watch(began + 60.0 * minutes * k / _SAMPLES)
             _take_sizes(running, sizes)
         cycles, lost = running.bus.cycles, running.bus.lost
-        times_ms = 1e3 * np.array(running.bus.latencies_s)
+        times_ms = 1e3 * running.bus.latencies_s()
     if not times_ms.size:
         raise IdentError("soak: no cycle was answered")
     edges = [-np.inf, *EDGES_MS, np.inf]
@@ -155,10 +155,10 @@ class Trips:
         """
         bus = self._running.bus
         while (left := until - time.monotonic()) > 0.0:
-            answered, cycles = len(bus.latencies_s), bus.cycles
+            answered, cycles = bus.answered, bus.cycles
             time.sleep(min(left, _LOOK_S))
             self._running.check()
-            if len(bus.latencies_s) == answered and self._running.rearm():
+            if bus.answered == answered and self._running.rearm():
                 self.cleared += 1
                 self.waited += bus.cycles - cycles
 

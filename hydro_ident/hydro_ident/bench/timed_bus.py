@@ -7,10 +7,12 @@ from array import array
 from collections import OrderedDict
 
 import can
+import numpy as np
 
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
+from hydro_model.robot import FloatArray
 
 #: Cycles that may still be answered.
 _OPEN = 500
@@ -32,8 +34,6 @@ class TimedBus(Bus):
     ----------
     cycles : int
         Sent since the last `begin`.
-    latencies_s : array of float
-        Of those that were answered.
     """
 
     def __init__(self, name: BusName, bus: can.BusABC, codec: Codec) -> None:
@@ -46,7 +46,7 @@ class TimedBus(Bus):
     def begin(self) -> None:
         """Forget what was noted."""
         self.cycles = 0
-        self.latencies_s = array("d")
+        self._latencies_s = array("d")
         self._open: OrderedDict[int, float] = OrderedDict()
 
     def send(self, message: can.Message) -> bool:
@@ -77,10 +77,22 @@ class TimedBus(Bus):
             if command.enable:
                 newest = next((c for c in reversed(self._open) if command.answers(c)), None)
                 if newest is not None:
-                    self.latencies_s.append(now - self._open.pop(newest))
+                    self._latencies_s.append(now - self._open.pop(newest))
         return message
+
+    @property
+    def answered(self) -> int:
+        """Cycles that were answered."""
+        return len(self._latencies_s)
+
+    def latencies_s(self) -> FloatArray:
+        """A copy of the times of the cycles that were answered, s; (answered,).
+
+        Other threads may go on noting meanwhile: no view of the array may keep it from growing.
+        """
+        return np.frombuffer(self._latencies_s.tobytes(), dtype=np.float64)
 
     @property
     def lost(self) -> int:
         """Cycles that nobody has answered, the newest two left out: theirs may be on the way."""
-        return max(self.cycles - len(self.latencies_s) - 2, 0)
+        return max(self.cycles - self.answered - 2, 0)
