@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hydro_model.kernel import kernel
+from hydro_model.kernel import inlined
 
 # mypy follows no numba import: the arrays of the kernels are typed by numba itself.
 Array = Any
@@ -22,7 +22,7 @@ SCRATCH = 52
 PLACE, SHIFT, VEL, REQ, ACC, FORCE, BODY, COLUMN = 0, 9, 12, 18, 24, 30, 36, 46
 
 
-@kernel
+@inlined
 def place(
     q: Array, rotation: Array, translation: Array, axis: Array, prismatic: Array, scratch: Array
 ) -> None:
@@ -48,7 +48,7 @@ def place(
             scratch[i, SHIFT + r] = translation[i, r]
 
 
-@kernel
+@inlined
 def to_child(scratch: Array, i: int, column: int, base: Array) -> None:
     """Motion vector of the parent (row i - 1, or the base) turned into frame i (eq. 3)."""
     if i == 0:
@@ -66,7 +66,7 @@ def to_child(scratch: Array, i: int, column: int, base: Array) -> None:
         scratch[i, column + 3 + c] = a * v0 + b * v1 + d * v2
 
 
-@kernel
+@inlined
 def add_wrench_to_parent(scratch: Array, i: int, column: int) -> None:
     """Force vector of frame i added to that of frame i - 1 (eq. 4, the sum of eq. 7)."""
     t0, t1, t2 = scratch[i, column], scratch[i, column + 1], scratch[i, column + 2]
@@ -86,7 +86,7 @@ def add_wrench_to_parent(scratch: Array, i: int, column: int) -> None:
     scratch[i - 1, column + 5] += a2
 
 
-@kernel
+@inlined
 def on_axis(scratch: Array, i: int, column: int, axis: Array, joint: int, part: int) -> float:
     """Component of a force vector along a joint, s^T f."""
     at = column + part
@@ -97,7 +97,7 @@ def on_axis(scratch: Array, i: int, column: int, axis: Array, joint: int, part: 
     )
 
 
-@kernel
+@inlined
 def move(
     qd: Array,
     qd_r: Array,

@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 
-@kernel
+@inlined
 def _net_force(theta: Array, k_v: float, scratch: Array, i: int) -> None:
     """Net force of link i: ``Y(vdot_d, v) theta + k_v (v_d - v)`` (eqs. 8, 20 and 29)."""
     m, h0, h1, h2 = theta[i, 0], theta[i, 1], theta[i, 2], theta[i, 3]
@@ -75,11 +75,12 @@ def _net_force(theta: Array, k_v: float, scratch: Array, i: int) -> None:
     scratch[i, f + 3] = m * a0 + d1 * h2 - d2 * h1 + w1 * u2 - w2 * u1
     scratch[i, f + 4] = m * a1 + d2 * h0 - d0 * h2 + w2 * u0 - w0 * u2
     scratch[i, f + 5] = m * a2 + d0 * h1 - d1 * h0 + w0 * u1 - w1 * u0
-    for k in range(6):
-        scratch[i, f + k] += k_v * (scratch[i, REQ + k] - scratch[i, VEL + k])
+    if k_v != 0.0:
+        for k in range(6):
+            scratch[i, f + k] += k_v * (scratch[i, REQ + k] - scratch[i, VEL + k])
 
 
-@kernel
+@inlined
 def required_torque_kernel(
     q: Array,
     qd: Array,
@@ -200,7 +201,7 @@ def _link_regressor(link: int, scratch: Array, out: Array) -> None:
             out[j, at + p] = 0.0
 
 
-@kernel
+@inlined
 def regressor_kernel(
     q: Array,
     qd: Array,
@@ -225,7 +226,7 @@ def regressor_kernel(
     part_regressor(axis, prismatic, parts, scratch, out)
 
 
-@kernel
+@inlined
 def mass_matrix_kernel(
     q: Array,
     rotation: Array,
