@@ -23,6 +23,12 @@ def not_finite(
 
     `stamp_s` is the time of the sample, s.
     """
+    # A sum is finite only where every part is; finding out which is for the rare case.
+    motion = sum(q.tolist()) + sum(reference.position.tolist()) + sum(reference.velocity.tolist())
+    motion += sum(reference.acceleration.tolist())
+    oil = sum(p_a.tolist()) + sum(p_b.tolist()) + p_s + p_t
+    if math.isfinite(motion + oil + stamp_s):
+        return ""
     parts = {
         "joint position": q,
         "pressure of chamber A": p_a,
@@ -32,9 +38,6 @@ def not_finite(
         "reference acceleration": reference.acceleration,
         "stamp, supply or tank pressure": np.array([stamp_s, p_s, p_t]),
     }
-    # A sum is finite only where every part is; finding out which is for the rare case.
-    if math.isfinite(sum(sum(part.tolist()) for part in parts.values())):
-        return ""
     names = [name for name, part in parts.items() if not np.all(np.isfinite(part))]
     found = "; ".join(f"{name} {parts[name].tolist()}" for name in names)
     return f"expected finite numbers, found {found or 'values beyond the range of numbers'}"
