@@ -91,6 +91,8 @@ class HotPath:
 
     def destroy(self) -> None:
         """Give subscriptions and publishers back; after `stop`."""
+        for wait in (self._wait, self._partner):
+            wait.destroy()
         for hot in (self._joints, self._pressures, self._applied):
             self._node.destroy_subscription(hot.subscription)
         for publisher in self._required:
@@ -100,9 +102,9 @@ class HotPath:
         """Answer samples from the next one on."""
         self._core.restart()
         self._join.clear()
-        self._joints.take_newest()
-        self._pressures.take_newest()
-        self._applied.take_newest()
+        for hot in (self._joints, self._pressures, self._applied):
+            hot.take_newest()
+            hot.forget()
         self._matched = self._driven = False
         self.times = LoopTimes(1.0 / self._core.robot.sensors.rate_hz)
         self._stop.clear()
@@ -130,8 +132,11 @@ class HotPath:
 
     @property
     def malformed(self) -> tuple[int, str]:
-        """Number of messages without a needed name, and what the newest lacked."""
-        return self._join.malformed, self._join.message
+        """Number of unreadable messages and of those without a needed name; the newest's fault."""
+        hot = (self._joints, self._pressures, self._applied)
+        count = self._join.malformed + sum(one.unreadable for one in hot)
+        said = (self._join.message, *(one.message for one in hot))
+        return count, next(filter(None, said), "")
 
     def _main(self) -> None:
         failure: BaseException | None = None
@@ -205,18 +210,20 @@ class HotPath:
         if not self._driven or last is None:
             return
         end = time.monotonic() + _RAMP_S
-        stamp, voltage = last.stamp_ns, last.output.voltage_v
-        while time.monotonic() < end and self._wait.wait(_LAST_SAMPLE_S):
-            sample = self._sample()
-            if sample is None or sample.stamp_ns <= stamp:
-                continue
-            stamp, voltage = sample.stamp_ns, self._core.wind_down()
-            self._publish_command(stamp, voltage)
-            if not np.any(voltage):
-                break
-        else:
-            self._publish_command(stamp, np.zeros_like(voltage))
-        self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
+        stamp, voltage, at_zero = last.stamp_ns, last.output.voltage_v, False
+        try:
+            while not at_zero and time.monotonic() < end and self._wait.wait(_LAST_SAMPLE_S):
+                sample = self._sample()
+                if sample is None or sample.stamp_ns <= stamp:
+                    continue
+                stamp, voltage = sample.stamp_ns, self._core.wind_down()
+                self._publish_command(stamp, voltage)
+                at_zero = not np.any(voltage)
+        finally:
+            # Whatever went wrong on the way down.
+            if not at_zero:
+                self._publish_command(stamp, np.zeros_like(voltage))
+            self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:
         self._command.publish(self._messages.command(stamp, voltage_v))

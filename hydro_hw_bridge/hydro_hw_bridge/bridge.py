@@ -133,7 +133,8 @@ class CanBridge(LifecycleNode):
     def fail(self, error: Exception) -> None:
         """Valves to 0 V, and tell the process to end with this error."""
         known = isinstance(error, HydroError)
-        self.failure = str(error) if known else f"{type(error).__name__}: {error}"
+        text = str(error) if known else f"{type(error).__name__}: {error}"
+        self.failure = self.failure or text  # what comes later may follow from it
         self.end()
         # The last that is heard of this node: what merely stops does not say why.
         self._publish_diagnostics()

@@ -14,6 +14,7 @@ from hydro_hw_bridge.bridge_start import BridgeParts
 from hydro_hw_bridge.bridge_step import NOTHING, Step
 from hydro_hw_bridge.bridge_times import BridgeTimes
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S
+from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import Frame
 from hydro_hw_bridge.link import CommandLink
 from hydro_hw_bridge.parameters import LOCKSTEP
@@ -74,6 +75,7 @@ class BridgeLoops:
         self._wait = HotWait(node, self._hot)
         self._topics: BridgePublishers | None = None
         self._threads: list[threading.Thread] = []
+        # Of the threads that run: one that does not end in time never comes alive again.
         self._running = threading.Event()
         self._heard_at = self._foreign_at = time.monotonic()
 
@@ -105,26 +107,30 @@ class BridgeLoops:
             core.carry_over(self.core)
             self.core = core
         self._topics = topics
-        self._running.set()
-        self._threads = [
-            threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
-            for name, body in (("can", self._receive_loop), ("command", self._command_loop))
-        ]
+        self._running = running = threading.Event()
+        running.set()
         self.times = self._new_times()
         self._parts.real_time.prepare()
-        for thread in self._threads:
+        for name, body in (("can", self._receive_loop), ("command", self._command_loop)):
+            thread = threading.Thread(
+                target=self._guarded, args=(body, running), name=name, daemon=True
+            )
             thread.start()
+            self._threads.append(thread)
 
     def stop(self) -> None:
-        """End the threads."""
+        """End the threads; one that does not end is an error of the bridge, which ends as well."""
         self._running.clear()
         self._wait.wake()
-        for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join(JOIN_S)
-        self._threads = []
+        threads, self._threads = self._threads, []
+        others = [thread for thread in threads if thread is not threading.current_thread()]
+        for thread in others:
+            thread.join(JOIN_S)
         self._topics = None
         self._parts.real_time.leave()
+        if held := [thread.name for thread in others if thread.is_alive()]:
+            found = f"found {', '.join(held)} held on {self._parts.bus.name}"
+            self._on_error(BridgeError(f"expected threads to end within {JOIN_S:g} s, {found}"))
 
     def activate(self, refuse: Callable[[], None]) -> None:
         """Drive from now on.
@@ -167,11 +173,10 @@ class BridgeLoops:
     def claim_again(self) -> None:
         """Every `CLAIM_PERIOD_S`: say who drives here, and forget others that are gone."""
         self._parts.claim.send()
-        if self._parts.claim.others_gone():
-            with self._lock:
+        with self._lock:
+            if self._parts.claim.others_gone():
                 self.core.gate.end_fault(SECOND_BRIDGE)
-        if time.monotonic() - self._foreign_at > CLAIM_PERIOD_S:
-            with self._lock:
+            if time.monotonic() - self._foreign_at > CLAIM_PERIOD_S:
                 self.core.gate.end_fault(FOREIGN)
 
     def state(self) -> tuple[object, ...]:
@@ -198,21 +203,24 @@ class BridgeLoops:
         with self._lock:
             level, text = bridge_report.summary(self.core, missing, silent=silent)
             values = bridge_report.values(self.core, self._parts.bus, names)
+        values["unreadable_commands"] = self._hot.unreadable
         return level, text, values | self.times.values() | self._parts.real_time.values()
 
     # -- threads
 
-    def _guarded(self, body: Callable[[], None]) -> None:
+    def _guarded(self, body: Callable[[threading.Event], None], running: threading.Event) -> None:
         try:
             self._parts.real_time.enter()
-            body()
+            body(running)
         except Exception as error:  # noqa: BLE001 - whatever ends a thread must stop the valves
             self._on_error(error)
 
-    def _receive_loop(self) -> None:
+    def _receive_loop(self, running: threading.Event) -> None:
         bus, codec = self._parts.bus, self._parts.codec
-        while self._running.is_set():
+        while running.is_set():
             message = bus.receive(RECEIVE_TIMEOUT_S)
+            if not running.is_set():
+                break  # whoever runs by now reads for himself
             begin_ns = time.monotonic_ns()
             frame = None if message is None else codec.receive(message)
             now_ns, waited_s = 0, None
@@ -222,19 +230,19 @@ class BridgeLoops:
                 now_ns = self._clock.now().nanoseconds
                 waited_s = bus.waited_s(message)
             if frame is not None and frame.role == "claim":
-                if frame.intact and self._parts.claim.hear(codec.decode_claim(frame)):
-                    self._second_bridge()
+                self._hear_claim(frame)
                 frame = None
             with self._lock:
                 # Not before: until a frame is judged, commands are as old as the one before it.
                 self._heard_at = heard_at
                 first = NOTHING if frame is None else self._received(frame, now_ns)
                 late = () if waited_s is None else self._read_late(waited_s)
+                silence = self._silence(message is None)
                 # What is wrong with the bus is news after an error frame, which is no message,
-                # after sending, and once a cycle in any case.
-                news = message is None or waited_s is not None or first.answer is not None
+                # after sending or failing to, and once a cycle in any case.
+                news = message is None or waited_s is not None or self._link.tried
                 of_bus = self._look_at_bus() if news else ()
-                steps = (first, *late, self._silence(message is None), *of_bus)
+                steps = (first, *late, silence, *of_bus)
             self.times.arrived(first.sample, begin_ns)
             self._publish(*steps)
             self.times.published(first.sample, begin_ns)
@@ -267,11 +275,11 @@ class BridgeLoops:
             return NOTHING
         return self.core.silence(silence_s)
 
-    def _command_loop(self) -> None:
-        while self._running.is_set():
+    def _command_loop(self, running: threading.Event) -> None:
+        while running.is_set():
             if not self._wait.wait(COMMAND_TIMEOUT_S):
                 continue
-            while (taken := self._hot.take_numbered()) is not None:
+            while running.is_set() and (taken := self._hot.take_numbered()) is not None:
                 asked, number = taken
                 with self._lock:
                     unheard_s = time.monotonic() - self._heard_at
@@ -310,7 +318,10 @@ class BridgeLoops:
         with self._lock:
             self.core.ready = self.core.active
 
-    def _second_bridge(self) -> None:
+    def _hear_claim(self, frame: Frame) -> None:
+        claim = self._parts.codec.decode_claim(frame) if frame.intact else None
         with self._lock:
+            if claim is None or not self._parts.claim.hear(claim):
+                return
             step = self.core.fault(SECOND_BRIDGE, "a second bridge is on the bus")
         self._publish(step)

@@ -18,21 +18,29 @@ class CommandLink:
     bus : Bus
     most_unsent : int
         So many frames in a row may be refused by the bus before that is a fault.
+
+    Attributes
+    ----------
+    tried : bool
+        Frames were sent, or could not be, since `conditions` were looked at.
     """
 
     def __init__(self, bus: Bus, most_unsent: int) -> None:
         self._bus = bus
         self._most_unsent = most_unsent
         self._unsent = 0
+        self.tried = False
 
     def send(self, frame: can.Message) -> bool:
         """Send a frame now or not at all; False where the bus did not take it."""
         sent = self._bus.send(frame)
         self._unsent = 0 if sent else self._unsent + 1
+        self.tried = True
         return sent
 
     def conditions(self) -> tuple[tuple[str, str], ...]:
         """Names of the faults that a bus can have, each with its reason or empty."""
+        self.tried = False
         return (
             (BUS_OFF, "bus-off: the CAN controller left the bus" if self._bus.off else ""),
             (

@@ -55,7 +55,7 @@ class VelocityDisplay:
 
 
 class BridgePublishers:
-    """The bridge's publishers and their reused messages.
+    """The bridge's publishers and what is the same in all their messages.
 
     Parameters
     ----------

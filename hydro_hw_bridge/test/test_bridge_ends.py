@@ -19,11 +19,13 @@ from hydro_hw_bridge.frames import CommandFrame, Readings
 from hydro_hw_bridge.gate import GateState
 
 rclpy = pytest.importorskip("rclpy")
+from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
 from hydro_hw_bridge import bridge_loops as loops_module  # noqa: E402
 from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
+from hydro_hw_bridge.link import UNSENT, CommandLink  # noqa: E402
 from hydro_msgs_docs.messages import joint_state  # noqa: E402
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
 
@@ -37,7 +39,7 @@ Make = Callable[..., Readings]
 
 
 class SlowBus(Bus):
-    """A real bus that can hold enabled frames back, refuse disabled ones, and read late."""
+    """A real bus that can hold enabled frames back, refuse disabled ones or all, and read late."""
 
     def __init__(self, name: BusName, bus: can.BusABC, codec: Codec) -> None:
         super().__init__(name, bus)
@@ -45,6 +47,7 @@ class SlowBus(Bus):
         self.holding = False
         self.held, self.go = threading.Event(), threading.Event()
         self.refusals = 0
+        self.deaf = False
         self.read_after_s = 0.0
 
     def receive(self, timeout_s: float) -> can.Message | None:
@@ -58,6 +61,8 @@ class SlowBus(Bus):
             if enabled and self.holding:
                 self.held.set()
                 assert self.go.wait(PATIENCE_S)
+            if self.deaf:
+                return False
             if not enabled and self.refusals > 0:
                 self.refusals -= 1
                 return False
@@ -228,3 +233,55 @@ def test_frames_that_wait_to_be_read_are_noticed(bench: Bench) -> None:
     bench.cycle(1, lockstep=False)
     bench.cycle(2, lockstep=False)
     assert bench.bridge._loops.core.read_late > 0
+
+
+def test_bytes_that_are_no_command_are_passed_over_and_counted(bench: Bench) -> None:
+    bench.drive()
+    accepted = bench.bridge._loops.core.commands.accepted
+    whole = serialize_message(joint_state(1, NAMES, effort=[1.0, 0.0]))
+    endless = whole[:12] + b"\xff" * 8 + whole[20:]
+    for data in (whole[:40], whole[:5], b"\x00\x07\x00\x00" + whole[4:], bytes(4), endless):
+        bench.publisher.publish(data)
+    bench.ask(2, 1.5, 0.0)
+    bench.until(lambda: bench.bridge._loops.core.commands.accepted == accepted + 1)
+    _, _, values = bench.bridge._loops.report({})
+    assert values["unreadable_commands"] == 5
+    assert bench.bridge.failure == ""
+    assert bench.bridge._loops.core.gate.state is not GateState.TRIPPED
+
+
+def test_a_bus_that_takes_no_frame_is_told_though_nobody_commands(bench: Bench) -> None:
+    """The device asks for its answer again and again; the bus is looked at all the same."""
+    bench.drive()
+    bench.ask(2, 1.5, 0.0)
+    bench.until(lambda: bench.bridge._loops.core.commands.accepted >= 2)
+    bench.bus.deaf = True
+    link = CommandLink(bench.bus, 1)
+    assert not link.send(bench.codec.encode_command(2, (0.0, 0.0), enable=True))
+    assert link.tried  # what was refused is news as well
+    link.conditions()
+    assert not link.tried
+    gate, end = bench.bridge._loops.core.gate, time.monotonic() + PATIENCE_S
+    while UNSENT not in gate.faults:
+        assert time.monotonic() < end
+        bench.cycle(2)
+        time.sleep(0.01)
+    assert "valve frames cannot be sent" in gate.reason
+    bench.bus.deaf = False
+
+
+def test_a_thread_that_the_bus_holds_is_told_and_never_comes_alive_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(loops_module, "JOIN_S", 0.1)
+    bench.bridge.trigger_configure()
+    bench.bus.read_after_s = 1.0
+    time.sleep(0.1)
+    (held,) = (t for t in bench.bridge._loops._threads if t.name == "can")
+    bench.bridge.trigger_cleanup()
+    assert "expected threads to end within 0.1 s, found can held on" in bench.bridge.failure
+    assert bench.bridge._stop.is_set()  # the process ends
+    bench.bus.read_after_s = 0.0
+    bench.bridge.trigger_configure()
+    held.join(PATIENCE_S)
+    assert not held.is_alive()

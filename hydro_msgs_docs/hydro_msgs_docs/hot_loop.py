@@ -95,10 +95,14 @@ class HotWait:
     """
 
     def __init__(self, node: Node, *subscriptions: HotSubscription) -> None:
-        self._subscriptions = subscriptions
+        self._node, self._subscriptions = node, subscriptions
         self._guard = node.create_guard_condition(_noop, callback_group=_NeverExecuted())
         context = node.context.handle
         self._wait_set = rclpy_implementation.WaitSet(len(subscriptions), 1, 0, 0, 0, 0, context)
+
+    def destroy(self) -> None:
+        """Give what wakes it back; nobody may wait any more."""
+        self._node.destroy_guard_condition(self._guard)
 
     def wake(self) -> None:
         """End a `wait` from another thread."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from rclpy.node import Node
@@ -23,17 +24,40 @@ from hydro_msgs_docs.messages import VECTOR_FIELDS, StampedVector
 _SECOND_NS = 1_000_000_000
 #: Where a message's stamp lies: behind the head of four bytes.
 _STAMP_AT = 4
+#: Encapsulations that are read: others, whose alignment differs, rclpy takes for these.
+_HEADS = (b"\0\0", b"\0\1")
+#: Ways in which a topic's senders make their messages that are remembered, by length.
+_KNOWN = 8
+
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """How a message is made: which of its bits tell so and what they say; where numbers are."""
+
+    structure: int
+    expected: int
+    stamp: struct.Struct
+    lists: tuple[tuple[struct.Struct, int], ...]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, layout: Layout) -> _Made:
+        structure = int.from_bytes(layout.mask.tobytes(), "little")
+        places = [layout.values[name] for name in VECTOR_FIELDS]
+        return cls(
+            structure,
+            int.from_bytes(layout.template.tobytes(), "little") & structure,
+            struct.Struct(f"{layout.order}iI"),
+            tuple((struct.Struct(f"{layout.order}{count}d"), at) for at, count in places),
+            layout.names,
+        )
 
 
 class VectorReader:
-    """Reads one topic's messages: fast where each is made as the one before it."""
+    """Reads one topic's messages: fast where each is made as one before it."""
 
     def __init__(self) -> None:
-        # Of the whole message as one number: which bits tell how it is made, and what they say.
-        self._size, self._structure, self._expected = 0, 0, 1
-        self._stamp = struct.Struct("<iI")
-        self._lists: tuple[tuple[struct.Struct, int], ...] = ()
-        self._names: tuple[str, ...] = ()
+        self._known: dict[int, _Made] = {}
 
     def read(self, data: bytes) -> StampedVector:
         """A message from its bytes.
@@ -46,27 +70,40 @@ class VectorReader:
         Returns
         -------
         StampedVector
+
+        Raises
+        ------
+        CdrError
+            They are no such message.
         """
-        head = int.from_bytes(data[: self._size], "little")
-        if head & self._structure != self._expected or len(data) < self._size:
+        made = self._known.get(len(data))
+        if made is None or int.from_bytes(data, "little") & made.structure != made.expected:
             try:
-                self._learn(layout_of(data, JOINT_STATE))
+                made = self._learned(data)
             except CdrError:
                 # Lists of another length than the names': legal, and for others to judge.
-                return StampedVector.of(deserialize_message(data, JointState))
-        sec, nanosec = self._stamp.unpack_from(data, _STAMP_AT)
-        lists = (numbers.unpack_from(data, at) for numbers, at in self._lists)
-        return StampedVector(sec * _SECOND_NS + nanosec, self._names, *lists)
+                return _read_slowly(data)
+        sec, nanosec = made.stamp.unpack_from(data, _STAMP_AT)
+        lists = (numbers.unpack_from(data, at) for numbers, at in made.lists)
+        return StampedVector(sec * _SECOND_NS + nanosec, made.names, *lists)
 
-    def _learn(self, layout: Layout) -> None:
-        self._size, self._names = layout.size, layout.names
-        self._structure = int.from_bytes(layout.mask.tobytes(), "little")
-        self._expected = int.from_bytes(layout.template.tobytes(), "little") & self._structure
-        self._stamp = struct.Struct(f"{layout.order}iI")
-        self._lists = tuple(
-            (struct.Struct(f"{layout.order}{count}d"), at)
-            for at, count in (layout.values[name] for name in VECTOR_FIELDS)
-        )
+    def _learned(self, data: bytes) -> _Made:
+        made = _Made.of(layout_of(data, JOINT_STATE))
+        if any("\0" in name for name in made.names):
+            raise CdrError("a name with a zero in it")  # rclpy's ends there
+        if len(data) not in self._known and len(self._known) >= _KNOWN:
+            self._known.clear()
+        self._known[len(data)] = made
+        return made
+
+
+def _read_slowly(data: bytes) -> StampedVector:
+    if data[:2] not in _HEADS:
+        raise CdrError(f"{len(data)} bytes that are no JointState")
+    try:
+        return StampedVector.of(deserialize_message(data, JointState))
+    except RuntimeError as error:
+        raise CdrError(f"{len(data)} bytes that are no JointState") from error
 
 
 class HotVectors(HotSubscription):
@@ -77,16 +114,36 @@ class HotVectors(HotSubscription):
     node : Node
     topic : str
     qos : QoSProfile
+
+    Attributes
+    ----------
+    unreadable : int
+        Messages that were none, and were passed over.
+    message : str
+        What was wrong with the newest message; empty where it could be read.
     """
 
     def __init__(self, node: Node, topic: str, qos: QoSProfile) -> None:
         super().__init__(node, JointState, topic, qos, raw=True)
         self._reader = VectorReader()
+        self.forget()
+
+    def forget(self) -> None:
+        """Count anew."""
+        self.unreadable, self.message = 0, ""
 
     def take_numbered(self) -> tuple[StampedVector, int | None] | None:
         """The next waiting vector and its number, or None, as of `HotSubscription`."""
-        taken = super().take_numbered()
-        return None if taken is None else (self._reader.read(taken[0]), taken[1])
+        while (taken := super().take_numbered()) is not None:
+            try:
+                vector = self._reader.read(taken[0])
+            except CdrError as error:
+                self.unreadable += 1
+                self.message = f"{self.topic} should carry JointState, found {error}"
+            else:
+                self.message = ""
+                return vector, taken[1]
+        return None
 
 
 class HotMessage:

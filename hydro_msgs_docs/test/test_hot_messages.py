@@ -13,7 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
-from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED, CdrError, layout_of
+from hydro_msgs_docs import hot_messages
+from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED, CdrError, Layout, layout_of
 from hydro_msgs_docs.hot_messages import HotMessage, VectorReader
 from hydro_msgs_docs.messages import VECTOR_FIELDS, StampedVector, joint_state, set_stamp
 
@@ -54,6 +55,44 @@ def test_a_message_of_one_name_more_or_fewer_values_is_not_read_as_the_one_befor
         assert vector == StampedVector(7, tuple(names), (), (), tuple(map(float, values)))
 
 
+def _sent(names: str, k: int, little: bool = True) -> bytes:
+    """The message of a sender, other numbers each time."""
+    values = np.array([k + 0.5, np.nan if k % 3 else -np.inf, -k][: len(names)])
+    types = STORE.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](k, 7 * k), "")
+    oracle = types[JOINT_STATE](header, list(names), values, np.zeros(0), -values)
+    return bytes(STORE.serialize_cdr(oracle, JOINT_STATE, little_endian=little))
+
+
+def test_two_senders_by_turns_and_another_byte_order_are_looked_at_once_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[int] = []
+
+    def looking(data: bytes, message_type: str) -> Layout:
+        looked.append(len(data))
+        return layout_of(data, message_type)
+
+    monkeypatch.setattr(hot_messages, "layout_of", looking)
+    reader = VectorReader()
+    for k in range(60):
+        for data in (_sent("ab", k), _sent("xyz", k)):
+            expected = StampedVector.of(deserialize_message(data, JointState))
+            assert repr(reader.read(data)) == repr(expected)  # NaN is like no other NaN
+    assert len(looked) == 2
+    for k in range(60):
+        assert reader.read(_sent("ab", k, little=False)).position[0] == k + 0.5
+    assert len(looked) == 3
+    assert reader.read(_sent("ab", 7)).stamp_ns == 7_000_000_049
+
+
+def test_a_name_with_a_zero_in_it_is_for_rclpy_to_judge() -> None:
+    data = _sent("ab", 1).replace(b"\x02\0\0\0a\0", b"\x02\0\0\0\0a")
+    assert data != _sent("ab", 1)
+    expected = StampedVector.of(deserialize_message(data, JointState))
+    assert repr(VectorReader().read(data)) == repr(expected)
+
+
 @settings(max_examples=50, deadline=None)
 @given(vectors(), st.binary(max_size=5))
 def test_big_endian_senders_and_padding_are_read(vector, padding) -> None:
@@ -74,7 +113,7 @@ def test_a_cut_message_is_never_read_as_a_whole_one(kept) -> None:
     assert reader.read(whole).effort == (1.0, 2.0)
     # The serialiser may write padding behind the last value.
     last = layout_of(whole, JOINT_STATE).size
-    with pytest.raises(RuntimeError):
+    with pytest.raises(CdrError, match="bytes that are no JointState"):
         reader.read(whole[:last][:kept])
     assert reader.read(whole).effort == (1.0, 2.0)
 

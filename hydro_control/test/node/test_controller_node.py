@@ -21,6 +21,8 @@ from hydro_msgs_docs.messages import joint_state, stamp_ns
 
 rclpy = pytest.importorskip("rclpy")
 
+from rclpy.serialization import serialize_message  # noqa: E402
+
 from hydro_control import hot_path  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
@@ -139,6 +141,57 @@ def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
         last = machine.answer(k, machine.pose - 0.001 * k)
     assert any(last.effort)
     machine.publish(9)
+    assert wait_for(lambda: bool(told))
+    assert isinstance(told[0], ZeroDivisionError)
+    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
+    hot.stop()
+    hot.destroy()
+    node.destroy_node()
+
+
+def test_bytes_that_are_no_message_are_passed_over_counted_and_told(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    process = controller()
+    machine.answer(0)
+    whole = serialize_message(joint_state(1, ["finger"], position=[0.1]))
+
+    def status() -> Any:
+        wait_for(lambda: bool(machine.heard[topics.DIAGNOSTICS]))
+        return machine.heard[topics.DIAGNOSTICS][-1].status[0]
+
+    def told() -> bool:
+        for name, data in (("joints", whole[:40]), ("pressures", whole[:5]), ("joints", bytes(3))):
+            machine.publishers[name].publish(data)
+        return wait_for(lambda: "bytes that are no JointState" in status().message, 1.2)
+
+    assert wait_for(told)
+    assert process.poll() is None
+    # The next sample is answered, and what the newest message was is said no more.
+    machine.answer(1)
+    assert wait_for(lambda: status().message == "holding")
+    assert int({v.key: v.value for v in status().values}["malformed"]) >= 3
+
+
+class UnreadableCore(FailingCore):
+    """Fails once, and its samples fail again on the way to 0 V."""
+
+    def wind_down(self) -> Any:
+        raise ArithmeticError
+
+
+def test_whatever_fails_on_the_way_down_the_last_command_is_0_v(
+    machine: Any, wait_for: Callable[..., bool]
+) -> None:
+    node = rclpy.create_node("hot", context=machine.context)
+    told: list[BaseException] = []
+    hot = HotPath(node, UnreadableCore(machine.robot, Gains()), 0, QUIET, told.append)
+    hot.start()
+    for k in range(9):
+        last = machine.answer(k, machine.pose - 0.001 * k)
+    assert any(last.effort)
+    machine.publish(9)
+    machine.publish(10)
     assert wait_for(lambda: bool(told))
     assert isinstance(told[0], ZeroDivisionError)
     assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
