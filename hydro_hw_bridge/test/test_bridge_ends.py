@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
 from hydro_hw_bridge import bridge_loops as loops_module  # noqa: E402
 from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
-from hydro_hw_bridge.link import UNSENT, CommandLink  # noqa: E402
+from hydro_hw_bridge.link import UNSENT  # noqa: E402
 from hydro_msgs_docs.messages import joint_state  # noqa: E402
 from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
 
@@ -256,11 +256,6 @@ def test_a_bus_that_takes_no_frame_is_told_though_nobody_commands(bench: Bench) 
     bench.ask(2, 1.5, 0.0)
     bench.until(lambda: bench.bridge._loops.core.commands.accepted >= 2)
     bench.bus.deaf = True
-    link = CommandLink(bench.bus, 1)
-    assert not link.send(bench.codec.encode_command(2, (0.0, 0.0), enable=True))
-    assert link.tried  # what was refused is news as well
-    link.conditions()
-    assert not link.tried
     gate, end = bench.bridge._loops.core.gate, time.monotonic() + PATIENCE_S
     while UNSENT not in gate.faults:
         assert time.monotonic() < end

@@ -59,6 +59,17 @@ def test_the_first_frames_may_be_the_refused_ones(most: int, wire: Any) -> None:
     assert dict(link.conditions())[UNSENT]
 
 
+def test_a_frame_is_news_until_somebody_has_looked_sent_or_refused(wire: Any) -> None:
+    link = CommandLink(wire, 3)
+    assert not link.tried
+    for taking in (True, False):
+        wire.taking = taking
+        link.send(can.Message())
+        assert link.tried
+        link.conditions()
+        assert not link.tried
+
+
 def test_bus_off_is_said_as_long_as_it_is(wire: Any) -> None:
     link = CommandLink(wire, 3)
     for off in (True, False):
