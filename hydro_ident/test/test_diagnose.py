@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -268,8 +269,13 @@ def test_the_command_writes_the_contract(bags: tuple[Path, Path], tmp_path: Path
         assert all(p["name"].startswith(finding["names"][0]) for p in finding["parameters"])
     listed = load_robot(out / "model.yaml")
     assert {e.name for e in listed.effects} >= {"valve_null_bias"}
+    page = (out / "report.html").read_text()
+    assert re.findall(r'<section id="(\w+)"', page) == [
+        "verdict", "health", "excitation", "parameters", "predictions", "laws", "correlation",
+        "free_run", "control", "provenance",
+    ]  # fmt: skip
     parser = _Closed()
-    parser.feed((out / "report.html").read_text())
+    parser.feed(page)
     assert all(link.startswith("#") for link in parser.links)
     controller = yaml.safe_load((out / "controller.yaml").read_text())
     assert controller["controller"]["ros__parameters"]["robot"] == str(out / "model.yaml")

@@ -19,9 +19,11 @@ from hydro_ident.study.long_bag import write_repeated
 from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import load_robot
+from hydro_msgs_docs.messages import VECTOR_FIELDS
 
 RUN_S, REPEATS = 20.0, 3
-TOPIC, FIELD = "/joint_states", "position"
+#: All fields of every topic, row by row.
+Columns = dict[str, FloatArray]
 
 
 def write_bag(folder: Path) -> Path:
@@ -41,9 +43,12 @@ def write_small(folder: Path) -> Path:
 def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
     """Reading all topics of a bag into columns; peers that are missing are said."""
     (file,) = bag.glob("*.mcap")
-    expected = read_bag(bag).series[TOPIC].fields[FIELD]
+    expected = {
+        topic: np.concatenate([one.fields[f] for f in VECTOR_FIELDS if f in one.fields], axis=1)
+        for topic, one in read_bag(bag).series.items()
+    }
     name = "bag to columns, a minute at 500 Hz, zstd"
-    readers: dict[str, tuple[str, float, Callable[[Path], FloatArray]]] = {
+    readers: dict[str, tuple[str, float, Callable[[Path], Columns]]] = {
         "mcap_ros2": ("mcap-ros2-support", 15.0, _with_mcap_ros2),
         "rosbags": ("rosbags", 8.0, _with_rosbags),
     }
@@ -52,11 +57,14 @@ def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
             say(f"{name}: {peer} is not installed, skipped")
             continue
 
-        def theirs(reader: Callable[[Path], FloatArray] = reader) -> FloatArray:
+        def theirs(reader: Callable[[Path], Columns] = reader) -> Columns:
             return reader(bag)
 
-        def check(theirs: Callable[[], FloatArray] = theirs) -> None:
-            np.testing.assert_array_equal(theirs(), expected)
+        def check(theirs: Callable[[], Columns] = theirs) -> None:
+            found = theirs()
+            assert found.keys() == expected.keys()
+            for topic, values in expected.items():
+                np.testing.assert_array_equal(found[topic], values, err_msg=topic)
 
         yield Job(name, peer, goal, lambda: read_bag(bag), theirs, check)
     peer = "unpacking its chunks and touching every byte (floor)"
@@ -65,7 +73,7 @@ def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
     )
 
 
-def _with_rosbags(bag: Path) -> FloatArray:
+def _with_rosbags(bag: Path) -> Columns:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
@@ -75,10 +83,10 @@ def _with_rosbags(bag: Path) -> FloatArray:
             message = reader.deserialize(raw, connection.msgtype)
             values = np.concatenate([message.position, message.velocity, message.effort])
             columns.setdefault(connection.topic, []).append(values)
-    return {topic: np.array(rows) for topic, rows in columns.items()}[TOPIC]
+    return {topic: np.array(rows) for topic, rows in columns.items()}
 
 
-def _with_mcap_ros2(bag: Path) -> FloatArray:
+def _with_mcap_ros2(bag: Path) -> Columns:
     from mcap.reader import make_reader
 
     decoder = importlib.import_module("mcap_ros2.decoder")
@@ -89,7 +97,7 @@ def _with_mcap_ros2(bag: Path) -> FloatArray:
         for _, channel, _, message in reader.iter_decoded_messages():
             values = [*message.position, *message.velocity, *message.effort]
             columns.setdefault(channel.topic, []).append(values)
-    return {topic: np.array(rows) for topic, rows in columns.items()}[TOPIC]
+    return {topic: np.array(rows) for topic, rows in columns.items()}
 
 
 def _floor(file: Path) -> int:

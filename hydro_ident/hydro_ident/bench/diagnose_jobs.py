@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.errors import IdentError
 from hydro_ident.study.long_bag import ROBOT, write_repeated
 from hydro_ident.study.peak import spent
 from hydro_ident.study.synthetic import synthetic_recording
@@ -83,8 +84,15 @@ def diagnose_rows(folder: Path, minutes: float = MINUTES) -> list[Row]:
         For the bag and the results.
     minutes : float
         Of the bag.
+
+    Raises
+    ------
+    IdentError
+        The diagnosis failed, or did not name what is there: its time is worth nothing then.
     """
     one = diagnosed(folder, minutes)
+    if missed := {effect.name for effect in EFFECTS}.difference(one.names):
+        raise IdentError(f"expected findings {', '.join(sorted(missed))}, found {one.names}")
     name = f"diagnose, {minutes:g}-minute bag"
     peak = f"{name}: peak memory of the process, MiB"
     return [

@@ -43,7 +43,7 @@ def control_tick(seconds: float = 20.0) -> Row:
 def command_starts(bag: Path, rounds: int) -> list[Row]:
     """Starts of commands: help, and a look at a small bag.
 
-    `rounds` is how often each is started: the best counts.
+    `rounds` is how often each is started: the median counts.
     """
     starts = {
         "start of a command, diagnose --help": ["hydro_ident.commands.diagnose", "--help"],

@@ -151,7 +151,7 @@ def _rails(robot: Robot) -> tuple[float, float]:
 def real_time_rows(rounds: int) -> list[Row]:
     """How many times faster than real time roll-outs are.
 
-    `rounds` is how often each is run: the best counts.
+    `rounds` is how often each is run: the median counts.
     """
     times, volts = _drive(SIMULATED_S)
     rows = []
