@@ -264,6 +264,27 @@ def test_parameter_tables_are_those_of_the_code(module: str, function: str) -> N
     assert table in text, f"parameters.md differs from {module}; expected\n{table}"
 
 
+@pytest.mark.parametrize(
+    ("module", "parameters"),
+    [
+        ("hydro_ident.identification_node", "_MEANT"),
+        ("hydro_msgs_docs.visual_node", "_PARAMETERS"),
+    ],
+)
+def test_parameters_of_the_other_nodes_are_those_of_the_code(module: str, parameters: str) -> None:
+    declared = getattr(importlib.import_module(module), parameters)
+    rows = declared.items() if isinstance(declared, dict) else declared
+    text = (DOCS / "parameters.md").read_text(encoding="utf-8")
+    heading = {"identification_node": "identification_node", "visual_node": "visual_joints"}
+    section = text.split(f"## `{heading[module.split('.')[1]]}`")[1].split("\n## ")[0]
+    told = re.findall(r"^\| `(\w+)` \| [\w ]+ \| (.*) \| (.*) \|$", section, re.M)
+    expected = [
+        (row[0], f"`{row[2]}`" if len(row) > 2 and row[2] is not None else "(needed)", row[1])
+        for row in rows
+    ]
+    assert told == expected
+
+
 def links() -> Iterator[tuple[Path, str]]:
     for path in markdown_files():
         text = without_code(path.read_text(encoding="utf-8"))
