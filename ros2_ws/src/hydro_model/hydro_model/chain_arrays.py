@@ -135,4 +135,4 @@ def samples(robot: Robot, *vectors: ArrayLike) -> tuple[list[FloatArray], bool]:
         )
     shape = (lengths.pop(), n)
     whole = (a if a.shape == shape else np.broadcast_to(a, shape) for a in arrays)
-    return [np.require(array, requirements="CW") for array in whole], False
+    return [np.require(array, requirements=["C", "W"]) for array in whole], False
