@@ -67,6 +67,24 @@ def test_the_performance_table_is_the_committed_result() -> None:
     assert with_table(text, RESULTS) == text
 
 
+def test_the_soak_table_is_the_committed_result() -> None:
+    text = (ROOT / "hydro_msgs_docs/performance.md").read_text(encoding="utf-8")
+    soak = json.loads((RESULTS / "soak.json").read_text(encoding="utf-8"))
+    times = [f"{soak['latency_ms'][p]:#.2g}".rstrip(".") for p in ("p50", "p99", "p99.9", "p100")]
+    memory = {
+        name: [f"{one[at]:.1f}" for at in ("begin", "end")] for name, one in soak["memory"].items()
+    }
+    for row in (
+        f"| cycles | {soak['cycles']} |",
+        f"| sensor frame to valve frame, p50, p99, p99.9, largest | {', '.join(times)} ms |",
+        f"0 V until cleared) | {soak['trips']} |",
+        f"| {soak['lost']}, of which {soak['waited']} while a trip waited to be cleared |",
+        f"| {' and '.join(memory['bridge'])}, {' and '.join(memory['controller'])} MiB |",
+        f"| {' and '.join(memory['rig'])} MiB |",
+    ):
+        assert row in text
+
+
 @pytest.mark.parametrize("page", ["README.md", "hydro_msgs_docs/demo.md"])
 def test_the_demo_table_is_the_committed_result(
     page: str, demo: dict[str, dict[str, float]]
