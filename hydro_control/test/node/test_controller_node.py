@@ -130,18 +130,39 @@ class FailingCore(ControllerCore):
         return super().answer(sample)
 
 
+class FailingTwiceCore(FailingCore):
+    """And once more on the way down to 0 V."""
+
+    def wind_down(self) -> Any:
+        super().wind_down()
+        raise ArithmeticError("another defect")
+
+
+@pytest.mark.parametrize("core", [FailingCore, FailingTwiceCore])
 def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
-    machine: Any, wait_for: Callable[..., bool]
+    machine: Any,
+    wait_for: Callable[..., bool],
+    monkeypatch: pytest.MonkeyPatch,
+    core: type[FailingCore],
 ) -> None:
     node = rclpy.create_node("hot", context=machine.context)
     told: list[BaseException] = []
-    hot = HotPath(node, FailingCore(machine.robot, Gains()), 0, QUIET, told.append)
+    wound = []
+    plain = ControllerCore.wind_down
+    monkeypatch.setattr(ControllerCore, "wind_down", lambda c: wound.append(c) or plain(c))
+    hot = HotPath(node, core(machine.robot, Gains()), 0, QUIET, told.append)
     hot.start()
     for k in range(9):
         last = machine.answer(k, machine.pose - 0.001 * k)
     assert any(last.effort)
-    machine.publish(9)
-    assert wait_for(lambda: bool(told))
+    cycles = itertools.count(9)
+
+    def ended() -> bool:
+        machine.publish(next(cycles), machine.pose - 0.008)
+        return bool(told)
+
+    assert wait_for(ended)
+    assert wound  # it was on its way down
     assert isinstance(told[0], ZeroDivisionError)
     assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
     hot.stop()
@@ -171,33 +192,6 @@ def test_bytes_that_are_no_message_are_passed_over_counted_and_told(
     machine.answer(1)
     assert wait_for(lambda: status().message == "holding")
     assert int({v.key: v.value for v in status().values}["malformed"]) >= 3
-
-
-class UnreadableCore(FailingCore):
-    """Fails once, and its samples fail again on the way to 0 V."""
-
-    def wind_down(self) -> Any:
-        raise ArithmeticError
-
-
-def test_whatever_fails_on_the_way_down_the_last_command_is_0_v(
-    machine: Any, wait_for: Callable[..., bool]
-) -> None:
-    node = rclpy.create_node("hot", context=machine.context)
-    told: list[BaseException] = []
-    hot = HotPath(node, UnreadableCore(machine.robot, Gains()), 0, QUIET, told.append)
-    hot.start()
-    for k in range(9):
-        last = machine.answer(k, machine.pose - 0.001 * k)
-    assert any(last.effort)
-    machine.publish(9)
-    machine.publish(10)
-    assert wait_for(lambda: bool(told))
-    assert isinstance(told[0], ZeroDivisionError)
-    assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
-    hot.stop()
-    hot.destroy()
-    node.destroy_node()
 
 
 def test_waits_for_the_recorders(
