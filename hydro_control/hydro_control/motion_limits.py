@@ -18,13 +18,14 @@ from hydro_control.required_motion import JointMotion
 from hydro_model.cylinder import inside_stroke
 from hydro_model.kinematics import tip_state
 from hydro_model.paths import Path, TipPath
+from hydro_model.paths_check import check_times
 from hydro_model.robot import FloatArray, Robot
 
 #: Points of a joint's range at which strokes are looked at.
 _GRID = 2001
 #: Tip speed unless told otherwise.
 TIP_SPEED_M_S = 3.0
-#: Spacing at which the speed of a path is looked at.
+#: Spacing at which the speed of a path is looked at, or closer.
 _STEP_S = 0.01
 #: A valve stops feeding a chamber over this share of pressure below the limit.
 RELIEF_BAND = 0.1
@@ -183,12 +184,12 @@ def refuse_fast(path: Path, tip_speed_m_s: float) -> None:
     """
     if not isinstance(path, TipPath):
         return
-    times = np.linspace(0.0, path.duration_s, max(2, int(path.duration_s / _STEP_S) + 1))
+    times = check_times(path, _STEP_S)
     speeds = np.linalg.norm(path.sample_many(times)[1], axis=1)
     worst = int(np.argmax(speeds))
     if speeds[worst] > tip_speed_m_s:
         raise ControlError(
-            f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.2f} s of the path,"
+            f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.4f} s of the path,"
             f" expected at most {tip_speed_m_s:g} m/s"
         )
 

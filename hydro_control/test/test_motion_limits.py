@@ -27,7 +27,7 @@ from hydro_control.law import ControlLaw
 from hydro_control.law_arrays import SPEED, LawArrays, law_arrays, law_work
 from hydro_control.law_kernels import voltage_kernel
 from hydro_control.motion_kernels import limit_notes, motion_kernel
-from hydro_control.motion_limits import MotionLimits, limited, limits_of, relieved
+from hydro_control.motion_limits import MotionLimits, limited, limits_of, refuse_fast, relieved
 from hydro_control.required_motion import JointMotion, Reference, required_motion
 from hydro_model.cylinder import stroke
 from hydro_model.kinematics import tip_position, tip_state
@@ -250,8 +250,17 @@ def test_no_joint_is_asked_for_more_than_its_speed(robot: Robot, seed: int) -> N
 def test_a_tip_path_that_is_too_fast_is_refused(robot: Robot) -> None:
     path = TipPath.through([[2.0, 0.0, -1.2], [3.0, 0.0, -1.2]], [3.0])
     ControllerCore(robot, Gains(), path, tip_speed_m_s=0.63)
-    with pytest.raises(ControlError, match=r"reaches 0\.625 m/s at 1\.50 s .* at most 0\.6 m/s"):
+    with pytest.raises(ControlError, match=r"reaches 0\.625 m/s at 1\.5000 s .* at most 0\.6 m/s"):
         ControllerCore(robot, Gains(), path, tip_speed_m_s=0.6)
+
+
+def test_a_leg_of_a_few_milliseconds_is_no_way_around_the_tip_speed() -> None:
+    """A quintic from rest to rest is fastest in its middle, 15/8 of its mean speed."""
+    corners = [[2.0, 0.0, -1.2], [2.012, 0.0, -1.2], [3.0, 0.0, -1.2]]
+    path = TipPath.through(corners, [0.004, 5.0], start_delay_s=0.003)
+    refuse_fast(path, 5.63)
+    with pytest.raises(ControlError, match=r"reaches 5\.625 m/s at 0\.0050 s"):
+        refuse_fast(path, 5.62)
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 0.0])
