@@ -23,10 +23,11 @@ from hydro_ident.bench.chain_jobs import QUANTILES, measured
 from hydro_ident.bench.command import main
 from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
 from hydro_ident.bench.job import Row, against_limit
-from hydro_ident.bench.page import BEGIN, END, line, with_table
+from hydro_ident.bench.page import line, with_tables
 from hydro_ident.bench.soak import EDGES_MS, Trips, soak, text_of
 from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
+from hydro_ident.study.long_bag import bag_of
 from hydro_model.robot_files import load_robot
 
 SAMPLES = 600
@@ -87,10 +88,28 @@ def test_a_diagnosis_says_when_it_had_named(tmp_path: Path) -> None:
     assert EFFECTS[0].name in one.names
 
 
-def test_every_streaming_command_is_measured(tmp_path: Path) -> None:
-    time, memory = growth.exponents([0.2, 0.7], tmp_path, "inspect")
-    assert np.isfinite([time, memory]).all()
-    assert list(tmp_path.glob("run_*")) == []
+def test_exponents_are_slopes_of_logarithms() -> None:
+    assert growth.exponent([1.0, 10.0, 100.0], [2.0, 20.0, 200.0]) == pytest.approx(1.0)
+    assert growth.exponent([1.0, 10.0, 100.0], [90.0, 90.0, 90.0]) == pytest.approx(0.0)
+    assert growth.exponent([1.0, 100.0], [1.0, 10.0]) == pytest.approx(0.5)
+
+
+@pytest.mark.ros
+def test_what_is_played_is_recorded_and_both_are_watched(tmp_path: Path) -> None:
+    bag = bag_of(0.1, tmp_path)
+    used = growth.passed_on(bag, tmp_path / "live")
+    assert set(used) == set(growth.LIVE)
+    assert all(0.0 < seconds < 60.0 and peak_mb > 30.0 for seconds, peak_mb in used.values())
+    assert list(tmp_path.iterdir()) == [bag]
+
+
+@pytest.mark.ros
+def test_a_loss_on_the_way_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody has found the player yet when it begins: its first messages go nowhere."""
+    monkeypatch.setattr(growth, "_MEET_S", 0.0)
+    bag = bag_of(0.1, tmp_path)
+    with pytest.raises(IdentError, match=r"growth: expected \d+ messages recorded, found \d+"):
+        growth.passed_on(bag, tmp_path / "live")
 
 
 class _Wire(can.BusABC):
@@ -188,8 +207,9 @@ def test_the_page_is_made_from_the_results(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, results = tmp_path / "performance.md", tmp_path / "results"
-    page.write_text(f"before\n{BEGIN}\nold\n{END}\nbehind\n")
-    assert "No run has been published" in with_table(page.read_text(), results)
+    places = [f"<!-- {name}: begin -->\nold\n<!-- {name}: end -->" for name in ("bench", "growth")]
+    page.write_text("\nbetween\n".join(["before", *places, "behind"]) + "\n")
+    assert with_tables(page.read_text(), results).count("No run has been published") == 2
     rows = [Row("a job", "a peer", 0.5, 2.0, 4.0, 3.0), against_limit("slow", "1 s", 2.0, 1.0)]
     results.mkdir()
     (results / "bench.json").write_text(json.dumps([asdict(row) for row in rows]))
@@ -200,6 +220,11 @@ def test_the_page_is_made_from_the_results(
     assert text.startswith("before\n")
     assert text.endswith("behind\n")
     assert "old" not in text
-    assert with_table(text, results) == text
+    assert text.count("No run has been published") == 1
+    (results / "growth.json").write_text(json.dumps([asdict(rows[1])]))
+    assert main(["--publish", str(tmp_path)]) == 0
+    text = page.read_text()
+    assert text.count(f"{line(rows[1])} no |") == 2
+    assert with_tables(text, results) == text
     assert main(["--publish", str(tmp_path / "absent")]) == 2
     assert "cannot be published" in capsys.readouterr().err

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.device import Device
 from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_ident.bench.processes import Processes, entry
 from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
 from hydro_model.robot_files import load_robot
@@ -31,12 +31,11 @@ ROBOT, TRUTH, TIP_M = "xs031", "realistic", (2.0, 0.0, -1.2)
 #: Executables as their set-up files name them.
 BRIDGE = "hydro_hw_bridge.bridge_node"
 CONTROLLER = "hydro_control.node"
-LIFECYCLE = "hydro_control.lifecycle_command"
 #: Of the bridge, ms: what it takes at most, and what it has unless told otherwise.
 LARGEST_AGE_MS, MAX_AGE_MS = 50.0, 10.0
 TRIPPED = "tripped"
-#: How long to wait for the first answers and for an end, and how many make a beginning.
-_PATIENCE_S, _END_S, _ANSWERS = 120.0, 10.0, 100
+#: How long to wait for the first answers, and how many make a beginning.
+_PATIENCE_S, _ANSWERS = 120.0, 100
 _STROKE_S, _STROKE_M = 3.0, 0.6
 
 
@@ -68,60 +67,6 @@ class Running:
             raise IdentError(f"chain: {', '.join(ended)} ended before its time")
 
 
-class _Processes:
-    """Processes with a log each."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.by_name: dict[str, subprocess.Popen[bytes]] = {}
-        domain = str(10 + os.getpid() % 90)
-        self.environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": domain,
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
-
-    def start(self, name: str, words: Sequence[str]) -> None:
-        with (self.folder / f"{name}.log").open("wb") as log:
-            self.by_name[name] = subprocess.Popen(
-                [sys.executable, *words], stdout=log, stderr=log, env=self.environment
-            )
-
-    def transition(self, what: str, node: str) -> None:
-        words = [sys.executable, *_entry(LIFECYCLE), what, f"/{node}", "--timeout", "120"]
-        done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
-        if done.returncode:
-            raise IdentError(f"chain: {done.stderr.decode(errors='replace').strip()}")
-
-    def clear_trip(self) -> bool:
-        words = [sys.executable, *_entry(LIFECYCLE), "clear_trip", "/can_bridge"]
-        done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
-        return b"cleared:" in done.stdout
-
-    def stop(self) -> None:
-        for one in reversed(self.by_name.values()):
-            one.terminate()
-        for one in self.by_name.values():
-            try:
-                one.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                one.kill()
-                one.wait()
-
-    def last_words(self) -> str:
-        lines = [
-            f"{path.stem}: {text.splitlines()[-1]}"
-            for path in sorted(self.folder.glob("*.log"))
-            if (text := path.read_text(encoding="utf-8", errors="replace").strip())
-        ]
-        return "; ".join(lines)
-
-
-def _entry(module: str) -> list[str]:
-    """As the installed executables do it."""
-    return ["-c", f"import sys; from {module} import main; sys.exit(main())"]
-
-
 @contextmanager
 def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]:
     """Bridge and controller, the tip going to and fro.
@@ -144,7 +89,7 @@ def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]
         ):
             parameters = {"robot": ROBOT, **given}
             words = [w for key, value in parameters.items() for w in ("-p", f"{key}:={value}")]
-            processes.start(name, [*_entry(module), "--ros-args", *words])
+            processes.start(name, [*entry(module), "--ros-args", *words])
         for what in ("configure", "activate"):
             processes.transition(what, "can_bridge")
             processes.transition(what, "controller")
@@ -187,13 +132,13 @@ def _rig(stack: ExitStack) -> tuple[str, TimedBus, threading.Thread, Path]:
     return bus_name, bus, thread, folder
 
 
-def _started(stack: ExitStack, folder: Path) -> _Processes:
-    processes = _Processes(folder)
+def _started(stack: ExitStack, folder: Path) -> Processes:
+    processes = Processes(folder)
     stack.callback(processes.stop)
     return processes
 
 
-def _answering(running: Running, processes: _Processes) -> Running:
+def _answering(running: Running, processes: Processes) -> Running:
     """Wait until the chain answers; what its parts said last where it does not."""
     end = time.monotonic() + _PATIENCE_S
     running.bus.begin()

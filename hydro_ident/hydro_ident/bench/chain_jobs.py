@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
 from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.bench.processes import cpu_s
 from hydro_ident.errors import IdentError
 
 SECONDS, _SETTLE_S = 20.0, 1.0
@@ -105,10 +104,4 @@ def _patient(seconds: float) -> AbstractContextManager[Running]:
 
 def _cpu_s(running: Running) -> dict[str, float]:
     """CPU time of every process so far, s."""
-    tick = os.sysconf("SC_CLK_TCK")
-    used: dict[str, float] = {}
-    for name, process in running.processes.items():
-        text = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii")
-        fields = text.rpartition(")")[2].split()
-        used[name] = (int(fields[11]) + int(fields[12])) / tick
-    return used
+    return {name: cpu_s(process.pid) for name, process in running.processes.items()}

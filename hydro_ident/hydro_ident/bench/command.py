@@ -6,7 +6,7 @@
 Peers are optional (requirements-bench.in); those that are not installed are said and skipped.
 That results agree is checked before anything is timed. Ratios are those of medians over rounds;
 the absolute times of a shared machine mean little. `--publish` measures nothing: it makes the
-table of performance.md in DIR anew from results/bench.json in it.
+tables of performance.md in DIR anew from results/bench.json and results/growth.json in it.
 """
 
 from __future__ import annotations
@@ -49,20 +49,24 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="F", help="write the rows as JSON")
     parser.add_argument("--rounds", type=int, default=5, help="rounds of each job (default 5)")
     parser.add_argument(
-        "--only", choices=sorted(_GROUPS), nargs="+", default=list(_GROUPS), help="groups of jobs"
+        "--only",
+        choices=sorted(_GROUPS),
+        nargs="*",
+        default=list(_GROUPS),
+        help="groups of jobs; none of them but --growth where none is named",
     )
     parser.add_argument(
         "--growth",
         type=float,
         nargs="+",
         metavar="MINUTES",
-        help="also inspect and identify bags of these lengths and print how time and memory grow",
+        help="also how time and memory of inspect, identify, recorder and player grow with a bag",
     )
     parser.add_argument(
         "--publish",
         type=Path,
         metavar="DIR",
-        help="only make the table of the documentation in DIR anew from its results/bench.json",
+        help="only make the tables of the documentation in DIR anew from its results",
     )
     return parser
 
@@ -85,7 +89,9 @@ def _run(arguments: Sequence[str]) -> int:
                 rows.append(row)
                 _say(page.line(row))
         if options.growth is not None:
-            _say_growth(options.growth, Path(folder))
+            for row in growth.growth_rows(options.growth, Path(folder)):
+                rows.append(row)
+                _say(page.line(row))
     if options.json is not None:
         _write(options.json, rows)
     return 0
@@ -95,17 +101,11 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
-def _say_growth(minutes: Sequence[float], folder: Path) -> None:
-    for command in growth.COMMANDS:
-        time, memory = growth.exponents(minutes, folder, command)
-        _say(f"\n{command} over {minutes} minutes: time ^{time:.2f}, memory ^{memory:.2f}")
-
-
 def _publish(folder: Path) -> None:
     path = folder / page.PAGE
     try:
         text = path.read_text(encoding="utf-8")
-        write_atomically(path, page.with_table(text, folder / "results"))
+        write_atomically(path, page.with_tables(text, folder / "results"))
     except OSError as error:
         raise IdentError(f"{path}: cannot be published: {error.strerror}") from error
 

@@ -1,20 +1,60 @@
-"""How time and memory of the streaming commands grow with the length of a bag."""
+"""How time and memory of the streaming commands grow with the length of a bag.
+
+`inspect` and `identify` read it, `player` plays it at a multiple of real time, and `recorder`
+records what is played.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import shutil
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.study.long_bag import measure
+from hydro_ident.bench.job import Row
+from hydro_ident.bench.processes import Processes, cpu_s, entry
+from hydro_ident.errors import IdentError
+from hydro_ident.study.long_bag import ROBOT, bag_of, watched
+from hydro_ident.study.peak import status_kb
 
-#: Commands that take a bag of any length.
-COMMANDS = ("inspect", "identify")
+#: Commands that read a bag of any length, and what its time is.
+READERS, WALL = ("inspect", "identify"), "time"
+#: Commands through which one passes at its own pace: what counts is what they do.
+LIVE, CPU = ("recorder", "player"), "processor time"
+#: Times real time: 20 000 messages a second.
+SPEED = 10.0
+#: Largest exponents: time linear in the length, memory a quarter more at a hundred times as much.
+LINEAR, FLAT = 1.0, 0.05
+#: Until both know each other, and until the recorder has what is on its way, s.
+_MEET_S, _SETTLE_S, _PATIENCE_S = 3.0, 1.0, 60.0
+_POLL_S = 0.05
 
 
-def exponents(minutes: Sequence[float], folder: Path, command: str) -> tuple[float, float]:
-    """Exponents of time and of peak memory of a command over the length of its bag.
+@dataclass(frozen=True, slots=True)
+class Grown:
+    """A command and a bag.
+
+    Attributes
+    ----------
+    minutes : float
+        Length of the bag.
+    seconds : float
+        From start to end, or of a processor's time where it keeps the bag's pace.
+    peak_mb : float
+        Largest resident memory, MiB.
+    """
+
+    minutes: float
+    seconds: float
+    peak_mb: float
+
+
+def growth_rows(minutes: Sequence[float], folder: Path) -> Iterator[Row]:
+    """Exponents of time and of peak memory of every streaming command over a bag's length.
 
     Parameters
     ----------
@@ -22,17 +62,113 @@ def exponents(minutes: Sequence[float], folder: Path, command: str) -> tuple[flo
         At least two lengths.
     folder : Path
         Where the bags go for a while.
-    command : str
-        One of `COMMANDS`.
+
+    Yields
+    ------
+    Row
+        The limits are `LINEAR` and `FLAT`; what falls keeps them whatever it is.
+
+    Raises
+    ------
+    IdentError
+        A command failed, or messages were lost on their way.
+    """
+    runs = [_of_length(length, folder) for length in minutes]
+    span = f"{min(minutes):g} to {max(minutes):g} minutes"
+    for command in (*READERS, *LIVE):
+        grown = [one[command] for one in runs]
+        what = WALL if command in READERS else CPU
+        for name, values, most in (
+            (what, [one.seconds for one in grown], LINEAR),
+            ("peak memory", [one.peak_mb for one in grown], FLAT),
+        ):
+            found = exponent([one.minutes for one in grown], values)
+            ratio = most / max(found, 0.01 * most)
+            job = f"{command}, a bag of {span}: exponent of {name}"
+            yield Row(job, "linear" if most == LINEAR else "flat", found, most, ratio, 1.0)
+
+
+def exponent(lengths: Sequence[float], values: Sequence[float]) -> float:
+    """Slope of the logarithm of values over that of lengths, by least squares.
+
+    Parameters
+    ----------
+    lengths, values : sequence of float
+        Above 0.
+    """
+    return float(np.polyfit(np.log(lengths), np.log(values), 1)[0])
+
+
+def _of_length(minutes: float, folder: Path) -> dict[str, Grown]:
+    """What every command needs for a bag of this length."""
+    bag = bag_of(minutes, folder)
+    found = {}
+    for command in READERS:
+        one = watched(command, bag)
+        found[command] = Grown(minutes, one.seconds, one.peak_mb)
+    for command, (seconds, peak_mb) in passed_on(bag, folder / f"live_{minutes:g}").items():
+        found[command] = Grown(minutes, seconds, peak_mb)
+    shutil.rmtree(bag)
+    return found
+
+
+def passed_on(bag: Path, folder: Path) -> dict[str, tuple[float, float]]:
+    """Play a bag, and record what is played.
+
+    Parameters
+    ----------
+    bag : Path
+    folder : Path
+        For the record and what both say; removed again.
 
     Returns
     -------
-    float
-        Slope of log time over log length: 1 is linear.
-    float
-        That of peak memory: 0 is flat.
+    dict of str to (float, float)
+        By name of `LIVE`: processor time in s, and peak memory in MiB.
+
+    Raises
+    ------
+    IdentError
+        A process failed, or less was recorded than was played.
     """
-    runs = [measure(length, folder, command) for length in minutes]
-    length = np.log([one.minutes for one in runs])
-    time, memory = np.log([one.seconds for one in runs]), np.log([one.peak_mb for one in runs])
-    return float(np.polyfit(length, time, 1)[0]), float(np.polyfit(length, memory, 1)[0])
+    folder.mkdir()
+    processes, told = Processes(folder), {name: folder / f"{name}.json" for name in LIVE}
+    words = {
+        "recorder": ["--out", str(folder), "--robot", ROBOT],
+        "player": [str(bag), "--rate", f"{SPEED:g}", "--delay", f"{_MEET_S:g}"],
+    }
+    used: dict[str, tuple[float, float]] = {}
+    try:
+        for name in LIVE:
+            how = [*entry(f"hydro_ident.bag.{name}"), *words[name], "--json", str(told[name])]
+            processes.start(name, how)
+        while processes.by_name["player"].poll() is None:
+            used |= _used(processes)
+            time.sleep(_POLL_S)
+        time.sleep(_SETTLE_S)
+        used |= _used(processes)
+        processes.by_name["recorder"].terminate()
+        processes.by_name["recorder"].wait(_PATIENCE_S)
+    finally:
+        processes.stop()
+    _refuse_loss(told, processes)
+    shutil.rmtree(folder)
+    return used
+
+
+def _used(processes: Processes) -> dict[str, tuple[float, float]]:
+    """Processor time and peak memory of those that run."""
+    used = {}
+    for name, process in processes.by_name.items():
+        peak_kb = status_kb(process.pid, "VmHWM")
+        if peak_kb:
+            used[name] = cpu_s(process.pid), peak_kb / 1024.0
+    return used
+
+
+def _refuse_loss(told: Mapping[str, Path], processes: Processes) -> None:
+    if not all(file.is_file() for file in told.values()):
+        raise IdentError(f"growth: {processes.last_words()}")
+    recorded, played = (json.loads(told[name].read_text("utf-8"))["messages"] for name in LIVE)
+    if recorded != played:
+        raise IdentError(f"growth: expected {played} messages recorded, found {recorded}")

@@ -9,9 +9,8 @@ from typing import Any
 from hydro_ident.bench.job import Row
 from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
-#: Of the results folder, and the page beside it.
-RESULT, PAGE = "bench.json", "performance.md"
-BEGIN, END = "<!-- bench: begin -->", "<!-- bench: end -->"
+#: Of the results folder, each with its place's name on the page beside it.
+RESULTS, PAGE = {"bench.json": "bench", "growth.json": "growth"}, "performance.md"
 HEAD = "| job | against | ours | theirs | ratio | goal |\n|---|---|---|---|---|---|"
 #: Within so much a goal is met: it is a rounded number itself.
 _CLOSE = 0.995
@@ -25,15 +24,17 @@ def line(row: Row) -> str:
     )
 
 
-def table(folder: Path) -> str:
-    """The table as Markdown, with whether each goal is met.
+def table(folder: Path, result: str) -> str:
+    """A table as Markdown, with whether each goal is met.
 
     Parameters
     ----------
     folder : Path
         Of the results.
+    result : str
+        One of `RESULTS`.
     """
-    found: Sequence[Mapping[str, Any]] | None = published(folder, RESULT)
+    found: Sequence[Mapping[str, Any]] | None = published(folder, result)
     if found is None:
         return NOT_PUBLISHED
     head, rule = HEAD.splitlines()
@@ -45,8 +46,8 @@ def table(folder: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def with_table(text: str, folder: Path) -> str:
-    """A page with its table made anew.
+def with_tables(text: str, folder: Path) -> str:
+    """A page with its tables made anew.
 
     Parameters
     ----------
@@ -58,6 +59,9 @@ def with_table(text: str, folder: Path) -> str:
     Raises
     ------
     IdentError
-        The page has no place for it.
+        The page has no place for one.
     """
-    return placed(text, table(folder), BEGIN, END)
+    for result, name in RESULTS.items():
+        places = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+        text = placed(text, table(folder, result), *places)
+    return text

@@ -22,7 +22,7 @@ import numpy as np
 
 from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.writer import BagWriter
-from hydro_ident.study.peak import spent
+from hydro_ident.study.peak import Spent, spent
 from hydro_ident.study.synthetic import START_NS, synthetic_recording
 from hydro_model.command import run_command
 from hydro_model.robot import FloatArray
@@ -88,6 +88,46 @@ def write_repeated(path: Path, recording: Recording, repeats: int) -> None:
                 writer.write_stamped(topic, stamp, values, names=names)
 
 
+def bag_of(minutes: float, folder: Path, recording: Recording | None = None) -> Path:
+    """Write a bag of this length.
+
+    Parameters
+    ----------
+    minutes : float
+    folder : Path
+        Gets it.
+    recording : Recording, optional
+        To repeat; by default a synthetic one.
+
+    Returns
+    -------
+    Path
+    """
+    bag = folder / f"run_{minutes:g}"
+    recording = recording or synthetic_recording(load_robot(ROBOT), RUN_S, seed=1)
+    run_s = len(recording) * PERIOD_NS / 1e9
+    write_repeated(bag, recording, max(1, round(60.0 * minutes / (run_s + 1.0))))
+    return bag
+
+
+def watched(command: str, bag: Path) -> Spent:
+    """Run a command on a bag of `ROBOT`, its results into a folder beside the bag.
+
+    Parameters
+    ----------
+    command : {"identify", "diagnose", "inspect"}
+    bag : Path
+
+    Raises
+    ------
+    IdentError
+        The command failed.
+    """
+    words = [str(bag), "--robot", ROBOT]
+    words += [] if command == "inspect" else ["--out", str(bag.with_name(f"{bag.name}_{command}"))]
+    return spent(f"hydro_ident.commands.{command}", words)
+
+
 def measure(
     minutes: float, folder: Path, command: str = "identify", recording: Recording | None = None
 ) -> Measured:
@@ -106,14 +146,9 @@ def measure(
     IdentError
         The command failed.
     """
-    bag, out = folder / f"run_{minutes:g}", folder / f"out_{minutes:g}"
-    recording = recording or synthetic_recording(load_robot(ROBOT), RUN_S, seed=1)
-    run_s = len(recording) * PERIOD_NS / 1e9
-    write_repeated(bag, recording, max(1, round(60.0 * minutes / (run_s + 1.0))))
+    bag = bag_of(minutes, folder, recording)
     size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
-    words = [str(bag), "--robot", ROBOT]
-    words += [] if command == "inspect" else ["--out", str(out)]
-    one = spent(f"hydro_ident.commands.{command}", words)
+    one = watched(command, bag)
     shutil.rmtree(bag)
     return Measured(minutes, one.peak_mb, one.seconds, size)
 
