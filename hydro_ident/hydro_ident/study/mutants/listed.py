@@ -103,12 +103,15 @@ TARGETS: tuple[Target, ...] = (
     Target("e2e", "hydro_hw_bridge.e2e", (f"{_TEST}/test_e2e.py",)),
     Target("sample_clock", "hydro_hw_bridge.sample_clock", (f"{_TEST}/test_sample_clock.py",)),
     Target("claims", "hydro_hw_bridge.claims", (f"{_TEST}/test_claims.py",)),
+    Target("own_frames", "hydro_hw_bridge.own_frames", (f"{_TEST}/test_valve_frames.py",)),
     Target(
         "runaway",
         "hydro_control.runaway",
         ("hydro_control/test/test_runaway.py", "hydro_control/test/test_runaway_edges.py"),
     ),
     Target("doubtful", "hydro_control.doubtful", ("hydro_control/test/test_doubtful.py",)),
+    Target("stamps", "hydro_control.stamps", ("hydro_control/test/test_stamps.py",)),
+    Target("applied", "hydro_control.applied", ("hydro_control/test/test_applied.py",)),
     Target(
         "device",
         "hydro_hw_bridge.rig.device",
