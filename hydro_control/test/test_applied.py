@@ -73,6 +73,56 @@ def test_what_is_no_evidence_is_not_counted() -> None:
     assert watch.count == 0
 
 
+def test_nothing_is_withheld_before_anything_was_commanded() -> None:
+    watch = AppliedWatch(RATED_V)
+    assert (watch.withheld, watch.settled, watch.moved, watch.count) == (False, True, False, 0)
+
+
+@pytest.mark.parametrize("order", ["aca", "cac"])
+def test_two_halves_make_a_stamp_and_a_third_waits(order: str) -> None:
+    watch = AppliedWatch(RATED_V)
+    for half in order:
+        if half == "a":
+            watch.applied(1, ZERO)
+        else:
+            watch.commanded(1, SOME, moving=False)
+    assert watch.count == 1
+
+
+def test_an_applied_command_ends_the_row() -> None:
+    none = (SOME, ZERO)
+    watch = watch_of([none, (SOME, SOME), *[none] * 10])
+    assert not watch.withheld
+    assert watch_of([none, (SOME, SOME), *[none] * 11]).withheld
+
+
+def test_what_counts_as_0_v_as_told_and_as_settled() -> None:
+    milli = np.array([1e-3, 0.0])
+    assert watch_of([(SOME, milli)]).count == 1
+    assert watch_of([(SOME, 1.001 * milli)]).count == 0
+    assert watch_of([(np.array([0.05, 0.0]), ZERO)]).count == 0
+    assert watch_of([(np.array([0.0501, 0.0]), ZERO)]).count == 1
+    none = [(SOME, ZERO)] * 11
+    assert watch_of([*none, (milli, 2.0 * milli)]).settled
+    assert not watch_of([*none, (milli, 2.001 * milli)]).settled
+
+
+@pytest.mark.parametrize("later", [0, 1])
+@pytest.mark.parametrize("first", ["commanded", "applied"])
+def test_the_newest_200_halves_are_kept(first: str, later: int) -> None:
+    watch = AppliedWatch(RATED_V)
+    for stamp in range(200 + later):
+        if first == "commanded":
+            watch.commanded(stamp, SOME, moving=False)
+        else:
+            watch.applied(stamp, ZERO)
+    if first == "commanded":
+        watch.applied(0, ZERO)
+    else:
+        watch.commanded(0, SOME, moving=False)
+    assert watch.count == 1 - later
+
+
 def test_half_a_story_is_forgotten_after_a_while() -> None:
     watch = AppliedWatch(RATED_V)
     for stamp in range(1000):

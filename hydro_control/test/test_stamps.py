@@ -31,6 +31,19 @@ def test_a_gap_is_more_than_fifty_milliseconds_and_ten_samples(
     assert watch.is_gap(gap_s - 0.4 * dt_s)
 
 
+@pytest.mark.parametrize(
+    ("apart_s", "dt_s", "said"),
+    [
+        (0.0045451, 0.002, "4.55 ms apart, expected 2 ms"),
+        (0.0045449, 0.002, "4.54 ms apart, expected 2 ms"),
+        (0.002, 0.0045451, "2 ms apart, expected 4.55 ms"),
+        (0.002, 0.0045449, "2 ms apart, expected 4.54 ms"),
+    ],
+)
+def test_both_rates_are_told_in_milliseconds(apart_s: float, dt_s: float, said: str) -> None:
+    assert said in watch_after([apart_s] * 50, dt_s).other_rate
+
+
 def test_another_rate_is_told_by_the_fiftieth_spacing_and_not_before() -> None:
     assert watch_after([0.004] * 49, 0.003).other_rate == ""
     assert watch_after([0.004] * 50, 0.003).other_rate == (
@@ -44,7 +57,7 @@ def test_another_rate_is_told_by_the_fiftieth_spacing_and_not_before() -> None:
     [
         (0.00181, False), (0.00219, False), (0.00179, True), (0.00221, True),
         (0.004, False), (0.0042, False), (0.00423, True), (0.006, False),
-        (0.0005, True),
+        (0.0005, True), (0.0001, True),
     ],
 )  # fmt: skip
 def test_rates_are_others_beyond_a_tenth_of_a_sample(apart_s: float, other: bool) -> None:

@@ -49,9 +49,11 @@ def test_a_new_core_knows_the_frames_of_the_one_before(lockstep: Any, real_time:
 
 def test_own_frames_are_known_for_seconds() -> None:
     own = OwnFrames()
-    frames = [number.to_bytes(8, "little") for number in range(KEPT + 1)]
-    for data in frames:
+    frames = [number.to_bytes(8, "little") for number in range(4097)]
+    for data in frames[:-1]:
         own.add(data)
+    assert frames[0] in own
+    own.add(frames[-1])
     assert frames[0] not in own
     assert all(data in own for data in frames[1:])
     assert KEPT * PERIOD >= 8e9

@@ -268,6 +268,25 @@ def _claims() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _applied() -> Iterator[Harmless]:
+    named = "every caller names the word, and one that does not is as right"
+    for where, arguments in (
+        ("commanded", "stamp_ns: int, voltage_v: FloatArray"),
+        ("_judge", "commanded: FloatArray, applied: FloatArray"),
+    ):
+        before = f"def {where}(self, {arguments}, *, moving: bool) -> None:"
+        after = before.replace("*", "/")
+        yield Harmless("applied", f"AppliedWatch.{where}", before, after, named)
+
+
+def _stamps() -> Iterator[Harmless]:
+    off = "if abs(steps - max(1, round(steps))) {} _OFF:"
+    yield Harmless(
+        "stamps", "StampWatch.follows", off.format(">"), off.format(">="),
+        "no number of samples less a whole one is the very float 0.1: it has finer digits",
+    )  # fmt: skip
+
+
 HARMLESS: tuple[Harmless, ...] = (
     *_gate(),
     *_permissives(),
@@ -286,4 +305,6 @@ HARMLESS: tuple[Harmless, ...] = (
     *_runaway(),
     *_doubtful(),
     *_claims(),
+    *_applied(),
+    *_stamps(),
 )
