@@ -100,12 +100,17 @@ def shown_commands() -> list[Shown]:
     found = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        lines = [ln for kind, body in blocks(text) if kind == "bash" for ln in _joined(body)]
+        lines = [ln for kind, body in blocks(text) for ln in _joined(body) if _command(kind, ln)]
         plain = re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S)
         lines += re.findall(rf"^ {{4,}}({_START}.*)$", plain, re.M)
         lines += re.findall(rf"`({_START}[^`]*)`", plain)
         found += [Shown(page.name, line.strip()) for line in lines if line.strip()]
     return list(dict.fromkeys(found))
+
+
+def _command(kind: str, line: str) -> bool:
+    """Whether a line of a block is a command: all of bash, elsewhere what begins like one."""
+    return kind == "bash" or re.match(rf" *{_START}", line) is not None
 
 
 def _joined(body: str) -> list[str]:
@@ -198,7 +203,8 @@ def check_module(words: list[str]) -> None:
 def check_executable(package: str, name: str, arguments: list[str]) -> None:
     entry(package, name)
     if name in NODES:
-        assert options(arguments) <= {"--ros-args", "-p", "-r", "--params-file", "--help"}
+        ros = {"--ros-args", "-p", "-r", "--params-file", "--enclave"}
+        assert options(arguments) <= {*ros, "--help"}
     elif arguments:
         run_parser(entry(package, name), name, arguments)
 
