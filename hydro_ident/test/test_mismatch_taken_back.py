@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.confirmation import _better_answers, withdrawn
+from hydro_ident.mismatch.confirmation import _better_answers, _variable, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.named import Contender, named_of
@@ -61,11 +61,16 @@ def test_a_name_that_explains_little_does_not(rubbing: Residuals) -> None:
     assert _better_answers(rubbing, whole, [], [finding], {}) == []
 
 
-def test_a_name_of_the_variable_that_would_be_told_stays(rubbing: Residuals) -> None:
-    whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
-    told = _told("piston_velocity")
-    assert _better_answers(rubbing, whole, [], [finding], told) == [finding]
-    assert _better_answers(rubbing, whole, [], [finding], _told("piston_position")) == []
+def test_a_name_with_which_nothing_is_left_stays_by_its_variable_or_held_out_rows(
+    rubbing: Residuals,
+) -> None:
+    little, coupling = _found(rubbing, "joint_coupling", {"viscous": 500.0})
+    other = _variable(coupling)
+    for variable, stays in ((other, [coupling]), ("piston_position", [])):
+        assert _better_answers(rubbing, little, [], [coupling], _told(variable)) == stays
+    much, friction = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
+    for variable in ("piston_velocity", "piston_position"):
+        assert _better_answers(rubbing, much, [], [friction], _told(variable)) == [friction]
 
 
 def test_a_silent_name_is_not_taken_from_a_channel_that_it_describes(rubbing: Residuals) -> None:

@@ -153,8 +153,10 @@ def _better_answers(
 ) -> list[Finding]:
     """Of names that were taken back, those that say more than what is told without them.
 
-    Where nothing is, a name that explains much is the better answer; where a dependence on its
-    own variable is, and with it none was, it is that dependence's name.
+    Where nothing is, a name that explains much is the better answer. Where a dependence is, and
+    with the name none was, it is that dependence's name if it acts through the same variable, or
+    if held-out rows are off by half without it: they may not exercise the effect itself, and tell
+    by a base that had taken it up.
     """
     if not taken:
         return []
@@ -163,11 +165,14 @@ def _better_answers(
     for finding in taken:
         channel = finding.channels[0]
         instead = told.get(channel)
+        without, with_it = sides.get(channel, (0.0, 0.0))
+        halved = with_it < _HALVED * without
         if instead is None:
-            without, with_it = sides.get(channel, (0.0, 0.0))
-            if with_it < _HALVED * without or _share(work, given, finding) > _MOSTLY:
+            if halved or _share(work, given, finding) > _MOSTLY:
                 result.append(finding)
-        elif channel not in before and _alike(instead.dependence.variable, _variable(finding)):
+        elif channel not in before and (
+            halved or _alike(instead.dependence.variable, _variable(finding))
+        ):
             result.append(finding)
     return result
 
