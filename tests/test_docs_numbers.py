@@ -61,7 +61,7 @@ def test_a_result_that_is_written_again_gives_the_committed_files(
 
 
 def test_the_performance_tables_are_the_committed_results() -> None:
-    assert all((RESULTS / result).is_file() for result in bench.RESULTS)
+    assert (RESULTS / "bench.json").is_file()
     text = (ROOT / "hydro_msgs_docs" / bench.PAGE).read_text(encoding="utf-8")
     assert bench.with_tables(text, RESULTS) == text
 
