@@ -25,8 +25,8 @@ from hydro_ident.study.peak import status_kb
 READERS, WALL = ("inspect", "identify"), "time"
 #: Commands through which one passes at its own pace: what counts is what they do.
 LIVE, CPU = ("recorder", "player"), "processor time"
-#: Times real time: 20 000 messages a second.
-SPEED = 10.0
+#: Times real time: 10 000 messages a second. At twice that some of a million were lost.
+SPEED = 5.0
 #: Largest exponents: time linear in the length, memory a quarter more at a hundred times as much.
 LINEAR, FLAT = 1.0, 0.05
 #: Until both know each other, and until the recorder has what is on its way, s.
