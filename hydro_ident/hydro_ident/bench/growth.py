@@ -142,6 +142,8 @@ def passed_on(bag: Path, folder: Path) -> dict[str, tuple[float, float]]:
         for name in LIVE:
             how = [*entry(f"hydro_ident.bag.{name}"), *words[name], "--json", str(told[name])]
             processes.start(name, how)
+            if name == "recorder":
+                _until_it_records(processes)
         while processes.by_name["player"].poll() is None:
             used |= _used(processes)
             time.sleep(_POLL_S)
@@ -154,6 +156,15 @@ def passed_on(bag: Path, folder: Path) -> dict[str, tuple[float, float]]:
     _refuse_loss(told, processes)
     shutil.rmtree(folder)
     return used
+
+
+def _until_it_records(processes: Processes) -> None:
+    """Its first words are that it does."""
+    end = time.monotonic() + _PATIENCE_S
+    while not processes.last_words():
+        if time.monotonic() > end:
+            raise IdentError(f"growth: the recorder does not begin within {_PATIENCE_S:g} s")
+        time.sleep(_POLL_S)
 
 
 def _used(processes: Processes) -> dict[str, tuple[float, float]]:
