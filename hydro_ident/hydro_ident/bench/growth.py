@@ -21,9 +21,9 @@ from hydro_ident.errors import IdentError
 from hydro_ident.study.long_bag import ROBOT, bag_of, watched
 from hydro_ident.study.peak import status_kb
 
-#: Commands that read a bag of any length, and what its time is.
+#: Commands that read a bag as fast as they can, and what counts as their time.
 READERS, WALL = ("inspect", "identify"), "time"
-#: Commands through which one passes at its own pace: what counts is what they do.
+#: Commands through which a bag passes at its own pace, and what counts there.
 LIVE, CPU = ("recorder", "player"), "processor time"
 #: Times real time: 10 000 messages a second. At twice that some of a million were lost.
 SPEED = 5.0
@@ -159,11 +159,11 @@ def passed_on(bag: Path, folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def _until_it_records(processes: Processes) -> None:
-    """Its first words are that it does."""
+    """Wait until the recorder says so; what it says instead is the error."""
     end = time.monotonic() + _PATIENCE_S
-    while not processes.last_words():
-        if time.monotonic() > end:
-            raise IdentError(f"growth: the recorder does not begin within {_PATIENCE_S:g} s")
+    while "recording" not in (said := processes.last_words()):
+        if processes.by_name["recorder"].poll() is not None or time.monotonic() > end:
+            raise IdentError(f"growth: the recorder does not begin: {said or 'it says nothing'}")
         time.sleep(_POLL_S)
 
 
