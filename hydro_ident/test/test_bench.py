@@ -28,6 +28,7 @@ from hydro_ident.bench.soak import EDGES_MS, Trips, soak, text_of
 from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
 from hydro_ident.study.long_bag import bag_of
+from hydro_ident.study.peak import spent
 from hydro_model.robot_files import load_robot
 
 SAMPLES = 600
@@ -115,6 +116,12 @@ def test_a_loss_on_the_way_is_an_error(tmp_path: Path, monkeypatch: pytest.Monke
     bag = bag_of(0.1, tmp_path)
     with pytest.raises(IdentError, match=r"growth: expected \d+ messages recorded, found \d+"):
         growth.passed_on(bag, tmp_path / "live")
+
+
+def test_what_is_measured_is_the_command(tmp_path: Path) -> None:
+    """A module that ends without a word would be quick, and flat."""
+    with pytest.raises(IdentError, match=r"inspect ended with 2: .*no bag"):
+        spent("hydro_ident.commands.inspect", [str(tmp_path / "nowhere")])
 
 
 class _Wire(can.BusABC):

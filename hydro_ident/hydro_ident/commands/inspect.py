@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -154,3 +155,7 @@ def _ranges(i: Inspection) -> list[str]:
             columns = " ".join(f"{rounded(size * value):>13s}" for value in values)
             lines.append(f"{'':32s} {columns}  {unit}")
     return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
