@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import free_run
+from hydro_ident.mismatch.answering import STAGES, answered, base_to_search
 from hydro_ident.mismatch.causes import one_per_cause
-from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.confirmation import searched, withdrawn
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.describe import form_of
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
@@ -38,18 +34,14 @@ from hydro_ident.mismatch.outcome import (
     Diagnosis,
     Finding,
 )
-from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import (
     FAR,
-    FAR_SHARE,
     FEW_MOTIONS,
-    GROSS,
-    GROSS_SHARE,
     DiagnosisSettings,
 )
-from hydro_ident.mismatch.unknown import Unexplained, not_testable, unexplained
+from hydro_ident.mismatch.unknown import Unexplained, not_testable
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, check_names, sources_of
 from hydro_ident.survey import Survey, recorded_notes, survey_source
@@ -59,8 +51,6 @@ from hydro_model.terminal import advance
 
 #: Share of the error (rms) left by findings that explain less than is left.
 _HARDLY = 0.7
-#: Of a diagnosis, as `advance` counts them.
-_STAGES = 7
 
 
 def diagnose(
@@ -99,12 +89,12 @@ def diagnose(
         [KeptSource(source) for source in sources_of(given)] for given in (training, validation)
     )
     check_names((*sources, *others))
-    advance("first look at the bags", 0, _STAGES)
+    advance("first look at the bags", 0, STAGES)
     surveys = [survey_source(source, robot) for source in (*sources, *others)]
     losses = losses_of([s.recording for s in surveys])
     recordings = recording_summaries(surveys, len(sources))
     wrong = wrong_robot(robot, [s.recording for s in surveys])
-    advance("fitting the structure", 1, _STAGES)
+    advance("fitting the structure", 1, STAGES)
     try:
         work = None if wrong else residuals(robot, sources, others, surveys, settings)
     except NotEnoughDataError as error:
@@ -139,15 +129,13 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
 def _diagnosed(
     work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
 ) -> Diagnosis:
-    advance("looking where residuals depend on something", 2, _STAGES)
-    base = work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
+    advance("looking where residuals depend on something", 2, STAGES)
+    base = base_to_search(work)
     located = dependences(work.scan, base)
-    advance("searching for effects and testing them", 3, _STAGES)
-    search, whole, findings, rejected = searched(work, base)
-    advance("verifying on what was held out", 4, _STAGES)
-    whole, findings, taken, left = withdrawn(work, whole, findings)
-    advance("describing what has no name", 5, _STAGES)
-    unknown = _described(work, whole, left, findings, rejected)
+    answer = answered(work, base)
+    work, search, whole, unknown = answer.work, answer.search, answer.whole, answer.unknown
+    rejected, taken = answer.rejected, answer.taken
+    findings: Sequence[Finding] = answer.findings
     names = [n for f in findings for n in f.named.names]
     # What was tried and not taken, or taken back, was testable.
     names += [f.named.term.effect.name for f in (*rejected, *taken)]
@@ -159,7 +147,7 @@ def _diagnosed(
     if settings.refine is not None:
         refined = refine(work, whole, modelled.robot, settings.refine, fixed)
         whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
-    advance("rolling the models out", 6, _STAGES)
+    advance("rolling the models out", 6, STAGES)
     filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(modelled.robot, there.terms)
@@ -167,7 +155,7 @@ def _diagnosed(
     findings, minor = parted(work.robot, findings, whole.deviations)
     notes = [*data_notes(work), *modelled.notes, *run.rejected, *minor_notes(minor)]
     notes += [refined.note] if refined is not None else []
-    channels = _channels(work, whole, work.check)
+    channels = channels_of(work, whole, work.check)
     unknown, small = parted_unknown(unknown, channels)
     notes += small
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
@@ -188,80 +176,9 @@ def _diagnosed(
         losses=losses,
         work=work,
         whole=whole,
-        fitted=_channels(work, whole, _of_training(work)),
+        fitted=channels_of(work, whole, rows_of_training(work)),
         refinement=refined,
     )
-
-
-def _described(
-    work: Residuals,
-    whole: Fitted,
-    left: Sequence[Dependence],
-    findings: Sequence[Finding],
-    rejected: Sequence[Finding],
-) -> tuple[Unexplained, ...]:
-    """Dependence without a name, with its short form where the data allow one."""
-    confirmer = Confirmer(work.training, work.check, whole)
-    material = work.training.predictor.material
-    least = {name: accuracy_of(material, k) for k, name in enumerate(material.channels)}
-    here, there = (_channels(work, whole, c) for c in (_of_training(work), work.check))
-    far = _far(here, there, least)
-    named = {name for f in findings for name in f.channels}
-    going = {
-        f.channels[0]: f.named.term.effect.name
-        for f in rejected
-        if f.verification.comes_and_goes and f.channels[0] not in named
-    }
-    found = unexplained(work.training, whole, left, confirmer.holds, far, going)
-    return tuple(
-        replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
-        for one in found
-    )
-
-
-def _far(
-    here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
-) -> dict[str, float]:
-    """Channels that lack something here and there, and over what their noise leaves.
-
-    `least` is what their sensors may make of them.
-    """
-    found = [{c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)]
-    return {n: d for n, d in found[1].items() if d > 0.0 and found[0].get(n, 0.0) > 0.0}
-
-
-def _distance(one: ChannelResult, least: float) -> float:
-    """What is left of a channel in units of its noise; 0 of what is little beside either."""
-    left = rms(one.measured - one.after)
-    if one.noise_floor <= 0.0 or left <= least:
-        return 0.0
-    times = left / one.noise_floor
-    far = times > FAR and left >= FAR_SHARE * rms(one.measured)
-    gross = times > GROSS and left >= GROSS_SHARE * rms(one.measured - one.measured.mean())
-    return times if far or gross else 0.0
-
-
-def _of_training(work: Residuals) -> Check:
-    """The rows that were fitted, to look at as those to check on."""
-    mask = work.training.mask
-    return Check(work.training.predictor, mask, mask)
-
-
-def _channels(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelResult, ...]:
-    floors = work.noise_floors()
-    there, _ = at_own_instants(work.training, check, whole.model)
-    before, after = check.residual(work.base.model), check.residual(there)
-    material = check.predictor.material
-    measured = check.predictor.base(work.base.model)[0]
-    result = []
-    for k, name in enumerate(material.channels):
-        rows = check.rows(k, name)
-        if rows.any() and name in floors:
-            # With corrected sensors the measured side moves: errors are what is compared.
-            y, times, unit = measured[rows], material.time_s[rows], material.units[k]
-            first, last = y - before[rows], y - after[rows]
-            result.append(ChannelResult(name, unit, times, y, first, last, floors[name]))
-    return tuple(result)
 
 
 def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:

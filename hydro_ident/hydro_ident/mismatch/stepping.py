@@ -85,8 +85,9 @@ def _skews(training: Training, model: Model, step: FloatArray) -> tuple[float, .
 
 def _delays(training: Training, model: Model, step: FloatArray) -> tuple[float, ...]:
     """Delays of the valves after a step, of up to the base's own and what fits err by."""
-    result, longest = list(model.delays_s), longest_delay(training)
+    result = list(model.delays_s)
     for index, at in training.predictor.delay_columns.items():
+        longest = longest_delay(training, index)
         fresh = min(max(result[index] + float(step[at]), 0.0), longest)
         if abs(fresh - result[index]) >= _LEAST_DELAY_S:
             result[index] = fresh
@@ -150,9 +151,9 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
 
     Delays and skews go no further than their range.
     """
-    longest, result = longest_delay(training), dict[int, float]()
+    result = dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
-        now = model.delays_s[index]
+        now, longest = model.delays_s[index], longest_delay(training, index)
         fresh = now + float(step[at])
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
@@ -185,17 +186,20 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     return held + [k for k in ends if k not in held]
 
 
-def longest_delay(training: Training) -> float:
-    """The base's own command delay, s, and what is no finding yet beyond it.
+def longest_delay(training: Training, index: int) -> float:
+    """The base's own command delay at a cylinder, s, and what is no finding yet beyond it.
 
-    Exactly its own is left where the effect of the same name is in the model.
+    Exactly its own is left where the effect of the same name is in the model, and to a valve that
+    is held to what the others have (`odd_valve`).
     """
+    if index in training.latest_s:
+        return training.latest_s[index]
     return training.own_delay_s + LEAST_EXCESS * training.cycle_s
 
 
 def at_longest_delay(training: Training, model: Model, index: int) -> bool:
     """Whether a cylinder's valve is as late as a base may make it."""
-    return bool(model.delays_s[index] >= longest_delay(training) - _LEAST_DELAY_S)
+    return bool(model.delays_s[index] >= longest_delay(training, index) - _LEAST_DELAY_S)
 
 
 def _is_quickest(training: Training, model: Model, index: int) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,8 @@ class Training:
         Length of the blocks whose signs are flipped.
     smooth : tuple of (n_k, m_k) array
         Orthonormal smooth functions of each channel's state on its rows in the mask.
+    latest_s : mapping of int to float
+        Longest command delay of the base of the cylinders whose valves have one of their own.
     """
 
     predictor: Predictor
@@ -47,6 +49,7 @@ class Training:
     cycle_s: float
     block_s: float
     smooth: tuple[FloatArray, ...] = ()
+    latest_s: Mapping[int, float] = field(default_factory=dict)
 
     @staticmethod
     def of(predictor: Predictor, mask: BoolArray, prior: Prior | None = None) -> Training:
@@ -72,6 +75,12 @@ class Training:
     def own_delay_s(self) -> float:
         """The command delay that is the base's: a cycle, or what the robot file states beyond."""
         return max(self.cycle_s, self.predictor.material.robot.command_delay_s)
+
+    def own_delay_of(self, cylinder: int | None) -> float:
+        """As `own_delay_s`, of one cylinder's valve; of all for None."""
+        return (
+            self.own_delay_s if cylinder is None else self.latest_s.get(cylinder, self.own_delay_s)
+        )
 
     def noise(self, residual: FloatArray) -> Noise:
         """Noise of a residual on the training rows: what no smooth function of the state tells.

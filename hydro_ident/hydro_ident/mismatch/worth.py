@@ -160,7 +160,7 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     if term.effect.name == DELAY:
         delays_s = one.fitted.model.delays_s
         own_s = min(delays_s) if term.cylinder is None else delays_s[term.cylinder]
-        excess = term.parameters[0] + own_s - training.own_delay_s
+        excess = term.parameters[0] + own_s - training.own_delay_of(term.cylinder)
         return bool(excess >= LEAST_EXCESS * cycle_s)
     if term.effect.name not in LAGS:
         return True
@@ -170,7 +170,7 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     gain, shift_s = mere_delay(training, without, acting)
     late_s = shift_s
     if term.cylinder is not None:
-        late_s += without.model.delays_s[term.cylinder] - training.own_delay_s
+        late_s += without.model.delays_s[term.cylinder] - training.own_delay_of(term.cylinder)
     excess_s = max(abs(shift_s), late_s)
     return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
 

@@ -1,0 +1,148 @@
+"""What a recording says was left out: searched, confirmed, and what has no name beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.confirmation import searched, withdrawn
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.describe import form_of
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.name import Search
+from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
+from hydro_ident.mismatch.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.precision import accuracy_of
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.settings import FAR, FAR_SHARE, GROSS, GROSS_SHARE
+from hydro_ident.mismatch.unknown import Unexplained, unexplained
+from hydro_model.terminal import advance
+
+#: Of a diagnosis, as `advance` counts them.
+STAGES = 7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """Findings, what failed, and what is left.
+
+    Attributes
+    ----------
+    work : Residuals
+        The rows and the base that it was found with.
+    search : Search
+    whole : Fitted
+        With every finding.
+    findings : tuple of Finding
+    rejected, taken : tuple of Finding
+        Not confirmed by held-out rows; taken back for what is left in their channels.
+    unknown : tuple of Unexplained
+    """
+
+    work: Residuals
+    search: Search
+    whole: Fitted
+    findings: tuple[Finding, ...]
+    rejected: tuple[Finding, ...]
+    taken: tuple[Finding, ...]
+    unknown: tuple[Unexplained, ...]
+
+    @property
+    def names(self) -> set[tuple[str, int | None]]:
+        """Names and cylinders of the findings."""
+        terms = [f.named.term for f in self.findings]
+        return {(term.effect.name, term.cylinder) for term in terms}
+
+
+def answered(work: Residuals, base: Fitted) -> Answer:
+    """Search, confirm and describe; again where one valve is later than the others unexplained.
+
+    Parameters
+    ----------
+    work : Residuals
+    base : Fitted
+        On the rows to search.
+
+    Returns
+    -------
+    Answer
+    """
+    answer = _answered(work, base, 3)
+    odd = None if answer.unknown else odd_valve(work.training, answer.whole)
+    if odd is None:
+        return answer
+    held = held_to_others(work, answer.whole, odd)
+    again = _answered(held, base_to_search(held), 3)
+    kept = answer.names <= again.names and not again.unknown
+    return again if kept and explains(again.names, odd) else answer
+
+
+def base_to_search(work: Residuals) -> Fitted:
+    """The base on the rows that are searched.
+
+    Parameters
+    ----------
+    work : Residuals
+    """
+    return work.base if work.scan is work.training else fit(work.scan, work.base.model, passes=2)
+
+
+def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
+    advance("searching for effects and testing them", stage, STAGES)
+    search, whole, findings, rejected = searched(work, base)
+    advance("verifying on what was held out", stage + 1, STAGES)
+    whole, findings, taken, left = withdrawn(work, whole, findings)
+    advance("describing what has no name", stage + 2, STAGES)
+    unknown = _described(work, whole, left, findings, rejected)
+    return Answer(work, search, whole, tuple(findings), tuple(rejected), tuple(taken), unknown)
+
+
+def _described(
+    work: Residuals,
+    whole: Fitted,
+    left: Sequence[Dependence],
+    findings: Sequence[Finding],
+    rejected: Sequence[Finding],
+) -> tuple[Unexplained, ...]:
+    """Dependence without a name, with its short form where the data allow one."""
+    confirmer = Confirmer(work.training, work.check, whole)
+    material = work.training.predictor.material
+    least = {name: accuracy_of(material, k) for k, name in enumerate(material.channels)}
+    here, there = (channels_of(work, whole, c) for c in (rows_of_training(work), work.check))
+    far = _far(here, there, least)
+    named = {name for f in findings for name in f.channels}
+    going = {
+        f.channels[0]: f.named.term.effect.name
+        for f in rejected
+        if f.verification.comes_and_goes and f.channels[0] not in named
+    }
+    found = unexplained(work.training, whole, left, confirmer.holds, far, going)
+    return tuple(
+        replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
+        for one in found
+    )
+
+
+def _far(
+    here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
+) -> dict[str, float]:
+    """Channels that lack something here and there, and over what their noise leaves.
+
+    `least` is what their sensors may make of them.
+    """
+    found = [{c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)]
+    return {n: d for n, d in found[1].items() if d > 0.0 and found[0].get(n, 0.0) > 0.0}
+
+
+def _distance(one: ChannelResult, least: float) -> float:
+    """What is left of a channel in units of its noise; 0 of what is little beside either."""
+    left = rms(one.measured - one.after)
+    if one.noise_floor <= 0.0 or left <= least:
+        return 0.0
+    times = left / one.noise_floor
+    far = times > FAR and left >= FAR_SHARE * rms(one.measured)
+    gross = times > GROSS and left >= GROSS_SHARE * rms(one.measured - one.measured.mean())
+    return times if far or gross else 0.0
