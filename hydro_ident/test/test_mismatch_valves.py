@@ -12,6 +12,7 @@ import pytest
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.state_space import SIGNALS, factor_sizes, row_values
 from hydro_ident.mismatch.stepping import is_free
 from hydro_ident.mismatch.worth import _opens_beside
 from hydro_model.effects.catalogue import resolve
@@ -28,6 +29,16 @@ def bent(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     """A machine whose lift valve opens more than half as much again per volt beyond a knee."""
     true_crane, simulated_run = make_run
     return lay_out(simulated_run(replace(true_crane(), effects=(BENT,)), 18.0))
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_no_row_shows_has_no_size(bent: Residuals) -> None:
+    """As of a channel of which another machine's recording has nothing."""
+    predictor, model = bent.training.predictor, bent.base.model
+    values = {name: row_values(predictor, model, 0, name) for name in SIGNALS}
+    sizes = factor_sizes(predictor, model, 0, values, np.zeros(bent.training.mask.size, np.bool_))
+    assert sizes
+    assert set(sizes.values()) == {1.0}
 
 
 def _searched(work: Residuals) -> Search:

@@ -96,7 +96,9 @@ def factor_sizes(
 ) -> dict[str, float]:
     """Usual sizes of a channel's factors on its own rows; of a direction, that of the speed."""
     found = _factors(predictor, model, channel, values)
-    return {name: float(np.nanstd(f[own])) or 1.0 for name, f in found.items()}
+    # What was not recorded has no size, and is told nowhere.
+    known = {name: f[own][np.isfinite(f[own])] for name, f in found.items()}
+    return {name: (float(np.std(f)) if f.size else 0.0) or 1.0 for name, f in known.items()}
 
 
 def rounding(speed: float) -> float:
