@@ -31,7 +31,7 @@ def bent(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
     return lay_out(simulated_run(replace(true_crane(), effects=(BENT,)), 18.0))
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_what_no_row_shows_has_no_size(bent: Residuals) -> None:
     """As of a channel of which another machine's recording has nothing."""
     predictor, model = bent.training.predictor, bent.base.model
