@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.streaming import Piece, cut_recording
+from hydro_ident.estimate.bridging import LONGEST_HOLE_S
 from hydro_ident.estimate.traces import LONG_LOSS, Trace
 from hydro_model.robot import FloatArray
 
@@ -26,12 +27,15 @@ class Continuity:
         Stretches in which what is needed is there in every cycle.
     longest_s : float
         The longest of them.
+    bridged : int
+        Cycles without a reading that were filled in between their neighbours.
     """
 
     cycles: int = 0
     missing: dict[str, int] = field(default_factory=dict)
     stretches: int = 0
     longest_s: float = 0.0
+    bridged: int = 0
     _begin_s: float = 0.0
     _end_s: float = -np.inf
 
@@ -43,6 +47,7 @@ class Continuity:
             absent = int(np.isnan(values).sum())
             self.missing[name] = self.missing.get(name, 0) + absent
         for trace in traces:
+            self.bridged += trace.bridged
             begin_s = float(trace.time_s[trace.owned.start])
             # A stretch goes on from piece to piece.
             if begin_s - self._end_s > 1.5 * trace.step_s:
@@ -117,3 +122,26 @@ def broken_up(continuities: Sequence[Continuity], total_s: float) -> str:
         f"the longest of {stretches} stretches without a gap lasts {longest_s:.3g} s of"
         f" {total_s:.3g} s, too short for the filters"
     )
+
+
+def bridged_notes(names: Iterable[str], continuities: Iterable[Continuity]) -> list[str]:
+    """Which recordings have cycles that were filled in, and how many.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of the recordings.
+    continuities : iterable of Continuity
+        Theirs.
+
+    Returns
+    -------
+    list of str
+        A sentence for each that has any.
+    """
+    return [
+        f"{name}: {one.bridged} cycles without a reading, in holes of one or up to"
+        f" {1e3 * LONGEST_HOLE_S:g} ms, are bridged between their neighbours"
+        for name, one in zip(names, continuities, strict=True)
+        if one.bridged
+    ]

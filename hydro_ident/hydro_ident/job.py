@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from hydro_ident.channel_scores import ScorePlan, channel_scores
+from hydro_ident.continuity import bridged_notes
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.flow_moments import NEARLY
@@ -117,6 +118,7 @@ class Job:
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:
                 notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
+        notes += bridged_notes([s.name for s in self.seen], [s.continuity for s in self.seen])
         held = self.plan.effects.held
         notes += [f"effect {name} taken as listed, not fitted" for name in held]
         notes += [

@@ -148,13 +148,13 @@ def test_reversals_of_dry_friction_are_no_spikes_of_a_force() -> None:
     assert sensors["carriage effort"].noise == pytest.approx(0.3, rel=0.1)
 
 
-def test_a_lost_sample_of_a_force_splits_it_and_loses_no_channel() -> None:
+def test_a_force_that_is_lost_for_long_is_split_and_loses_no_channel() -> None:
     good = _slide(0.0)
     assert good.effort is not None
     effort = good.effort.copy()
-    effort[12_345] = np.nan
+    effort[12_345:12_365] = np.nan
     traces = traces_of([replace(good, effort=effort)])
-    assert [t.samples for t in traces] == [12_345, 30_000 - 12_346]
+    assert [t.samples for t in traces] == [12_345, 30_000 - 12_365]
     assert all(np.isfinite(t.joint_torque).all() for t in traces)
 
 

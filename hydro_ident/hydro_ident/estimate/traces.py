@@ -11,6 +11,7 @@ from hydro_ident.bag.grid import runs
 from hydro_ident.bag.rails import between_readings, followed
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
+from hydro_ident.estimate.bridging import joined, stretches
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
@@ -58,6 +59,8 @@ class Trace:
         Oil temperature in deg C, where it was recorded: straight from reading to reading.
     latched : (N,) bool array or None
         While every valve was held shut; None: never.
+    bridged : int
+        Samples of its own that nobody read: short holes, filled in between their neighbours.
     """
 
     label: str
@@ -76,6 +79,7 @@ class Trace:
     q_ref: FloatArray | None = None
     oil_c: FloatArray | None = None
     latched: BoolArray | None = None
+    bridged: int = 0
 
     @property
     def samples(self) -> int:
@@ -111,14 +115,14 @@ def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
 def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
     """The contiguous traces of a piece of recording; those that own no sample are left out."""
     traces = []
-    recording = _with_rails(piece.recording)
-    for k, part in enumerate(_pieces(recording)):
-        core = max(part.start, piece.core.start), min(part.stop, piece.core.stop)
-        if core[1] > core[0]:
-            own = core[0] - part.start, core[1] - part.start
+    recording, period_s = _with_rails(piece.recording), piece.recording.period_s
+    for k, stretch in enumerate(stretches(_pieces(recording), recording.stamp_ns, period_s)):
+        core = stretch.core(piece.core)
+        if core is not None:
             label = f"{recording.path.name}#{k}"
-            trace = _trace(recording, part, label, piece.start_ns)
-            traces.append(replace(trace, core=own))
+            parts = [_trace(recording, part, label, piece.start_ns) for part in stretch.parts]
+            lost = core[1] - core[0] - stretch.cycles(piece.core)
+            traces.append(replace(joined(parts, stretch.holes), core=core, bridged=lost))
     return tuple(traces)
 
 

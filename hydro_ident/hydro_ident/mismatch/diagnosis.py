@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
+from hydro_ident.continuity import broken_up
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import free_run
 from hydro_ident.mismatch.answering import STAGES, answered, base_to_search
@@ -119,6 +120,8 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
         f"{total:.3g} s of recording leave too few rows in any channel: record positions of every"
         " joint in motion, with chamber pressures (or joint torques), for half a minute or more"
     )
+    if broken := broken_up([s.continuity for s in surveys], total):
+        text = f"{text}; {broken}"
     wet = any(s.wet for s in surveys) or not any(s.dry for s in surveys)
     lacking = [s.name for s in surveys if not (s.wet if wet else s.dry)]
     if not lacking or (wet and not robot.cylinders):
