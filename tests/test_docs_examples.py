@@ -13,8 +13,10 @@ import pytest
 import yaml
 
 from hydro_ident.robot_check import check_robot
+from hydro_model.effects import resolve
 from hydro_model.paths import load_path
 from hydro_model.paths_check import check_path
+from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_model.signals import PISTON_POSITION, PISTON_VELOCITY, SIGNAL_COUNT
 
@@ -73,11 +75,22 @@ def test_first_motion_of_the_lab_guide_can_be_played(tmp_path: Path) -> None:
     assert checked.peak_velocity.max() < 0.1
 
 
+def example_robot(folder: Path, *further: str) -> Robot:
+    """The pages' crane, with further lines in its file."""
+    (folder / "mycrane.urdf").write_text(fenced("extending.md", "xml")[0], encoding="utf-8")
+    file = folder / "mycrane.hydraulics.yaml"
+    file.write_text("".join([fenced("extending.md", "yaml")[0], *further]), encoding="utf-8")
+    return load_robot(file)
+
+
 def test_example_robot_is_a_robot_without_errors(tmp_path: Path) -> None:
-    (tmp_path / "mycrane.urdf").write_text(fenced("extending.md", "xml")[0], encoding="utf-8")
-    file = tmp_path / "mycrane.hydraulics.yaml"
-    file.write_text(fenced("extending.md", "yaml")[0], encoding="utf-8")
-    assert not check_robot(load_robot(file)).remarks
+    assert not check_robot(example_robot(tmp_path)).remarks
+
+
+def test_example_effects_are_effects_of_the_example_robot(tmp_path: Path) -> None:
+    robot = example_robot(tmp_path, fenced("extending.md", "yaml")[1])
+    assert len(resolve(robot)) == len(robot.effects) == 6
+    assert not check_robot(robot).remarks
 
 
 def test_example_pins_are_those_of_the_example_robot(tmp_path: Path) -> None:

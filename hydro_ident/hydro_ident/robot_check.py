@@ -7,7 +7,7 @@ remarks may still be of another one.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,8 @@ import numpy as np
 from hydro_ident.robot_file_gaps import missing_fields
 from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
 from hydro_ident.robot_units import unit_errors, unit_warnings
+from hydro_model.effects import resolve
+from hydro_model.errors import RobotError
 from hydro_model.joint_ranges import limits
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray, Robot
@@ -100,7 +102,7 @@ def check_robot(robot: Robot) -> RobotCheck:
     """
     ranges = cylinder_ranges(robot)
     remarks = [remark for r in ranges for remark in _cylinder(r, robot)]
-    remarks += [*_masses(robot), *_bodies(robot), *_joints(robot)]
+    remarks += [*_masses(robot), *_bodies(robot), *_joints(robot), *_effects(robot)]
     remarks += [Remark(ERROR, about, text) for about, text in unit_errors(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in unit_warnings(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in missing_fields(robot)]
@@ -253,3 +255,20 @@ def _joints(robot: Robot) -> Iterator[Remark]:
         driven = any(c.joint == joint.name for c in robot.cylinders)
         if robot.cylinders and not driven:
             yield Remark(NOTE, joint.name, "no cylinder moves it: its torque has to be measured")
+
+
+def _effects(robot: Robot) -> Iterator[Remark]:
+    """What nothing could be made of among the listed effects, each looked at by itself first."""
+    each = [_refused(replace(robot, effects=(spec,))) for spec in robot.effects]
+    # Sound ones may still be one effect listed twice.
+    for text in dict.fromkeys(filter(None, each)) or filter(None, [_refused(robot)]):
+        yield Remark(ERROR, "effects", text)
+
+
+def _refused(robot: Robot) -> str:
+    """Why a robot's effects cannot be what its file lists, without the file; empty: they can."""
+    try:
+        resolve(robot)
+    except RobotError as error:
+        return str(error).removeprefix(f"{robot.source}: ")
+    return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from hydro_model.fields import Fields
 from hydro_model.robot import Robot
@@ -30,23 +30,37 @@ def missing_fields(robot: Robot) -> Iterator[tuple[str, str]]:
         yield "fluid", f"no bulk_modulus_pa: {robot.cylinders[0].bulk_modulus_pa:.3g} Pa is taken"
     if "tank_pressure_pa" not in supply:
         yield "supply", "no tank_pressure_pa: 0 is taken"
-    for cylinder in cylinders:
-        yield from _cylinder(cylinder)
-    for valve in top.items("valves"):
-        if "rated_voltage_v" not in valve:
-            yield valve.text("name"), "no rated_voltage_v: 10 V is taken"
+    yield from _folded(cylinders, _of_cylinder)
+    yield from _folded(top.items("valves"), _of_valve)
     yield from _sensors(top.fields("sensors", {}), robot)
 
 
-def _cylinder(f: Fields) -> Iterator[tuple[str, str]]:
-    name = f.text("name")
+def _folded(
+    items: Iterable[Fields], missing: Callable[[Fields], Iterable[str]]
+) -> Iterator[tuple[str, str]]:
+    """One line for all that lack the same: what is said of every cylinder is soon not read."""
+    lacking: dict[str, list[str]] = {}
+    for item in items:
+        for text in missing(item):
+            lacking.setdefault(text, []).append(item.text("name"))
+    for text, names in lacking.items():
+        yield ", ".join(names), text
+
+
+def _of_cylinder(f: Fields) -> Iterator[str]:
     if "l1_m" not in f:
         return
-    for part in ("barrel", "rod"):
-        if f.optional_fields(part) is None:
-            yield name, f"no {part}: its mass counts as nothing"
+    absent = [f"no {part}" for part in ("barrel", "rod") if f.optional_fields(part) is None]
+    if absent:
+        masses = "their masses count" if len(absent) > 1 else "its mass counts"
+        yield f"{' and '.join(absent)}: {masses} as nothing"
     if "child_pin_angle_rad" not in f:
-        yield name, "no child_pin_angle_rad: 0 is taken, which places barrel and rod"
+        yield "no child_pin_angle_rad: 0 is taken, which places barrel and rod"
+
+
+def _of_valve(f: Fields) -> Iterator[str]:
+    if "rated_voltage_v" not in f:
+        yield "no rated_voltage_v: 10 V is taken"
 
 
 def _sensors(f: Fields, robot: Robot) -> Iterator[tuple[str, str]]:

@@ -142,6 +142,75 @@ def test_what_is_left_to_defaults_is_listed(crane: Crane) -> None:
     assert len(texts(check, WARNING, "sensors")) == 4
 
 
+def test_what_several_lack_is_one_line(crane: Crane) -> None:
+    for k in (0, 1):
+        for part in ("barrel", "rod", "child_pin_angle_rad"):
+            crane.change("cylinders", k, part)
+        crane.change("valves", k, "rated_voltage_v")
+    check = crane.check()
+    assert texts(check, WARNING, "lift_cylinder, tilt_cylinder") == [
+        "no barrel and no rod: their masses count as nothing",
+        "no child_pin_angle_rad: 0 is taken, which places barrel and rod",
+    ]
+    said = texts(check, WARNING, "lift_valve, tilt_valve")
+    assert said == ["no rated_voltage_v: 10 V is taken"]
+
+
+def test_cylinders_that_lack_different_parts_are_told_apart(crane: Crane) -> None:
+    crane.change("cylinders", 0, "barrel")
+    crane.change("cylinders", 1, "rod")
+    check = crane.check()
+    assert "no barrel: its mass counts as nothing" in texts(check, WARNING, "lift_cylinder")
+    assert "no rod: its mass counts as nothing" in texts(check, WARNING, "tilt_cylinder")
+
+
+def effect(name: str, target: str, **parameters: float) -> dict[str, object]:
+    return {"name": name, "target": target, "parameters": parameters}
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        (effect("coulom_friction", "lift_cylinder", force=1.0), "no effect 'coulom_friction' in"),
+        (effect("coulomb_friction", "lift_cyl", force=1.0), "has unknown target 'lift_cyl'"),
+        (effect("coulomb_friction", "lift_cylinder", fc=1.0), "has no parameter 'fc' (known:"),
+        (effect("coulomb_friction", "lift_cylinder"), "needs parameter 'force' in N"),
+        (effect("coulomb_friction", "lift_cylinder", force=1e9), "force should be 0 to"),
+    ],
+)
+def test_effects_that_nothing_can_be_made_of_are_errors(
+    listed: dict[str, object], said: str, crane: Crane
+) -> None:
+    sound = effect("backlash", "tilt_cylinder", width=1e-4)
+    crane.change("effects", value=[sound, listed])
+    [text] = texts(crane.check(), ERROR, "effects")
+    assert said in text
+    assert crane.file.name not in text
+    crane.change("effects", value=[sound])
+    assert not crane.check().wrong
+
+
+def test_every_wrong_effect_is_told_and_one_listed_twice(crane: Crane) -> None:
+    friction = effect("coulomb_friction", "lift_cylinder", force=1000.0)
+    wrong = [effect("coulomb", "xs031", force=1.0), effect("backlash", "nose", width=1e-4)]
+    crane.change("effects", value=[friction, *wrong, wrong[0]])
+    assert len(texts(crane.check(), ERROR, "effects")) == 2
+    crane.change("effects", value=[friction, friction])
+    [text] = texts(crane.check(), ERROR, "effects")
+    assert "listed twice for 'lift_cylinder'" in text
+
+
+def test_the_command_fails_on_an_effect_that_is_none(
+    crane: Crane, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crane.change("effects", value=[effect("coulomb_friction", "lift_cyl", force=1.0)])
+    found = tmp_path / "crane.json"
+    assert main([str(crane.file), "--json", str(found)]) == 1
+    assert "ERROR    effects: effect 'coulomb_friction' has unknown" in capsys.readouterr().out
+    remarks = json.loads(found.read_text(encoding="utf-8"))["remarks"]
+    assert (remarks[0]["level"], remarks[0]["about"]) == ("error", "effects")
+
+
 def test_loads_are_the_slope_of_the_energy_over_the_lever() -> None:
     robot = load_robot("xs031")
     [_, tilt] = check_robot(robot).ranges

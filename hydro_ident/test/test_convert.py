@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import sys
+from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import yaml
 from scipy.io import savemat
 
 from hydro_ident.bag.log_file import read_log
+from hydro_ident.bag.log_map import read_map
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import main, run
@@ -177,6 +179,7 @@ def changed(**changes: object) -> dict:
         (changed(pressures={"supply": {"signal": "ps", "reference": "abs"}}), "gauge or absolute"),
         (changed(joins={}), "unknown key 'joins'"),
         (changed(start="yesterday"), "'start' should be like"),
+        (changed(start=datetime(2024, 5, 1, 10, tzinfo=timezone.utc)), 'write "2024-05-01 10:00'),
         (changed(robot="no_such"), "no robot file 'no_such'"),
         (changed(joints=None), "expected a position under joints or strokes"),
         (changed(schema="other/1"), "expected schema hydro_ident/log_map/1"),
@@ -211,6 +214,13 @@ def test_a_wrong_log_is_one_line_and_writes_nothing(
     log.write_text(content)
     mapping = {"time": {"signal": "t"}, "joints": {"lift": {"signal": "q1"}}}
     check_refused(log, write_map(tmp_path, mapping), message, tmp_path, monkeypatch, capsys)
+
+
+def test_a_robots_name_where_its_file_lies_beside_the_mapping_is_told(tmp_path: Path) -> None:
+    (tmp_path / "crane_7.hydraulics.yaml").write_text("robot: crane_7", encoding="utf-8")
+    mapping = write_map(tmp_path, changed(robot="crane_7"))
+    with pytest.raises(BagError, match=r"did you mean 'crane_7\.hydraulics\.yaml', which lies"):
+        read_map(mapping)
 
 
 def check_refused(log, mapping, message, folder, monkeypatch, capsys) -> None:

@@ -145,6 +145,33 @@ def test_what_the_names_do_not_tell_is_told_by_numbers_and_the_robot() -> None:
     assert "pressures, tank" in found.missing
 
 
+def pressures_beside(**tank: np.ndarray) -> Log:
+    return log_of(t=T, p1=120.0 + T, p2=60.0 + T, ps=180.0 + T, **tank)
+
+
+def test_a_tank_line_has_the_unit_of_the_logs_other_pressures() -> None:
+    found = {
+        g.column: g for g in suggest(pressures_beside(p_tank=5.0 + T), load_robot("xs031")).guesses
+    }
+    assert found["p_tank"].entry["unit"] == "bar"
+    assert found["p_tank"].why[-1] == "bar: as the log's other pressures, largest 5.398 bar"
+    assert found["p_tank"].level == "open"  # gauge or absolute
+    assert "bar: largest 120.4 bar, supply 190 bar" in found["p1"].why
+
+
+@pytest.mark.parametrize("bar", [3e5, 45.0, -2.0, 0.0])
+def test_a_tank_line_that_does_not_fit_their_unit_is_left_open(bar: float) -> None:
+    found = suggest(pressures_beside(p_tank=bar + 0.0 * T), load_robot("xs031"))
+    assert "pressures, tank: unit" in found.to_fill_in
+
+
+def test_units_of_other_pressures_that_differ_tell_nothing() -> None:
+    log = log_of({"p1": "barg", "ps": "MPa"}, t=T, p1=120.0 + T, ps=18.0 + T, p_tank=5.0 + T)
+    assert "pressures, tank: unit" in suggest(log, load_robot("xs031")).to_fill_in
+    one = log_of({"ps": "barg"}, t=T, ps=180.0 + T, p_tank=5.0 + T)
+    assert "pressures, tank: unit" in suggest(one, load_robot("xs031")).to_fill_in
+
+
 def test_pressures_below_zero_are_gauge_and_the_file_may_say() -> None:
     p = 5e5 + 6e5 * np.sin(30.0 * T)
     log = log_of({"p1": "Pa", "p2": "Pa", "p3": "bara"}, p1=p, p2=p + 2e6, p3=p * 1e-5 + 9.0)

@@ -101,6 +101,7 @@ def test_french_spanish_and_italian_pressures(
     ("name", "section"),
     [
         ("angulo_1", "joints"),
+        ("ang_lift", "joints"),
         ("carrera_1", "strokes"),
         ("corsa_1", "strokes"),
         ("temperature huile", "oil_temperature"),

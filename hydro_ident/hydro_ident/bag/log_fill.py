@@ -5,7 +5,7 @@ The robot's joint limits, rated signals and supply pressure decide where the fil
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from hydro_ident.bag.log_columns import wrap_of
 from hydro_ident.bag.log_guess import Reading
@@ -19,6 +19,10 @@ Entry = dict[str, object]
 
 #: Largest pressure over the supply's of the robot: between these it is believed.
 _UNDER, _SUPPLY_UNDER, _OVER = 0.1, 0.4, 1.6
+#: A tank line stays below this share of it; in a unit that is ten times smaller it would not.
+_TANK_OVER = 0.15
+#: No pressure is further below the atmosphere than that, and the error of a zero.
+_LOWEST_PA = -1.2e5
 
 
 def fill(
@@ -139,13 +143,45 @@ def _fill_pressure(
         return _fill_transducer(entry, reading, targets)
     limit = targets.supply_pa
     share = {u: reading.high * factor / limit for u, factor in UNITS["pressure"].items()}
-    low = _SUPPLY_UNDER if target.name == "supply" else _UNDER
-    fitting = [u for u, of_supply in share.items() if low < of_supply < _OVER]
+    low = {"supply": _SUPPLY_UNDER, "tank": 0.0}.get(target.name, _UNDER)
+    over = _TANK_OVER if target.name == "tank" else _OVER
+    fitting = [u for u, of_supply in share.items() if low < of_supply < over]
     if target.name != "tank" and len(fitting) == 1:
-        entry["unit"] = fitting[0]
-        return "likely", [f"{fitting[0]}: largest {reading.high:.4g}, supply {limit:.3g} Pa"]
+        unit = fitting[0]
+        supply = limit / UNITS["pressure"][unit]
+        entry["unit"] = unit
+        return "likely", [f"{unit}: largest {reading.high:.4g} {unit}, supply {supply:.4g} {unit}"]
     entry["unit"] = FILL_IN
     return "open", [f"unit: largest {reading.high:.4g} could be {', '.join(fitting) or 'any'}"]
+
+
+def unit_of_others(
+    reading: Reading, target: Target, targets: Targets, others: Collection[str]
+) -> tuple[str, str]:
+    """The unit of a pressure whose name and numbers tell none, from the log's other pressures.
+
+    Parameters
+    ----------
+    reading : Reading
+    target : Target
+    targets : Targets
+    others : collection of str
+        Units of the others, each of its own column.
+
+    Returns
+    -------
+    str, str
+        The unit and why; empty where there are not two others of one unit, or where it does not
+        fit the numbers.
+    """
+    if len(others) < 2 or len(set(others)) > 1:
+        return "", ""
+    unit = next(iter(others))
+    factor = UNITS["pressure"][unit]
+    over = (_TANK_OVER if target.name == "tank" else _OVER) * targets.supply_pa
+    if reading.low * factor < _LOWEST_PA or not 0.0 < reading.high * factor < over:
+        return "", ""
+    return unit, f"{unit}: as the log's other pressures, largest {reading.high:.4g} {unit}"
 
 
 def _fill_transducer(entry: Entry, reading: Reading, targets: Targets) -> tuple[str, list[str]]:

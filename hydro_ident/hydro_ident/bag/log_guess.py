@@ -28,8 +28,8 @@ _SURE, _LIKELY, _GUESS = 4, 3, 1
 _WORDS: dict[str, str] = {
     "time": "t time zeit timestamp zeitstempel clock uhrzeit sec x_value temps tiempo",
     "pressure": "p press pressure druck ps pt pp pression presion pressione",
-    "angle": "q angle winkel theta phi alpha joint gelenk encoder enc pitch inclination neigung z"
-    " angulo angolo",
+    "angle": "q angle ang winkel theta phi alpha joint gelenk encoder enc pitch inclination"
+    " neigung z angulo angolo",
     "length": "stroke hub weg len length laenge länge extension s x course carrera corsa",
     "voltage": "u valve ventil cmd command stell joystick sig voltage spannung servo uv"
     " vanne valvula valvola tensione",

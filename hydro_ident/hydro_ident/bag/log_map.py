@@ -26,7 +26,7 @@ from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_model.robot import Robot
-from hydro_model.robot_files import is_file, load_robot, read_yaml
+from hydro_model.robot_files import is_file, load_robot, read_yaml, shipped_robots
 
 SCHEMA = "hydro_ident/log_map/1"
 ATMOSPHERE_PA = 101325.0
@@ -161,7 +161,16 @@ def _map_from(top: Fields, path: Path) -> LogMap:
 def _robot_path(name: str, path: Path) -> str:
     """A robot file beside the mapping, or else as `load_robot` takes it."""
     beside = path.parent / name
-    return str(beside) if is_file(beside) else name
+    if is_file(beside):
+        return str(beside)
+    # The name inside a robot file, which is often that of the file too.
+    known = name in shipped_robots() or is_file(Path(name))
+    if not known and is_file(Path(f"{beside}.hydraulics.yaml")):
+        raise BagError(
+            f"{path}: no robot file '{name}': did you mean '{name}.hydraulics.yaml', which lies"
+            " beside it?"
+        )
+    return name
 
 
 def _entries(top: Fields, key: str) -> list[tuple[str, Fields]]:

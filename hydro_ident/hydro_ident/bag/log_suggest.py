@@ -13,7 +13,7 @@ import numpy as np
 
 from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_fill import fill
+from hydro_ident.bag.log_fill import fill, unit_of_others
 from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_signal import FILL_IN
@@ -119,6 +119,7 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             spare = (f"{kinds[reading.column]}: no name is left for it",)
             why = _unasked(reading, targets) if kinds[reading.column] == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
+    guesses = _units_of_others(guesses, readings, named, targets)
     missing = targets.missing(named.values())
     start = times.start, times.start_why
     return Suggestion(log, robot_name, tuple(guesses), missing, *start)
@@ -188,6 +189,30 @@ def _entry(
         level = "open"
     all_why = (*reading.why, *target.why, *why)
     return Guess(reading.column, target.section, target.name, entry, level, all_why)
+
+
+def _units_of_others(
+    guesses: Sequence[Guess],
+    readings: Sequence[Reading],
+    named: Mapping[str, Target],
+    targets: Targets,
+) -> list[Guess]:
+    """Pressures whose unit nothing told take that of the log's others, where it fits."""
+    by_column = {r.column: r for r in readings}
+    # Of a transducer's loop signal the unit is that of its label.
+    plain = [g for g in guesses if g.section == "pressures" and "raw" not in g.entry]
+    others = [str(g.entry["unit"]) for g in plain if g.entry["unit"] != FILL_IN]
+    found = []
+    for guess in guesses:
+        if guess in plain and guess.entry["unit"] == FILL_IN:
+            column = guess.column
+            unit, why = unit_of_others(by_column[column], named[column], targets, others)
+            if unit:
+                entry = {**guess.entry, "unit": unit}
+                level = "open" if FILL_IN in entry.values() else "guess"
+                guess = replace(guess, entry=entry, level=level, why=(*guess.why, why))
+        found.append(guess)
+    return found
 
 
 def _references(log: Log, readings: Sequence[Reading]) -> dict[str, tuple[str, str, str]]:

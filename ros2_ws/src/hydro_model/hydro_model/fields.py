@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import date
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -56,6 +57,10 @@ class Fields:
     def _wrong(self, key: str, expected: str, value: object) -> RobotError:
         found = _SHORT.repr(value)
         found = found if len(found) <= 60 else found[:57] + "..."
+        if isinstance(value, date):  # a datetime is one, too
+            found = f"the date {value}: YAML makes one of it where it stands without quotes"
+            if expected == "a text":
+                found += f', write "{value}"'
         return RobotError(f"{self.where}: '{key}' should be {expected}, found {found}")
 
     def text(self, key: str, default: str = _REQUIRED) -> str:

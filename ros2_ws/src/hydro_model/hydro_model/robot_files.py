@@ -73,6 +73,9 @@ def load_robot(robot: str | Path, *, check_strokes: bool = True) -> Robot:
 
 def _instead(path: Path) -> str:
     """What was probably meant, to go behind a message: a robot file in a folder, or beside."""
+    whole = Path(f"{path}.hydraulics.yaml")
+    if is_file(whole):
+        return f"; did you mean '{whole}'?"
     try:
         folder = path.parent if path.suffix.lower() == ".urdf" else path
         files = sorted([*folder.glob("*.hydraulics.yaml"), *folder.glob("model.yaml")])
@@ -286,4 +289,12 @@ def _sensors(f: Fields) -> Sensors:
 
 
 def _effect(f: Fields) -> EffectSpec:
-    return EffectSpec(f.text("name"), f.text("target"), f.mapping_of_numbers("parameters"))
+    name, target = f.text("name"), f.text("target")
+    if "parameters" not in f:
+        from hydro_model.effects.catalogue import parameters_of  # it imports what a robot is
+
+        raise RobotError(
+            f"{f.where}: key 'parameters' is missing, expected a mapping of names to numbers;"
+            f" '{name}' has {parameters_of(name, f.where)}"
+        )
+    return EffectSpec(name, target, f.mapping_of_numbers("parameters"))

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,13 @@ def test_what_lies_beside_a_robot_file_names_it(tmp_path: Path) -> None:
     assert f"found a URDF; '{file}' is one" in refused(urdf)
     assert f"no robot file '{tmp_path}'" in refused(tmp_path)
     assert f"; '{file}' is one" in refused(tmp_path)
+
+
+def test_the_name_of_a_robot_file_without_its_ending_names_it(tmp_path: Path) -> None:
+    file = tmp_path / "crane.hydraulics.yaml"
+    file.write_text("robot: crane", encoding="utf-8")
+    assert f"; did you mean '{file}'?" in refused(tmp_path / "crane")
+    assert "did you mean" not in refused(tmp_path / "crain")
 
 
 def test_a_huge_file_is_not_parsed(tmp_path: Path) -> None:
@@ -276,6 +284,25 @@ def drop(*way: str | int) -> Change:
         (set_in("fluid", "bulk_modulus_pa", value="stiff"), "should be a number, found 'stiff'"),
         (set_in("effects", value=[{"name": "coulomb_friction"}]), "key 'target' is missing"),
         (
+            set_in("effects", value=[{"name": "coulomb_friction", "target": "lift_cylinder"}]),
+            "'parameters' is missing, expected a mapping of names to numbers; 'coulomb_friction'"
+            " has force in N, velocity_scale in m/s (optional)",
+        ),
+        (
+            set_in("effects", value=[{"name": "backlash", "target": "lift_cylinder"}]),
+            "give in 1/N (optional) or, at another kind of target, gap in rad, contact_torque in",
+        ),
+        (
+            set_in("robot", value=date(2024, 5, 1)),
+            "'robot' should be a text, found the date 2024-05-01: YAML makes one of it where it"
+            ' stands without quotes, write "2024-05-01"',
+        ),
+        (
+            set_in("fluid", "bulk_modulus_pa", value=date(2024, 5, 1)),
+            "should be a number, found the date 2024-05-01: YAML makes one of it where it stands"
+            " without quotes",
+        ),
+        (
             set_in("base_parameters", value=[{"name": "a.b", "combination": {}, "value": 1}]),
             "names 'a.b', expected <link>.<parameter>",
         ),
@@ -287,6 +314,13 @@ def drop(*way: str | int) -> Change:
 )
 def test_bad_content(crane: Path, change: Change, expected: str) -> None:
     assert expected in refused(rewritten(crane, change))
+
+
+def test_an_unknown_effect_without_parameters_is_told_as_one(crane: Path) -> None:
+    effect = {"name": "coulom_friction", "target": "lift_cylinder"}
+    said = refused(rewritten(crane, set_in("effects", value=[effect])))
+    assert "no effect 'coulom_friction' in the catalogue (known: coulomb_friction" in said
+    assert "is missing" not in said
 
 
 def test_direct_cylinder_on_a_revolute_joint(crane: Path) -> None:

@@ -80,6 +80,35 @@ def resolve(robot: Robot) -> tuple[ActiveEffect, ...]:
     return tuple(sorted(active, key=lambda a: (order.index(a.effect.name), _rank(robot, a))))
 
 
+def parameters_of(name: str, where: str) -> str:
+    """What a robot file has to say of an effect, for messages.
+
+    Parameters
+    ----------
+    name : str
+    where : str
+        File and place in it, for the message.
+
+    Returns
+    -------
+    str
+        Its parameters with their units; of each form, where they differ.
+
+    Raises
+    ------
+    RobotError
+        There is no such effect; the message lists the known ones.
+    """
+    forms = [
+        ", ".join(
+            f"{one.name} in {one.unit}{' (optional)' if one.optional else ''}"
+            for one in form.parameters
+        )
+        for form in _known(name, where).forms
+    ]
+    return " or, at another kind of target, ".join(dict.fromkeys(forms))
+
+
 def start_s(one: ActiveEffect) -> float:
     """Time from which an effect's change holds; minus infinity where it always does."""
     if not one.effect.start:
@@ -107,11 +136,7 @@ def acting_share(one: ActiveEffect, time_s: FloatArray) -> FloatArray:
 
 def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
     where = _where(robot)
-    if spec.name not in CATALOGUE:
-        raise RobotError(
-            f"{where}: no effect '{spec.name}' in the catalogue (known: {', '.join(CATALOGUE)})"
-        )
-    effect = _form_at(robot, CATALOGUE[spec.name], spec.target)
+    effect = _form_at(robot, _known(spec.name, where), spec.target)
     values = effect.values(spec.parameters, where)
     return [
         ActiveEffect(
@@ -119,6 +144,14 @@ def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
         )
         for place in places(robot, effect, spec.target, where)
     ]
+
+
+def _known(name: str, where: str) -> Effect:
+    if name not in CATALOGUE:
+        raise RobotError(
+            f"{where}: no effect '{name}' in the catalogue (known: {', '.join(CATALOGUE)})"
+        )
+    return CATALOGUE[name]
 
 
 def _form_at(robot: Robot, effect: Effect, target: str) -> Effect:
