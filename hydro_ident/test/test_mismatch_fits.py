@@ -64,3 +64,28 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     assert found.gain > 0.5 * without.squares
     # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead near.
     assert 0.008 < found.term.parameters[0] < 0.02
+
+
+def test_no_base_gives_energy_for_going_faster(
+    lay_out: Callable[..., Residuals], make_run: Made
+) -> None:
+    """A friction that falls with speed is no viscous friction below zero: it is left over."""
+    falling = {"force": 3000.0, "stribeck_velocity": 0.04, "exponent": 1.0}
+    true_crane, simulated_run = make_run
+    light = [replace(c, viscous_friction=500.0) for c in true_crane().cylinders]
+    effect = EffectSpec("stribeck_friction", "tilt_cylinder", falling)
+    truth = replace(true_crane(), cylinders=tuple(light), effects=(effect,))
+    work = lay_out(simulated_run(truth, 12.0))
+    predictor = work.training.predictor
+    at = predictor.names.index("tilt_cylinder.viscous_friction")
+    coulomb = _term("coulomb_friction", "tilt_cylinder", force=2000.0)
+    for model in (work.base.model, work.base.model.with_term(coulomb)):
+        fitted_there = settled(work.training, fit(work.training, model, passes=8))
+        assert predictor.parameters(fitted_there.model)[at] >= 0.0
+    # Beside Coulomb's law the bound holds: nothing of the column is left to fit by.
+    assert predictor.parameters(fitted_there.model)[at] == 0.0
+    assert not fitted_there.columns[:, at].any()
+    law = _term("stribeck_friction", "tilt_cylinder", force=2500.0, stribeck_velocity=0.03)
+    whole = settled(work.training, fit(work.training, work.base.model.with_term(law), passes=8))
+    assert predictor.parameters(whole.model)[at] > 0.0
+    assert whole.squares < 0.5 * fitted_there.squares

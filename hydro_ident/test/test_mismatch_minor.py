@@ -126,9 +126,28 @@ def test_minor_ones_leave_the_findings_and_are_noted(robot: Robot) -> None:
     findings, small = parted(robot, found, {})
     assert [f.named.names for f in findings] == [("coulomb_friction",)]
     assert [f.named.names for f in small] == [("pressure_sensor_gain",)]
-    (note,) = minor_notes(small)
+    (note,) = minor_notes(robot, small, {})
     assert f"pressure_sensor_gain of {LIFT}/a" in note
     assert "(error 0.0005)" in note
+
+
+def test_what_may_be_no_more_than_every_machine_has_is_no_finding(robot: Robot) -> None:
+    """A spring that nothing tells from 0.06 % of a transducer's gain."""
+    spring = _term(robot, "counterbalance_spring", LIFT, {"force": 50.0, "stiffness": 900.0})
+
+    def found(error: float) -> Finding:
+        gain = _term(robot, "pressure_sensor_gain", f"{LIFT}/a", {"error": error})
+        both = [Contender(term, None, 400.0, 380.0, 3.0) for term in (spring, gain)]  # type: ignore[arg-type]
+        return Finding(named_of(both, 0.001, 1.0), None, ("lift/force",))  # type: ignore[arg-type]
+
+    small, large = found(6e-4), found(4e-3)
+    assert len(small.named.names) == 2
+    findings, minor_ones = parted(robot, [small, large], {})
+    assert (findings, minor_ones) == ([large], [small])
+    (note,) = minor_notes(robot, minor_ones, {})
+    assert note.startswith(f"counterbalance_spring of {LIFT} is there, but it may as well be")
+    assert f"pressure_sensor_gain of {LIFT}/a, not surely larger" in note
+    assert "(error 0.0006)" in note
 
 
 def test_the_page_says_these_sizes() -> None:

@@ -156,7 +156,8 @@ def _diagnosed(
     seen = begun(modelled.robot, there.terms)
     run = free_run(before.robot, seen, work.check_traces, work.split, filters)
     findings, minor = parted(work.robot, findings, whole.deviations)
-    notes = [*data_notes(work), *modelled.notes, *run.rejected, *minor_notes(minor)]
+    notes = [*data_notes(work), *modelled.notes, *run.rejected]
+    notes += minor_notes(work.robot, minor, whole.deviations)
     notes += [refined.note] if refined is not None else []
     channels = channels_of(work, whole, work.check)
     unknown, small = parted_unknown(unknown, channels)

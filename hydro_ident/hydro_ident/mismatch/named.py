@@ -26,6 +26,8 @@ _BORDER = 2.0
 #: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
+#: What turns is slow below the speed of a slow piston at a lever of a quarter of a metre.
+_TURNING = {"stribeck_friction": ("stribeck_velocity", 0.0, 0.2, _DRY)}
 SPOOL = "valve_spool_lag"
 #: Laws that each hold the whole dry friction of a cylinder, or how much later than the others a
 #: valve is: one of them at a target.
@@ -88,6 +90,8 @@ class Contender:
         effect = self.term.effect
         # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
         limits = LIMITS | DRIVE_LIMITS if self.term.joint else LIMITS
+        if self.term.joint is not None:
+            limits = limits | _TURNING
         if effect.name in limits:
             parameter, least, most, other = limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)

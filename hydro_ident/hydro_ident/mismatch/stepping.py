@@ -40,6 +40,8 @@ HELD = {
 }
 #: What a law turns around over: the one that is in use is fitted.
 WAYS = (BEND.name, VELOCITY_SCALE.name)
+#: How the names of viscous friction end.
+VISCOUS = ".viscous_friction"
 #: A delay of less than this share of a cycle is none: a step to less is no step.
 _NO_DELAY = 0.05
 #: Steps of the delay below this change nothing that could be measured.
@@ -54,6 +56,8 @@ def moved(training: Training, model: Model, step: FloatArray) -> Model:
     count = len(values)
     for name, change in zip(predictor.names, step[:count], strict=True):
         values[name] += float(change)
+        if name.endswith(VISCOUS):
+            values[name] = max(values[name], 0.0)
     robot = with_values(model.robot, values)
     forces = predictor.material.forces.names
     theta = np.array([values.get(n, t) for n, t in zip(forces, model.theta, strict=True)])
@@ -149,7 +153,7 @@ def with_edges(valve: Valve, values: Mapping[str, float]) -> Valve:
 def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int, float]:
     """Columns whose step is not free, and that step.
 
-    Delays and skews go no further than their range.
+    Delays and skews go no further than their range, viscous friction no further than to none.
     """
     result = dict[int, float]()
     for index, at in training.predictor.delay_columns.items():
@@ -158,6 +162,9 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
         if not 0.0 <= fresh <= longest:
             result[at] = min(max(fresh, 0.0), longest) - now
     values = training.predictor.parameters(model)
+    for at in _viscous(training):
+        if values[at] + float(step[at]) < 0.0:
+            result[at] = -max(float(values[at]), 0.0)
     for reading, at in training.predictor.skew_columns.items():
         now, most = float(values[at]), largest_skew(reading, training.cycle_s)
         fresh = now + float(step[at])
@@ -180,10 +187,17 @@ def held_columns(training: Training, model: Model, step: FloatArray) -> list[int
     held += [
         at for chamber, at in predictor.skew_columns.items() if is_listed(model.terms, chamber)
     ]
+    # What rubs the less the faster it goes has no viscous friction, but a law of its own.
+    held += [at for at in _viscous(training) if now[at] <= 0.0 and step[at] < 0.0]
     bounds = dict.fromkeys(predictor.ripple_columns.values(), largest_ripple(cycle_s))
     bounds |= {at: largest_skew(one, cycle_s) for one, at in predictor.skew_columns.items()}
     ends = [k for k, most in bounds.items() if abs(now[k]) >= most and now[k] * step[k] > 0.0]
     return held + [k for k in ends if k not in held]
+
+
+def _viscous(training: Training) -> list[int]:
+    """Columns of viscous friction, which takes energy and gives none."""
+    return [k for k, name in enumerate(training.predictor.names) if name.endswith(VISCOUS)]
 
 
 def longest_delay(training: Training, index: int) -> float:
