@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.grid import longest_gap, runs
+from hydro_ident.bag.gaps import longest_gap
+from hydro_ident.bag.grid import runs
 from hydro_ident.bag.own_rate import interpolation_text, samples_per_reading
 from hydro_ident.bag.recording import Recording
 from hydro_model.robot import Robot

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import channels_of
-from hydro_ident.bag.grid import LongestGap, Topic, find_gaps, longest_gap, usual_period_s
+from hydro_ident.bag.gaps import LongestGap, find_gaps, longest_gap, usual_period_s
+from hydro_ident.bag.grid import Topic
 from hydro_ident.bag.reader import Bag, log_span_ns
 from hydro_ident.bag.recording import Recording, recording_of
 from hydro_ident.complaints import complaints_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.bag.grid import contiguous, find_gaps, usual_period_s
+from hydro_ident.bag.gaps import contiguous, find_gaps, usual_period_s
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.estimate.chambers import EDGES

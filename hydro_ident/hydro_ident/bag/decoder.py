@@ -90,13 +90,23 @@ class Decoder:
         BagError
             There is no memory for them.
         """
-        self._require(_AGAIN * sum(builder.table_bytes for builder in self.builders.values()))
+        self.require_tables()
         series = {}
         for topic, builder in self.builders.items():
             series[topic] = builder.finish()
             # One topic at a time is there twice.
             self.builders[topic] = SeriesBuilder(topic, builder.message_type)
         return series
+
+    def require_tables(self) -> None:
+        """See that there is memory for the columns of what was added.
+
+        Raises
+        ------
+        BagError
+            There is not.
+        """
+        self._require(_AGAIN * sum(builder.table_bytes for builder in self.builders.values()))
 
     def _ask(self, more: int) -> None:
         self._unasked += more

@@ -16,7 +16,9 @@ import numpy as np
 
 from hydro_ident.bag.channels import find_losses
 from hydro_ident.bag.dead_sensors import without_dead
-from hydro_ident.bag.grid import Topic, find_gaps, join, latched_cycles, usual_period_s
+from hydro_ident.bag.gaps import find_gaps, usual_period_s
+from hydro_ident.bag.grid import Topic, join
+from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
