@@ -155,7 +155,9 @@ class Intervals:
         raise self._undecided(length)
 
     def _undecided(self, length: float) -> UndecidedError:
-        return UndecidedError(f"expected intervals kept apart around {length:g} ns, found them summed")
+        return UndecidedError(
+            f"expected intervals kept apart around {length:g} ns, found them summed"
+        )
 
     @property
     def size(self) -> int:

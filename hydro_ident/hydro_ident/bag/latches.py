@@ -56,6 +56,11 @@ class LatchFinder:
         """The latch that lasts to the end, if there is one."""
         return self._ended(self._met) if self._open else []
 
+    @property
+    def since(self) -> int | None:
+        """First cycle of a latch that may go on; None where none does."""
+        return self._first if self._open and self._denied else None
+
     def _go_on(self, begin: int, asked: BoolArray) -> None:
         if not self._open:
             self._open, self._denied, self._last = True, 0, asked[:0]

@@ -23,6 +23,7 @@ from hydro_ident.bag.reader import (
     TopicInfo,
     count_block,
     files_of,
+    malformed_notes,
     no_message,
 )
 from hydro_ident.bag.recorded_run import BoolArray
@@ -218,19 +219,15 @@ class _Reader:
 
     def _collect(self) -> None:
         for topic, fresh in self.decoder.take().items():
-            self.kept[topic] = (
-                fresh if topic not in self.kept else joined(self.kept[topic], fresh)
-            )
+            self.kept[topic] = fresh if topic not in self.kept else joined(self.kept[topic], fresh)
 
     def _forget(self, before_ns: int) -> None:
         self.kept = {topic: _since(series, before_ns) for topic, series in self.kept.items()}
 
     def _bag(self) -> Bag:
-        malformed = [
-            f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
-            for s in self.kept.values()
-            if s.malformed
-        ]
+        malformed = malformed_notes(
+            {s.topic: (s.malformed, s.malformed_why) for s in self.kept.values()}
+        )
         notes = tuple(dict.fromkeys([*self.notes, *malformed]))
         infos = dict(sorted(self.infos.items()))
         return Bag(self.path, tuple(self.healths), infos, self.kept, self.metadata, notes)
