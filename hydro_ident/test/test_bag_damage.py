@@ -294,7 +294,7 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
         assert bag.unchecked, at
         assert not bag.checksummed, at
         assert contents_of(path).unchecked == bag.unchecked, at
-        inspection = inspect_bag(bag, robot)
+        inspection = inspect_bag(path, robot)
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
 
 
