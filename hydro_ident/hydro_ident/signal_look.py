@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hydro_ident.bag.changes import FirstLook
 from hydro_ident.bag.channels import Present
 from hydro_ident.bag.dead_sensors import SensorSpans
 from hydro_ident.bag.grid import BoolArray, runs
 from hydro_ident.bag.latches import LatchFinder
 from hydro_ident.bag.rails import Silence
-from hydro_ident.bag.reading_rate import FirstLook
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Held, Spans
 from hydro_model.robot import Robot

@@ -7,16 +7,14 @@ bend, a second one, of the same cycles, counts against that; both take cycles st
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from hydro_ident.bag.changes import Bends, Changes, FirstLook, sensor_columns, steps_of
 from hydro_ident.bag.grid import BoolArray, runs
 from hydro_ident.bag.intervals import Counts
 from hydro_ident.bag.recorded_run import Recording
-from hydro_ident.bag.running import Sums
-from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 #: Second differences below this share of their rms are those of a straight line: what rounding of
@@ -37,124 +35,12 @@ _PASSING, _COUNTS = 0.1, 1.5
 
 
 @dataclass(slots=True)
-class _Bends:
-    """Second differences of one signal, in readings that are there."""
-
-    met: int = 0
-    _tail: FloatArray = field(default_factory=lambda: np.zeros(0))
-    _squares: Sums = field(default_factory=lambda: Sums(1))
-
-    def add(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sizes of the bends that the next samples, (N,), bring, and of the steps behind them."""
-        known = values[np.isfinite(values)]
-        self.met += known.size
-        whole = np.concatenate([self._tail, known])
-        self._tail = whole[-2:].copy()
-        step = np.diff(whole)
-        bend = np.abs(np.diff(step))
-        self._squares.add(bend[:, None] ** 2)
-        return bend, np.abs(step[1:])
-
-    @property
-    def count(self) -> int:
-        """Bends met."""
-        return max(0, self.met - 2)
-
-    @property
-    def rms(self) -> float:
-        return float(np.sqrt(self._squares.total[0] / max(self.count, 1)))
-
-
-@dataclass(slots=True)
-class _Changes:
-    """A first look at the columns of one message."""
-
-    width: int
-    met: int = 0
-    #: Steps that are other than 0, and the smallest of them.
-    changes: IntArray = field(init=False)
-    smallest: FloatArray = field(init=False)
-    bends: list[_Bends] = field(init=False)
-    #: Of what is a number.
-    _least: FloatArray = field(init=False)
-    _most: FloatArray = field(init=False)
-    _last: FloatArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.changes, self.smallest = np.zeros(self.width, dtype=np.int64), _nan(self.width)
-        self._least, self._most = _nan(self.width), _nan(self.width)
-        self.bends = [_Bends() for _ in range(self.width)]
-        self._last = np.zeros((0, self.width))
-
-    def add(self, values: FloatArray) -> None:
-        steps = np.diff(np.concatenate([self._last, values]), axis=0)
-        self.met, self._last = self.met + len(values), values[-1:].copy()
-        # A reading that is missing counts as a change: no cycle may be left out for it.
-        changed = steps != 0.0
-        self.changes += changed.sum(axis=0)
-        if len(steps):
-            sizes = np.where(changed, np.abs(steps), np.nan)
-            self.smallest = np.fmin(self.smallest, np.fmin.reduce(sizes, axis=0))
-        self._least = np.fmin(self._least, np.fmin.reduce(values, axis=0))
-        self._most = np.fmax(self._most, np.fmax.reduce(values, axis=0))
-        for one, column in zip(self.bends, values.T, strict=True):
-            one.add(column)
-
-    @property
-    def moving(self) -> IntArray:
-        """Columns that change at all."""
-        finite = np.array([one.met > 0 for one in self.bends], dtype=np.bool_)
-        return np.flatnonzero(finite & (self._least < self._most))
-
-
-def _nan(width: int) -> FloatArray:
-    return np.full(width, np.nan)
-
-
-@dataclass(slots=True)
-class FirstLook:
-    """What changes in a recording, and how much it bends.
-
-    Parameters
-    ----------
-    robot : Robot
-    """
-
-    robot: Robot
-    messages: list[_Changes] = field(init=False)
-
-    def __post_init__(self) -> None:
-        joints, cylinders = self.robot.dof, len(self.robot.cylinders)
-        self.messages = [_Changes(2 * joints + cylinders), _Changes(2 * cylinders)]
-
-    def add(self, recording: Recording) -> None:
-        """Take in the next cycles."""
-        if len(recording):
-            for message, values in zip(self.messages, _columns(recording), strict=True):
-                message.add(values)
-
-
-def _columns(recording: Recording) -> Iterator[FloatArray]:
-    """Readings of sensors by the message they come in."""
-    robot, count = recording.robot, len(recording)
-    wide = {"stroke": len(robot.cylinders), "effort": robot.dof}
-    wide |= {"p_a": len(robot.cylinders), "p_b": len(robot.cylinders)}
-
-    def of(name: str) -> FloatArray:
-        values: FloatArray | None = getattr(recording, name)
-        return np.full((count, wide[name]), np.nan) if values is None else values
-
-    yield np.concatenate([recording.q, of("stroke"), of("effort")], axis=1)
-    yield np.concatenate([of("p_a"), of("p_b")], axis=1)
-
-
-@dataclass(slots=True)
 class _Lines:
     """Straight lines of one signal: how many bends lie on each, of those that count."""
 
     least: float
     longest: float
-    bends: _Bends = field(default_factory=_Bends)
+    bends: Bends = field(default_factory=Bends)
     lengths: Counts = field(default_factory=Counts)
     _open: int = 0
 
@@ -191,7 +77,7 @@ class _Lines:
 class _Beat:
     """How the columns of one message change together."""
 
-    first: _Changes
+    first: Changes
     longest: float
     moving: IntArray = field(init=False)
     apart: Counts = field(default_factory=Counts)
@@ -209,12 +95,11 @@ class _Beat:
         self._last = np.zeros((0, self.moving.size))
 
     def add(self, values: FloatArray) -> None:
-        moving = np.concatenate([self._last, values[:, self.moving]])
-        steps = np.diff(moving, axis=0)
+        moving = values[:, self.moving]
+        steps = steps_of(self._last, moving)
         self._last = moving[-1:].copy()
-        at = np.concatenate(
-            [self._changed, self._met + np.flatnonzero((steps != 0.0).any(axis=1))]
-        )
+        changed = self._met + np.flatnonzero((steps != 0.0).any(axis=1))
+        at = np.concatenate([self._changed, changed])
         self._met, self._changed = self._met + len(steps), at[-1:]
         apart = np.diff(at)
         # Readings of a machine at rest repeat themselves.
@@ -272,7 +157,9 @@ class SecondLook:
         """Take in the next cycles, those of the first look."""
         if not len(recording):
             return
-        for beat, lines, values in zip(self._beats, self._lines, _columns(recording), strict=True):
+        for beat, lines, values in zip(
+            self._beats, self._lines, sensor_columns(recording), strict=True
+        ):
             beat.add(values)
             for one, column in zip(lines, values.T[beat.moving], strict=True):
                 one.add(column)
