@@ -286,7 +286,7 @@ class Meetings:
 
 
 def irregular(disordered: Mapping[str, int]) -> list[str]:
-    """In words, topics with messages out of order; how many by topic."""
+    """In words, topics with messages out of order; by topic, how many are `disordered`."""
     return [
         f"{name}: {count} messages with a stamp older than the one before"
         for name, count in disordered.items()

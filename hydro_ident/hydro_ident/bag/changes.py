@@ -33,9 +33,11 @@ class Bends:
         self.met += known.size
         whole = np.concatenate([self._tail, known])
         self._tail = whole[-2:].copy()
-        step = np.diff(whole)
-        bend = np.abs(np.diff(step))
-        self._squares.add(bend[:, None] ** 2)
+        # What overflows bends by more than any line does.
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = np.diff(whole)
+            bend = np.abs(np.diff(step))
+            self._squares.add(bend[:, None] ** 2)
         return bend, np.abs(step[1:])
 
     @property
@@ -108,7 +110,10 @@ class Changes:
 
 
 def steps_of(last: FloatArray, values: FloatArray) -> FloatArray:
-    """From row to row, behind one that came before; between infinite ones no number."""
+    """Differences from row to row of `values`, the first from the `last` one that came before.
+
+    Between infinite ones there is no number.
+    """
     with np.errstate(invalid="ignore"):
         return np.diff(np.concatenate([last, values]), axis=0)
 

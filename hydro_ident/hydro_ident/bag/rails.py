@@ -77,7 +77,7 @@ class Silence:
             self._longest, self._last = max(self._longest, silent, first), int(read[-1])
 
     def longest_s(self, period_s: float) -> float:
-        """As the largest of `silence_s` over all cycles, s."""
+        """As the largest of `silence_s` over all cycles, s; `period_s` is theirs."""
         if self._last is None:
             return float(np.inf) if self._met else 0.0
         return max(self._longest, self._met - 1 - self._last) * period_s

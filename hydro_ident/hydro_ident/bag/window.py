@@ -79,7 +79,12 @@ class Window:
     _given_ns: int | None = None
 
     def add(self, fresh: Series) -> None:
-        """Take in the next messages, in file order.
+        """Take in the next messages.
+
+        Parameters
+        ----------
+        fresh : Series
+            In file order.
 
         Raises
         ------
@@ -103,9 +108,17 @@ class Window:
         self.kept = _rows(both, row)
 
     def give(self, until_ns: int | None) -> Series | None:
-        """Give away the messages up to a stamp, all of them for None; None where there are none.
+        """Give away messages; later ones must be newer.
 
-        Later ones must be newer.
+        Parameters
+        ----------
+        until_ns : int or None
+            Newest stamp that goes; all go for None.
+
+        Returns
+        -------
+        Series or None
+            In order of the stamps; None where there are none.
         """
         if until_ns is not None:
             given = until_ns if self._given_ns is None else max(until_ns, self._given_ns)
