@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from hydro_ident.bag.gaps import GapCount
 from hydro_ident.bag.reading_rate import SecondLook
 from hydro_ident.bag.recorded_run import Recording
-from hydro_ident.signal_look import FULL_SHARE, SignalLook, look_at
+from hydro_ident.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
 
 #: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
 STUCK_S = 1.0
@@ -54,7 +54,8 @@ def find_irregularities(recording: Recording) -> list[Finding]:
     gaps, look = GapCount(), look_at(recording)
     gaps.add(recording.gaps)
     second = SecondLook(look.changes, recording.period_s)
-    second.add(recording)
+    for part in parts_of(recording):
+        second.add(part)
     return irregularities(look, second, gaps, recording.dead)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from hydro_ident.bag.latches import LatchFinder
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Held, Spans
+from hydro_ident.bag.streaming import cut_recording
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import VALVE_STATE
@@ -24,6 +25,8 @@ _OPEN_SHARE = 0.02
 FULL_SHARE = 0.999
 #: Fields of a recording whose spans are told, beside the oil's temperature.
 _SPANNED = ("q", "stroke", "effort", "p_a", "p_b", "supply", "tank", "valve_v", "spool", "tip_ref")
+#: Cycles of a recording in memory that are looked at together.
+_CYCLES = 8192
 _HELD = ("q", "p_a", "p_b", "supply", "tank")
 
 
@@ -237,11 +240,29 @@ def look_at(recording: Recording) -> SignalLook:
     SignalLook
     """
     look = SignalLook(recording.robot)
-    look.add(recording)
+    for part in parts_of(recording):
+        look.add(part)
     look.finish()
     look.latched = LatchedSpans()
     look.latched.add(runs(recording.latched), recording.stamp_ns)
     return look
+
+
+def parts_of(recording: Recording) -> Iterator[Recording]:
+    """A recording in memory as stretches, so that looks at it take little besides.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Yields
+    ------
+    Recording
+        Views; the oil's temperature, which has stamps of its own, is in the first.
+    """
+    for begin in range(0, len(recording), _CYCLES):
+        part = cut_recording(recording, slice(begin, begin + _CYCLES))
+        yield replace(part, temperature_c=None) if begin else part
 
 
 def _matrix(values: FloatArray | None) -> FloatArray | None:
