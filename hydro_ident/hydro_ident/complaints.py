@@ -2,54 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from hydro_ident.bag.diagnostics import Status
 from hydro_msgs_docs.topics import IDLE, WAITING
 
 
-def complaints_of(statuses: Sequence[Status]) -> list[str]:
-    """Warnings and errors that nodes gave, each once.
+@dataclass(slots=True)
+class _Node:
+    """One node in the activation that goes on: what may still be a complaint, and since when."""
+
+    worked: bool = False
+    waits: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Complaints:
+    """Warnings and errors that nodes gave, collected while a recording is read.
 
     A node that was activated waits for the others and for a first sample or command, and waits
     once more when these have stopped before it: no complaint. One that waits between two times of
     work has lost something, and one that did nothing but wait never came to work.
-
-    Parameters
-    ----------
-    statuses : sequence of Status
-        In the order in which they were said.
-
-    Returns
-    -------
-    list of str
-        In the same order.
     """
-    by_name: dict[str, list[Status]] = {}
-    for status in statuses:
-        by_name.setdefault(status.name, []).append(status)
-    normal = {id(status) for own in by_name.values() for status in _normal_waits(own)}
-    said = (
-        f"{status.name}: {status.message} ({status.level})"
-        for status in statuses
-        if status.level != "ok" and id(status) not in normal
-    )
-    return list(dict.fromkeys(said))
 
+    _said: dict[str, int] = field(default_factory=dict)
+    _nodes: dict[str, _Node] = field(default_factory=dict)
+    _met: int = 0
 
-def _normal_waits(statuses: Iterable[Status]) -> list[Status]:
-    """The waiting of one node that has work on one side only, activation by activation.
+    def add(self, statuses: Sequence[Status]) -> None:
+        """Take in the next statuses.
 
-    With what it said while it was not active.
-    """
-    found: list[Status] = []
-    for idle, activation in groupby(statuses, key=lambda s: s.message.startswith(IDLE)):
-        said = list(activation)
-        if idle:
-            found += said
-            continue
-        worked = [k for k, s in enumerate(said) if not s.message.startswith(WAITING)]
-        if worked:
-            found += said[: worked[0]] + said[worked[-1] + 1 :]
-    return found
+        Parameters
+        ----------
+        statuses : sequence of Status
+            In the order in which they were said.
+        """
+        for status in statuses:
+            self._add(status)
+            self._met += 1
+
+    def _add(self, status: Status) -> None:
+        node = self._nodes.setdefault(status.name, _Node())
+        if status.message.startswith(IDLE):
+            self._end(node)
+            self._nodes[status.name] = _Node()
+            return
+        waits = status.message.startswith(WAITING)
+        if not waits:
+            # Waiting before the first work is normal, between two times of it not.
+            if node.worked:
+                self._end(node, worked=False)
+            node.worked, node.waits = True, {}
+        if status.level != "ok":
+            text = f"{status.name}: {status.message} ({status.level})"
+            (node.waits if waits else self._said).setdefault(text, self._met)
+
+    def _end(self, node: _Node, worked: bool | None = None) -> None:
+        """What waited to be told is a complaint unless the node worked before."""
+        if not (node.worked if worked is None else worked):
+            for text, at in node.waits.items():
+                self._said[text] = min(at, self._said.get(text, at))
+
+    def told(self) -> list[str]:
+        """The complaints of all that was said, each once, in the order of their first times."""
+        for node in self._nodes.values():
+            self._end(node)
+        return sorted(self._said, key=lambda text: self._said[text])

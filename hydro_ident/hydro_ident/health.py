@@ -5,22 +5,16 @@ Findings are plain sentences with numbers; nothing is repaired.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hydro_ident.bag.grid import longest_gap, runs
-from hydro_ident.bag.own_rate import interpolation_text, samples_per_reading
-from hydro_ident.bag.recording import Recording
-from hydro_model.robot import Robot
-
-FloatArray = NDArray[np.float64]
+from hydro_ident.bag.gaps import GapCount
+from hydro_ident.bag.reading_rate import SecondLook
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.signal_look import FULL_SHARE, SignalLook, look_at, parts_of
 
 #: A noisy transducer never repeats its reading this long, an encoder not while its valve is open.
 STUCK_S = 1.0
-_OPEN_SHARE = 0.02
-_FULL_SHARE = 0.999
 #: Signals may touch a joint limit by an encoder's noise.
 _LIMIT_MARGIN = 1e-3
 
@@ -57,162 +51,147 @@ def find_irregularities(recording: Recording) -> list[Finding]:
     list of Finding
         Empty for a healthy recording.
     """
+    gaps, look = GapCount(), look_at(recording)
+    gaps.add(recording.gaps)
+    second = SecondLook(look.changes, recording.period_s)
+    for part in parts_of(recording):
+        second.add(part)
+    return irregularities(look, second, gaps, recording.dead)
+
+
+def irregularities(
+    look: SignalLook, second: SecondLook, gaps: GapCount, dead: Mapping[str, float]
+) -> list[Finding]:
+    """What two looks at a recording's signals found.
+
+    Parameters
+    ----------
+    look : SignalLook
+    second : SecondLook
+    gaps : GapCount
+        Of the cycles.
+    dead : mapping of str to float
+        As of `Recording`.
+
+    Returns
+    -------
+    list of Finding
+    """
+    period_s = second.period_s
     return [
-        *_gaps(recording),
-        *_interpolated(recording),
-        *_latched(recording),
-        *_joints(recording),
-        *_pressures(recording),
-        *_valves(recording),
+        *_gaps(gaps, look.first_ns),
+        *_interpolated(second),
+        *_latched(look, period_s),
+        *_joints(look, period_s),
+        *_pressures(look, period_s, dead),
+        *_valves(look),
     ]
 
 
-def _gaps(recording: Recording) -> list[Finding]:
-    longest = longest_gap(recording.gaps, int(recording.stamp_ns[0]))
+def _gaps(gaps: GapCount, first_ns: int) -> list[Finding]:
+    longest = gaps.told(first_ns)
     if longest is None:
         return []
-    count, missing = len(recording.gaps), sum(gap.missing for gap in recording.gaps)
     text = (
-        f"{count} gap{'s' if count > 1 else ''}, {missing} cycles missing; the longest,"
-        f" {longest.length_s:.3f} s ({longest.missing} cycles), after {longest.after_s:.3f} s"
+        f"{gaps.count} gap{'s' if gaps.count > 1 else ''}, {gaps.missing} cycles missing; the"
+        f" longest, {longest.length_s:.3f} s ({longest.missing} cycles), after"
+        f" {longest.after_s:.3f} s"
     )
     return [Finding("cycles", "gap", text)]
 
 
-def _interpolated(recording: Recording) -> list[Finding]:
-    every = samples_per_reading(recording)
-    if every == 1:
-        return []
-    return [Finding("cycles", "interpolated", interpolation_text(recording, every))]
+def _interpolated(second: SecondLook) -> list[Finding]:
+    every = second.every()
+    return [] if every == 1 else [Finding("cycles", "interpolated", second.text(every))]
 
 
-def _latched(recording: Recording) -> list[Finding]:
-    spans = runs(recording.latched)
-    if not spans:
+def _latched(look: SignalLook, period_s: float) -> list[Finding]:
+    latched = look.latched
+    if not latched.count:
         return []
-    total_s = float(recording.latched.sum()) * recording.period_s
-    first_s = recording.time_s[spans[0][0]]
     text = (
-        f"the gate held 0 V against the command for {total_s:.2f} s in {len(spans)} spans,"
-        f" first at {first_s:.2f} s"
+        f"the gate held 0 V against the command for {latched.cycles * period_s:.2f} s in"
+        f" {latched.count} spans, first at {look.seconds(latched.first_ns):.2f} s"
     )
     return [Finding("valves", "latched", text)]
 
 
-def _joints(recording: Recording) -> list[Finding]:
-    findings = []
-    robot = recording.robot
+def _joints(look: SignalLook, period_s: float) -> Iterator[Finding]:
+    spans, robot = look.spans["q"], look.robot
+    with_valves = {valve.cylinder for valve in robot.valves if "valve_v" in look.spans}
+    driven = {c.joint for c in robot.cylinders if c.name in with_valves}
     for i, joint in enumerate(robot.joints):
-        q = recording.q[:, i]
-        if bool(np.isnan(q).all()):
+        if not spans.there[i]:
             continue
-        findings += _not_finite(joint.name, q)
-        below, above = np.nanmin(q), np.nanmax(q)
+        yield from _not_finite(joint.name, look.cycles - int(spans.finite[i]))
+        below, above = spans.least[i], spans.most[i]
         if below < joint.lower - _LIMIT_MARGIN or above > joint.upper + _LIMIT_MARGIN:
             text = (
                 f"from {below:.4f} to {above:.4f}, outside its limits"
                 f" {joint.lower:.4f} to {joint.upper:.4f}"
             )
-            findings.append(Finding(joint.name, "limit", text))
-        opened = _valve_open(recording, robot, joint.name)
-        if opened is not None:
-            findings += _stuck(recording, joint.name, q, opened)
-    return findings
+            yield Finding(joint.name, "limit", text)
+        if joint.name in driven:
+            held = look.held["q"][i]
+            when = " although its valve was open"
+            yield from _stuck(look, joint.name, (held.longest, held.since_ns), period_s, when)
 
 
-def _valve_open(recording: Recording, robot: Robot, joint: str) -> NDArray[np.bool_] | None:
-    cylinders = {c.name for c in robot.cylinders if c.joint == joint}
-    for k, valve in enumerate(robot.valves):
-        if valve.cylinder in cylinders and recording.valve_v is not None:
-            share = np.abs(np.nan_to_num(recording.valve_v[:, k])) / valve.rated_voltage_v
-            return np.asarray(share > _OPEN_SHARE, dtype=np.bool_)
-    return None
+def _pressures(look: SignalLook, period_s: float, dead: Mapping[str, float]) -> Iterator[Finding]:
+    robot, count = look.robot, look.cycles
+    read = {name: (kind, i) for name, kind, i in look.pressures()}
+    # Dead transducers' columns are not looked at; what they read says why.
+    for name in dict.fromkeys((*read, *(name for name in dead if "/" in name))):
+        if name in dead:
+            low_pa = dead[name]
+            stretch = count - 1, look.second_ns
+            full = float(low_pa >= FULL_SHARE * robot.sensors.pressure_range_pa)
+            void = float(low_pa < -robot.atmospheric_pressure_pa)
+        else:
+            kind, i = read[name]
+            low_pa, held = float(look.spans[kind].least[i]), look.held[kind][i]
+            stretch = held.longest, held.since_ns
+            full, void = look.full[kind][i] / count, look.void[kind][i] / count
+            yield from _not_finite(name, count - int(look.spans[kind].finite[i]))
+        yield from _stuck(look, name, stretch, period_s)
+        yield from _ends(look, name, full, void, low_pa)
 
 
-def _pressures(recording: Recording) -> list[Finding]:
-    findings = []
-    atmosphere_pa = recording.robot.atmospheric_pressure_pa
-    full_pa = recording.robot.sensors.pressure_range_pa
-    # Dead transducers' columns are NaN; what they read says why.
-    dead = {k: np.full(len(recording), v) for k, v in recording.dead.items() if "/" in k}
-    for name, p in (pressure_columns(recording) | dead).items():
-        findings += _not_finite(name, p)
-        findings += _stuck(recording, name, p)
-        full = float(np.mean(p >= _FULL_SHARE * full_pa))
-        if full:
-            text = f"{full:.1%} of the time at the end of its range ({full_pa / 1e5:.0f} bar)"
-            findings.append(Finding(name, "saturated", text))
-        void = float(np.mean(p < -atmosphere_pa))
-        if void:
-            low_bar = (float(np.nanmin(p)) + atmosphere_pa) / 1e5
-            text = (
-                f"{void:.1%} of the time below vacuum (down to {low_bar:.2f} bar absolute):"
-                " gauge recorded as absolute, or a zero that is off"
-            )
-            findings.append(Finding(name, "range", text))
-    return findings
+def _ends(
+    look: SignalLook, name: str, full: float, void: float, low_pa: float
+) -> Iterator[Finding]:
+    """Of a pressure that is at the end of its range, or below vacuum, for some share of time."""
+    if full:
+        full_bar = look.robot.sensors.pressure_range_pa / 1e5
+        text = f"{full:.1%} of the time at the end of its range ({full_bar:.0f} bar)"
+        yield Finding(name, "saturated", text)
+    if void:
+        low_bar = (low_pa + look.robot.atmospheric_pressure_pa) / 1e5
+        text = (
+            f"{void:.1%} of the time below vacuum (down to {low_bar:.2f} bar absolute):"
+            " gauge recorded as absolute, or a zero that is off"
+        )
+        yield Finding(name, "range", text)
 
 
-def pressure_columns(recording: Recording) -> dict[str, FloatArray]:
-    """Every recorded pressure by its name in `/chamber_pressures`, Pa gauge, (N,) each.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    dict of str to array
-    """
-    columns: dict[str, FloatArray] = {}
-    for i, cylinder in enumerate(recording.robot.cylinders):
-        for side, chambers in (("a", recording.p_a), ("b", recording.p_b)):
-            if chambers is not None and not bool(np.isnan(chambers[:, i]).all()):
-                columns[f"{cylinder.name}/{side}"] = chambers[:, i]
-    for name, values in (("supply", recording.supply), ("tank", recording.tank)):
-        if values is not None:
-            columns[name] = values
-    return columns
+def _valves(look: SignalLook) -> Iterator[Finding]:
+    if "valve_v" in look.spans:
+        for valve, full in zip(look.robot.valves, look.full["valve_v"], strict=True):
+            if full:
+                text = f"{full / look.cycles:.1%} of the time at {valve.rated_voltage_v:g} V"
+                yield Finding(valve.name, "saturated", text)
 
 
-def _valves(recording: Recording) -> list[Finding]:
-    findings = []
-    if recording.valve_v is None:
-        return []
-    for k, valve in enumerate(recording.robot.valves):
-        share = np.abs(recording.valve_v[:, k]) / valve.rated_voltage_v
-        full = float(np.mean(share >= _FULL_SHARE))
-        if full:
-            text = f"{full:.1%} of the time at {valve.rated_voltage_v:g} V"
-            findings.append(Finding(valve.name, "saturated", text))
-    return findings
-
-
-def _not_finite(name: str, values: FloatArray) -> list[Finding]:
-    count = int(np.sum(~np.isfinite(values)))
+def _not_finite(name: str, count: int) -> list[Finding]:
     return [Finding(name, "not_finite", f"{count} samples are not finite")] if count else []
 
 
 def _stuck(
-    recording: Recording,
-    name: str,
-    values: FloatArray,
-    driven: NDArray[np.bool_] | None = None,
+    look: SignalLook, name: str, stretch: tuple[int, int], period_s: float, when: str = ""
 ) -> list[Finding]:
-    """Longest stretch of bit-identical readings, of which most were `driven` where given."""
-    same = np.concatenate(([False], np.diff(values) == 0.0))
-    shortest = STUCK_S / recording.period_s
-    spans = [
-        (begin, end)
-        for begin, end in runs(same)
-        if end - begin >= shortest and (driven is None or float(driven[begin:end].mean()) > 0.5)
-    ]
-    if not spans:
+    """Of the longest stretch of bit-identical readings: how many, and the first one's stamp."""
+    length, since_ns = stretch
+    if not length or length < STUCK_S / period_s:
         return []
-    begin, end = max(spans, key=lambda span: span[1] - span[0])
-    when = "" if driven is None else " although its valve was open"
-    text = (
-        f"unchanged for {(end - begin) * recording.period_s:.2f} s"
-        f" from {recording.time_s[begin]:.2f} s on{when}"
-    )
+    text = f"unchanged for {length * period_s:.2f} s from {look.seconds(since_ns):.2f} s on{when}"
     return [Finding(name, "stuck", text)]

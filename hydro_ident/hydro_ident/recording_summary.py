@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.grid import LongestGap, longest_gap
+from hydro_ident.bag.gaps import LongestGap, longest_gap
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.derivatives import secant_slope

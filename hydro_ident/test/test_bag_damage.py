@@ -21,7 +21,7 @@ from hydro_ident.bag.streaming import cut_recording, stream_recordings
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import text_of
 from hydro_ident.errors import BagError
-from hydro_ident.inspection import inspect_bag
+from hydro_ident.inspection_reading import inspect_bag
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
@@ -294,7 +294,7 @@ def test_a_bag_without_checksums_is_called_so_whatever_byte_changed(
         assert bag.unchecked, at
         assert not bag.checksummed, at
         assert contents_of(path).unchecked == bag.unchecked, at
-        inspection = inspect_bag(bag, robot)
+        inspection = inspect_bag(path, robot)
         assert ("not checksummed" in text_of(inspection)) != bag.checksum_failed, at
 
 

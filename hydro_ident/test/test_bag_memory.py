@@ -97,7 +97,6 @@ def _run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "command",
     [
-        "inspect",
         "tracking",
         # Where they lack something, they say that first.
         pytest.param("identify", marks=pytest.mark.needs("clarabel", "plotly")),
@@ -113,6 +112,13 @@ def test_a_bag_that_does_not_fit_is_refused_in_one_line(
     assert done.returncode == 2, done.stderr
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"{command}: {bomb[0]}: expected a bag that fits into memory (0.")
+
+
+def test_looking_it_over_takes_flat_memory(bomb: tuple[Path, int]) -> None:
+    path, count = bomb
+    done = _run(LIMITED, "hydro_ident.commands.inspect", 150 * MIB, path, "--robot", "xs031")
+    assert done.returncode == 0, done.stderr
+    assert f" {count} messages" in done.stdout
 
 
 def test_playing_it_back_takes_flat_memory(bomb: tuple[Path, int]) -> None:

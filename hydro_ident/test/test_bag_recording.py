@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.bag.grid import contiguous, find_gaps, latched_cycles, runs
+from hydro_ident.bag.gaps import contiguous, find_gaps
+from hydro_ident.bag.grid import runs
+from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError

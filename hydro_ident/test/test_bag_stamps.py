@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.bag.grid import contiguous, find_gaps, usual_period_s
-from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.gaps import contiguous, find_gaps, usual_period_s
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.estimate.chambers import EDGES
 from hydro_ident.estimate.hydraulics import fit_hydraulics
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.inspection import inspect_bag
+from hydro_ident.inspection_reading import inspect_bag
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 2_000_000
@@ -39,7 +38,7 @@ def test_the_period_is_no_whole_number_of_the_clocks_ticks(
     gapped = np.delete(stamps, [700, 701, 1900])
     assert usual_period_s(gapped) == pytest.approx(1.0 / rate_hz, rel=1e-3)
     assert [gap.missing for gap in find_gaps(gapped, usual_period_s(gapped))] == [2, 1]
-    topics = {one.topic: one for one in inspect_bag(read_bag(r.path), robot).topics}
+    topics = {one.topic: one for one in inspect_bag(r.path, robot).topics}
     assert topics["/joint_states"].rate_hz == pytest.approx(rate_hz, rel=1.5e-4)
 
 

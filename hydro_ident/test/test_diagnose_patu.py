@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.own_rate import samples_per_reading
+from hydro_ident.bag.reading_rate import samples_per_reading
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import run as convert
 from hydro_ident.mismatch.diagnosis import diagnose

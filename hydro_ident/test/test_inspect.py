@@ -17,9 +17,10 @@ from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.commands.inspect import main, text_of
-from hydro_ident.complaints import complaints_of
+from hydro_ident.complaints import Complaints
 from hydro_ident.health import find_irregularities
-from hydro_ident.inspection import inspect_bag, robot_of
+from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.named_robot import named_robot
 from hydro_model import terminal
 from hydro_msgs_docs.cdr import JOINT_STATE
 
@@ -94,7 +95,7 @@ def test_the_longest_gap_is_told_with_its_time(write_bag, run_columns, robot, ca
         columns["/joint_states"][1]["position"][first:last] = np.nan
     path = write_bag(columns, metadata={"robot": "xs031"})
     # 2 ms each: from cycle 299 to cycle 310, beside 2 cycles from cycle 99 on.
-    topics = {t.topic: t for t in inspect_bag(read_bag(path), robot).topics}
+    topics = {t.topic: t for t in inspect_bag(path, robot).topics}
     gap = topics["/joint_states"].longest_gap
     assert gap is not None
     assert (gap.after_s, gap.length_s, gap.missing) == pytest.approx((0.598, 0.022, 10))
@@ -113,7 +114,7 @@ def test_the_record_of_a_bag(write_bag, run_columns, robot) -> None:
     path = write_bag(
         columns, metadata={"robot": "xs031", "note": "cold oil", "mapping": "x" * 999}
     )
-    inspection = inspect_bag(read_bag(path), robot)
+    inspection = inspect_bag(path, robot)
     assert inspection.cycles == N
     assert inspection.rate_hz == pytest.approx(500.0)
     assert inspection.duration_s == pytest.approx(2.998)
@@ -201,7 +202,9 @@ def test_waiting_is_irregular_in_the_middle_of_a_run_only(messages, expected) ->
             Status(k, "ok", "controller", "following", {}),  # another node's work is not its own
         )
     ]
-    assert complaints_of(statuses) == [f"can_bridge: {text} (warn)" for text in expected]
+    complaints = Complaints()
+    complaints.add(statuses)
+    assert complaints.told() == [f"can_bridge: {text} (warn)" for text in expected]
 
 
 def test_a_bag_cut_off_is_said(write_bag, run_columns, capsys) -> None:
@@ -289,20 +292,21 @@ def _small_bag(folder: Path, metadata: Mapping[str, str]) -> Path:
 
 def test_a_failed_checksum_is_in_the_inspection(tmp_path: Path, robot) -> None:
     path = _small_bag(tmp_path / "bag", {"note": "small"})
-    assert "checksums hold" in text_of(inspect_bag(read_bag(path), robot))
+    assert "checksums hold" in text_of(inspect_bag(path, robot))
     file = path / "bag_0.mcap"
     data = bytearray(file.read_bytes())
     data[data.index(b"small")] ^= 1
     file.write_bytes(data)
-    told = text_of(inspect_bag(read_bag(path), robot))
+    told = text_of(inspect_bag(path, robot))
     assert "a checksum FAILS" in told
     assert "bytes changed" in told
 
 
 def test_what_a_bag_says_commands_no_terminal_and_opens_no_file(tmp_path: Path, robot) -> None:
     metadata = {"robot": "/etc/hostname", "note": "\x1b[2Jgone\nnext"}
-    bag = read_bag(_small_bag(tmp_path / "bag", metadata))
-    assert robot_of(bag, None) is None
-    text = text_of(inspect_bag(bag, robot))
+    path = _small_bag(tmp_path / "bag", metadata)
+    assert named_robot(metadata) is None
+    assert inspect_bag(path).robot is None
+    text = text_of(inspect_bag(path, robot))
     assert "\x1b" not in text
     assert "\\x1b[2Jgone\\nnext" in text

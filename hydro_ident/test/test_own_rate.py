@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.own_rate import samples_per_reading
+from hydro_ident.bag.reading_rate import samples_per_reading
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signal_survey import SignalSurvey

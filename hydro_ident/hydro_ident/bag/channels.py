@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
-from hydro_ident.bag.rails import LONGEST_S, silence_s
+from hydro_ident.bag.rails import LONGEST_S
 from hydro_model.robot import Cylinder, Robot
-from hydro_msgs_docs.cdr import FloatArray
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
 
@@ -33,8 +32,37 @@ class Loss:
     stands: bool = False
 
 
-def _missing(values: FloatArray | None, column: int) -> bool:
-    return values is None or bool(np.isnan(values[:, column]).all())
+@dataclass(frozen=True, slots=True)
+class Present:
+    """Which columns of a recording have readings; None for what was not recorded at all.
+
+    Attributes
+    ----------
+    q : (n,) sequence of bool
+    stroke : (m,) sequence of bool or None
+    effort : (n,) sequence of bool or None
+    chambers : (m,) sequences of bool or None
+        Pressures of chambers A and of chambers B.
+    silent_s : floats or None
+        Longest time without a reading of supply and of tank, s.
+    valve_v : (m,) sequence of bool or None
+    """
+
+    q: Sequence[bool]
+    stroke: Sequence[bool] | None
+    effort: Sequence[bool] | None
+    chambers: tuple[Sequence[bool] | None, Sequence[bool] | None]
+    silent_s: tuple[float | None, float | None]
+    valve_v: Sequence[bool] | None
+
+    @property
+    def hydraulic(self) -> bool:
+        """Some chamber's pressures were recorded."""
+        return any(p is not None for p in self.chambers)
+
+
+def _missing(values: Sequence[bool] | None, column: int) -> bool:
+    return values is None or not values[column]
 
 
 def channels_of(robot: Robot, *, torque: bool = False) -> tuple[str, ...]:
@@ -62,15 +90,9 @@ def channels_of(robot: Robot, *, torque: bool = False) -> tuple[str, ...]:
 
 def find_losses(
     robot: Robot,
+    present: Present,
     *,
-    q: FloatArray,
-    stroke: FloatArray | None,
-    effort: FloatArray | None,
-    chambers: tuple[FloatArray | None, FloatArray | None],
-    sources: tuple[FloatArray | None, FloatArray | None],
-    valve_v: FloatArray | None,
     valve_source: str,
-    period_s: float,
     valve_stamps: str = "",
     dead: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Loss, ...]:
@@ -79,17 +101,9 @@ def find_losses(
     Parameters
     ----------
     robot : Robot
-    q : (N, n) array
-    stroke : (N, m) array or None
-    effort : (N, n) array or None
-    chambers : (N, m) arrays or None
-        Pressures of chambers A and of chambers B.
-    sources : (N,) arrays or None
-        Supply and tank.
-    valve_v : (N, m) array or None
+    present : Present
     valve_source : str
-        Topic of `valve_v`.
-    period_s : float
+        Topic of the valves' voltages.
     valve_stamps : str
         What is wrong with the stamps of the valves' topic.
     dead : mapping of str to float
@@ -100,12 +114,12 @@ def find_losses(
     tuple of Loss
     """
     losses: list[Loss] = []
-    blind = [j for i, j in enumerate(robot.joint_names) if _missing(q, i)]
-    hydraulic = any(p is not None for p in chambers)
+    blind = [j for i, j in enumerate(robot.joint_names) if _missing(present.q, i)]
+    chambers, hydraulic = present.chambers, present.hydraulic
     for i, cylinder in enumerate(robot.cylinders):
         joint = cylinder.joint
-        position = _position_reason(robot, cylinder, i, blind, stroke)
-        valve = _valve_reason(robot, cylinder, valve_v, valve_source, valve_stamps)
+        position = _position_reason(robot, cylinder, i, blind, present.stroke)
+        valve = _valve_reason(robot, cylinder, present.valve_v, valve_source, valve_stamps)
         dry = [_chamber_reason(robot, i, side, chambers, dead) for side in (0, 1)]
         reasons = {
             f"{joint}/force": [*dict.fromkeys(r for r in dry if r), *_angles_reason(blind)],
@@ -114,13 +128,13 @@ def find_losses(
         }
         stands = any(f"{cylinder.name}/{side}" in dead for side in "ab")
         losses += [Loss(c, "; ".join(why), stands) for c, why in reasons.items() if why]
-    losses += _torque_losses(robot, effort, hydraulic, blind, dead)
-    return (*losses, *(_rail_losses(robot, sources, period_s) if hydraulic else ()))
+    losses += _torque_losses(robot, present.effort, hydraulic, blind, dead)
+    return (*losses, *(_rail_losses(robot, present.silent_s) if hydraulic else ()))
 
 
 def _torque_losses(
     robot: Robot,
-    effort: FloatArray | None,
+    effort: Sequence[bool] | None,
     hydraulic: bool,
     blind: list[str],
     dead: Mapping[str, float],
@@ -142,17 +156,14 @@ def _torque_losses(
     return losses
 
 
-def _rail_losses(
-    robot: Robot, sources: tuple[FloatArray | None, FloatArray | None], period_s: float
-) -> Iterator[Loss]:
+def _rail_losses(robot: Robot, silent: tuple[float | None, float | None]) -> Iterator[Loss]:
     """Rails that were not recorded, or not read for so long that nobody knows what they did."""
     constants = (robot.supply_pressure_pa, robot.tank_pressure_pa)
-    for name, values, constant in zip(("supply", "tank"), sources, constants, strict=True):
-        if values is None:
+    for name, silent_s, constant in zip(("supply", "tank"), silent, constants, strict=True):
+        if silent_s is None:
             text = f"not in {CHAMBER_PRESSURES}: the robot file's {constant / 1e5:g} bar used"
             yield Loss(name, text, stands=True)
             continue
-        silent_s = float(silence_s(values, period_s).max(initial=0.0))
         if silent_s > LONGEST_S:
             how = f"for {silent_s:.1f} s at a time" if np.isfinite(silent_s) else "for a while"
             text = f"not in {CHAMBER_PRESSURES} {how}: flows are left out there"
@@ -165,7 +176,7 @@ def _angles_reason(blind: list[str]) -> list[str]:
 
 
 def _position_reason(
-    robot: Robot, cylinder: Cylinder, column: int, blind: list[str], stroke: FloatArray | None
+    robot: Robot, cylinder: Cylinder, column: int, blind: list[str], stroke: Sequence[bool] | None
 ) -> str:
     if cylinder.joint not in blind or not _missing(stroke, column):
         return ""
@@ -176,7 +187,7 @@ def _chamber_reason(
     robot: Robot,
     i: int,
     side: int,
-    chambers: tuple[FloatArray | None, FloatArray | None],
+    chambers: tuple[Sequence[bool] | None, Sequence[bool] | None],
     dead: Mapping[str, float],
 ) -> str:
     cylinder = robot.cylinders[i]
@@ -193,7 +204,7 @@ def _chamber_reason(
 
 
 def _valve_reason(
-    robot: Robot, cylinder: Cylinder, valve_v: FloatArray | None, source: str, stamps: str
+    robot: Robot, cylinder: Cylinder, valve_v: Sequence[bool] | None, source: str, stamps: str
 ) -> str:
     columns = [k for k, v in enumerate(robot.valves) if v.cylinder == cylinder.name]
     if not columns:

@@ -9,18 +9,82 @@ it, vented or under a constant counter-pressure. `health` tells it all the same.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.recorded_run import BoolArray, Recording
+from hydro_ident.bag.recorded_run import Recording
 from hydro_model.joint_ranges import limits
+from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray
 
 #: A joint that goes through this share of its range changes what gravity and friction ask for by
 #: far more than a torque's or a pressure's resolution.
 _MOVES = 0.01
+
+
+@dataclass(slots=True)
+class SensorSpans:
+    """What tells sensors of force apart from dead ones, of cycles that come stretch by stretch.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
+
+    robot: Robot
+    _first: dict[str, float] = field(default_factory=dict)
+    _spans: dict[str, tuple[float, float]] = field(default_factory=dict)
+    #: From where to where its joint was while a sensor was read.
+    _travels: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def add(self, recording: Recording) -> None:
+        """Take in the next cycles."""
+        for name, kind, column, joint in _sensors(recording):
+            values = getattr(recording, kind)[:, column]
+            there = np.isfinite(values)
+            if not there.any():
+                continue
+            values, q = values[there], recording.q[there, joint]
+            self._first.setdefault(name, float(values[0]))
+            _widen(self._spans, name, values)
+            _widen(self._travels, name, q[np.isfinite(q)])
+
+    def dead(self, known: Mapping[str, float] = MappingProxyType({})) -> dict[str, float]:
+        """Sensors that are dead in these cycles, and their readings.
+
+        Parameters
+        ----------
+        known : mapping of str to float
+            As of `without_dead`.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        dead = {}
+        for name, kind, _, joint in _every_sensor(self.robot):
+            reading = self._first.get(name)
+            if reading is None or self._spans[name][1] > self._spans[name][0]:
+                continue
+            if kind != "effort" and not _at_an_end(self.robot, reading):
+                continue
+            if known.get(name) == reading or self._moved(name, joint):
+                dead[name] = reading
+        return dead
+
+    def _moved(self, name: str, joint: int) -> bool:
+        least, most = self._travels.get(name, (0.0, 0.0))
+        lower, upper = limits(self.robot)[joint]
+        return most - least > _MOVES * float(upper - lower)
+
+
+def _widen(spans: dict[str, tuple[float, float]], name: str, values: FloatArray) -> None:
+    if values.size:
+        least, most = spans.get(name, (np.inf, -np.inf))
+        spans[name] = min(least, float(values.min())), max(most, float(values.max()))
 
 
 def without_dead(recording: Recording, known: Mapping[str, float]) -> Recording:
@@ -39,48 +103,36 @@ def without_dead(recording: Recording, known: Mapping[str, float]) -> Recording:
         With the columns NaN, None where no other column of a field has a reading, and with what
         is dead in `dead`.
     """
-    dead, fields = dict(known), dict[str, FloatArray]()
-    for name, field, column, joint in _sensors(recording):
-        values = getattr(recording, field)[:, column]
-        there = np.isfinite(values)
-        if not there.any() or np.ptp(values[there]) > 0.0:
-            continue
-        reading = float(values[there][0])
-        if field != "effort" and not _at_an_end(recording, reading):
-            continue
-        if known.get(name) != reading and not _moves(recording, joint, there):
-            continue
-        dead[name] = reading
-        fields.setdefault(field, getattr(recording, field).copy())[:, column] = np.nan
+    spans = SensorSpans(recording.robot)
+    spans.add(recording)
+    dead, fields = spans.dead(known), dict[str, FloatArray]()
+    for name, kind, column, _ in _sensors(recording):
+        if name in dead:
+            fields.setdefault(kind, getattr(recording, kind).copy())[:, column] = np.nan
     left: dict[str, Any] = {
         f: None if np.isnan(values).all() else values for f, values in fields.items()
     }
-    changed: Recording = replace(recording, dead=dead, **left)
+    changed: Recording = replace(recording, dead={**known, **dead}, **left)
     return changed
 
 
 def _sensors(recording: Recording) -> Iterator[tuple[str, str, int, int]]:
+    """Name, field and column of every sensor of force that was recorded, and its joint."""
+    for sensor in _every_sensor(recording.robot):
+        if getattr(recording, sensor[1]) is not None:
+            yield sensor
+
+
+def _every_sensor(robot: Robot) -> Iterator[tuple[str, str, int, int]]:
     """Name, field and column of every sensor of force, and the joint that changes it."""
-    robot = recording.robot
-    if recording.effort is not None:
-        for i, joint in enumerate(robot.joint_names):
-            yield f"{joint} effort", "effort", i, i
+    for i, joint in enumerate(robot.joint_names):
+        yield f"{joint} effort", "effort", i, i
     for side in "ab":
-        if getattr(recording, f"p_{side}") is not None:
-            for i, cylinder in enumerate(robot.cylinders):
-                at = robot.joint_index(cylinder.joint)
-                yield f"{cylinder.name}/{side}", f"p_{side}", i, at
+        for i, cylinder in enumerate(robot.cylinders):
+            yield f"{cylinder.name}/{side}", f"p_{side}", i, robot.joint_index(cylinder.joint)
 
 
-def _at_an_end(recording: Recording, gauge_pa: float) -> bool:
+def _at_an_end(robot: Robot, gauge_pa: float) -> bool:
     """Whether a pressure is none, or all that its transducer can show."""
-    robot = recording.robot
     nothing = gauge_pa + robot.atmospheric_pressure_pa <= 0.0
     return nothing or gauge_pa >= robot.sensors.pressure_range_pa
-
-
-def _moves(recording: Recording, joint: int, there: BoolArray) -> bool:
-    q = recording.q[there, joint]
-    q = q[np.isfinite(q)]
-    lower, upper = limits(recording.robot)[joint]
-    return q.size > 1 and float(np.ptp(q)) > _MOVES * float(upper - lower)

@@ -44,6 +44,7 @@ class Decoder:
         self._notes = notes
         self._diagnostics = diagnostics
         self._unasked = 0
+        self._said = 0
 
     def add(self, block: MessageBlock) -> None:
         """Decode a block.
@@ -61,7 +62,7 @@ class Decoder:
         if channel.message_type == DIAGNOSTIC_ARRAY:
             if self._diagnostics:
                 self._ask(_PER_STATUS_BYTE * int(block.length.sum()))
-                if malformed := add_statuses(block, self.statuses):
+                if malformed := add_statuses(block, self.statuses, self._said):
                     self._say(f"{channel.topic}: {malformed} messages could not be decoded")
             return
         if channel.message_type not in FIELDS:
@@ -90,13 +91,29 @@ class Decoder:
         BagError
             There is no memory for them.
         """
-        self._require(_AGAIN * sum(builder.table_bytes for builder in self.builders.values()))
+        self.require_tables()
         series = {}
         for topic, builder in self.builders.items():
             series[topic] = builder.finish()
             # One topic at a time is there twice.
             self.builders[topic] = SeriesBuilder(topic, builder.message_type)
         return series
+
+    def take_statuses(self) -> list[Status]:
+        """What nodes said since the last time."""
+        statuses, self.statuses = self.statuses, []
+        self._said += len(statuses)
+        return statuses
+
+    def require_tables(self) -> None:
+        """See that there is memory for the columns of what was added.
+
+        Raises
+        ------
+        BagError
+            There is not.
+        """
+        self._require(_AGAIN * sum(builder.table_bytes for builder in self.builders.values()))
 
     def _ask(self, more: int) -> None:
         self._unasked += more

@@ -76,11 +76,14 @@ def _status(cursor: Cursor, stamp_ns: int) -> Status:
     return Status(stamp_ns, known, name, message, values)
 
 
-def add_statuses(block: MessageBlock, statuses: list[Status]) -> int:
-    """Decode a block onto a list; returns how many messages could not be decoded."""
+def add_statuses(block: MessageBlock, statuses: list[Status], before: int = 0) -> int:
+    """Decode a block onto a list; returns how many messages could not be decoded.
+
+    So many statuses came `before` those of the list.
+    """
     malformed = 0
     for offset, length in zip(block.offset, block.length, strict=True):
-        if len(statuses) > _MOST_STATUSES or length > _MOST_BYTES:
+        if before + len(statuses) > _MOST_STATUSES or length > _MOST_BYTES:
             malformed += 1
             continue
         try:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import Loss
-from hydro_ident.bag.grid import Gap
+from hydro_ident.bag.gaps import Gap
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.streaming import COLUMNS, Piece, cut_recording, map_columns
 

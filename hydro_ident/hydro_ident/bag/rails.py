@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hydro_ident.bag.grid import BoolArray
@@ -52,6 +54,33 @@ def silence_s(values: FloatArray, period_s: float) -> FloatArray:
     behind = read[np.minimum(np.searchsorted(read, cycle), read.size - 1)]
     before = read[np.maximum(np.searchsorted(read, cycle, side="right") - 1, 0)]
     return np.asarray((np.maximum(behind, cycle) - np.minimum(before, cycle)) * period_s)
+
+
+@dataclass(slots=True)
+class Silence:
+    """The longest time without a reading of a rail whose cycles come stretch by stretch."""
+
+    _met: int = 0
+    _last: int | None = None
+    _longest: int = 0
+
+    def add(self, values: FloatArray) -> None:
+        """Take in the next cycles, (N,); NaN where there is no reading."""
+        read = self._met + np.flatnonzero(np.isfinite(values))
+        self._met += values.size
+        if read.size:
+            before = read[0] if self._last is None else self._last
+            # Up to the first reading all cycles are silent.
+            first = int(read[0]) if self._last is None else 0
+            apart = np.diff(np.concatenate([[before], read]))
+            silent = int(apart[apart > 1].max(initial=0))
+            self._longest, self._last = max(self._longest, silent, first), int(read[-1])
+
+    def longest_s(self, period_s: float) -> float:
+        """As the largest of `silence_s` over all cycles, s; `period_s` is theirs."""
+        if self._last is None:
+            return float(np.inf) if self._met else 0.0
+        return max(self._longest, self._met - 1 - self._last) * period_s
 
 
 def followed(values: FloatArray | None, count: int, period_s: float) -> BoolArray:

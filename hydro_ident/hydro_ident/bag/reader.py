@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import numpy as np
-
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.log_kinds import instead_of_bag, instead_of_storage
@@ -143,11 +141,7 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
     if not infos:
         raise no_message(path, notes)
     series = decoder.take()
-    notes += [
-        f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
-        for s in series.values()
-        if s.malformed
-    ]
+    notes += malformed_notes({s.topic: (s.malformed, s.malformed_why) for s in series.values()})
     unique = tuple(dict.fromkeys(notes))
     return Bag(
         path,
@@ -158,6 +152,21 @@ def read_bag(path: str | Path, topics: Collection[str] | None = None) -> Bag:
         unique,
         tuple(decoder.statuses),
     )
+
+
+def malformed_notes(malformed: Mapping[str, tuple[int, str]]) -> list[str]:
+    """In words, what could not be decoded.
+
+    Parameters
+    ----------
+    malformed : mapping of str to (int, str)
+        By topic, how many messages and what was wrong with the first of them.
+    """
+    return [
+        f"{topic}: {count} messages could not be decoded, first: {why}"
+        for topic, (count, why) in malformed.items()
+        if count
+    ]
 
 
 def no_message(path: Path, notes: Sequence[str]) -> BagError:
@@ -275,10 +284,3 @@ def _information(file: Path, notes: list[str]) -> dict[str, Any] | None:
         notes.append(f"{METADATA_FILE} is not usable ({why}): every .mcap file taken")
         return None
     return information
-
-
-def log_span_ns(bag: Bag) -> tuple[int, int]:
-    """Earliest and latest reception of any message of a bag, ns."""
-    firsts = [info.first_log_ns for info in bag.topics.values()]
-    lasts = [info.last_log_ns for info in bag.topics.values()]
-    return int(np.min(firsts)), int(np.max(lasts))

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.bag.channels import Loss
-from hydro_ident.bag.grid import Gap, contiguous, runs
+from hydro_ident.bag.gaps import Gap, contiguous
+from hydro_ident.bag.grid import runs
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -100,6 +100,11 @@ class SeriesBuilder:
     _why: str = ""
     _names: frozenset[str] = frozenset()
     _kinds: int = 0
+    #: What was taken already: messages, numbers in them, and in order every name and field.
+    _taken: int = 0
+    _filled: int = 0
+    _met: dict[str, None] = field(default_factory=dict)
+    _fields: dict[str, None] = field(default_factory=dict)
     #: Oldest and newest stamp so far, ns; -1 before the first message.
     stamp_span_ns: tuple[int, int] = (-1, -1)
     #: Memory of what was added, bytes.
@@ -190,19 +195,66 @@ class SeriesBuilder:
             self.stamp_span_ns = (first, max(last, newest))
         return left[:0] if len(taken) == len(left) else np.setdiff1d(left, taken)
 
-    def _check_cells(self, cells: int) -> None:
-        filled = sum(values.size for piece in self._pieces for values in piece.fields.values())
+    def take(self) -> Series:
+        """The columns of what was added since the last time, of the names that are in it.
+
+        Layouts and the limits on them go on, and what is malformed stays with the builder.
+
+        Raises
+        ------
+        BagError
+            As `check`, of these messages alone.
+        """
+        series = self.finish()
+        self._taken += self._count
+        self._filled += self._numbers
+        self._met |= dict.fromkeys(series.names)
+        self._fields |= dict.fromkeys(series.fields)
+        self._pieces, self._log_ns, self._count, self.held_bytes = [], [], 0, 0
+        return replace(series, malformed=0, malformed_why="")
+
+    def check(self) -> None:
+        """See that what was taken has room for its names in one table.
+
+        Raises
+        ------
+        BagError
+            Too few numbers for so many names.
+        """
+        width = len(self._met) * len(self._fields) if self._met else 0
+        self._check_cells(self._taken * width, self._taken, self._filled)
+
+    @property
+    def waiting(self) -> int:
+        """Messages added since the last time that some were taken."""
+        return self._count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every name of what was taken, in order of appearance."""
+        return tuple(self._met)
+
+    @property
+    def malformed(self) -> tuple[int, str]:
+        """Messages that could not be decoded, and what was wrong with the first of them."""
+        return self._malformed, self._why
+
+    @property
+    def _numbers(self) -> int:
+        return sum(values.size for piece in self._pieces for values in piece.fields.values())
+
+    def _check_cells(self, cells: int, count: int, filled: int) -> None:
         if cells > max(_FREE_CELLS, _MOST_EMPTY * filled):
             raise BagError(
                 f"{self.topic}: expected messages of the same names, found {len(self._names)}"
-                f" names in {self._count} messages that carry {filled} numbers"
+                f" names in {count} messages that carry {filled} numbers"
             )
 
     def finish(self) -> Series:
         """The columns of everything added."""
         names = tuple(dict.fromkeys(n for piece in self._pieces for n in piece.names))
         widths = self._widths(len(names))
-        self._check_cells(self._count * sum(widths.values()))
+        self._check_cells(self._count * sum(widths.values()), self._count, self._numbers)
         stamp_ns = np.zeros(self._count, dtype=np.int64)
         read = np.zeros(self._count, dtype=np.bool_)
         fields = {n: np.full((self._count, k), np.nan) for n, k in widths.items()}

@@ -23,11 +23,13 @@ from hydro_ident.bag.reader import (
     TopicInfo,
     count_block,
     files_of,
+    malformed_notes,
     no_message,
 )
 from hydro_ident.bag.recorded_run import BoolArray
 from hydro_ident.bag.recording import RECORDING_TOPICS, Earlier, Recording, recording_of
 from hydro_ident.bag.series import Series
+from hydro_ident.bag.window import joined
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import IntArray
 from hydro_msgs_docs.topics import DIAGNOSTICS, JOINT_STATES
@@ -217,19 +219,15 @@ class _Reader:
 
     def _collect(self) -> None:
         for topic, fresh in self.decoder.take().items():
-            self.kept[topic] = (
-                fresh if topic not in self.kept else _joined(self.kept[topic], fresh)
-            )
+            self.kept[topic] = fresh if topic not in self.kept else joined(self.kept[topic], fresh)
 
     def _forget(self, before_ns: int) -> None:
         self.kept = {topic: _since(series, before_ns) for topic, series in self.kept.items()}
 
     def _bag(self) -> Bag:
-        malformed = [
-            f"{s.topic}: {s.malformed} messages could not be decoded, first: {s.malformed_why}"
-            for s in self.kept.values()
-            if s.malformed
-        ]
+        malformed = malformed_notes(
+            {s.topic: (s.malformed, s.malformed_why) for s in self.kept.values()}
+        )
         notes = tuple(dict.fromkeys([*self.notes, *malformed]))
         infos = dict(sorted(self.infos.items()))
         return Bag(self.path, tuple(self.healths), infos, self.kept, self.metadata, notes)
@@ -273,34 +271,6 @@ def _still_latched(part: Recording) -> BoolArray:
             if begin == 0:
                 latched[:end] = True
     return latched
-
-
-def _joined(old: Series, new: Series) -> Series:
-    """Two stretches of a topic as one."""
-    names = tuple(dict.fromkeys((*old.names, *new.names)))
-    stamped: list[Series] = [s for s in (old, new) if len(s)]
-    count = sum(len(s) for s in stamped)
-    fields = {}
-    for name in dict.fromkeys((*old.fields, *new.fields)):
-        widths = [s.fields[name].shape[1] for s in stamped if name in s.fields]
-        wide = len(names) if names else max(widths, default=1)
-        values, at = np.full((count, wide), np.nan), 0
-        for s in stamped:
-            if name in s.fields:
-                columns = [names.index(n) for n in s.names] if names else list(range(wide))
-                values[at : at + len(s), columns] = s.fields[name]
-            at += len(s)
-        fields[name] = values
-    return Series(
-        old.topic,
-        old.message_type,
-        np.concatenate([old.stamp_ns, new.stamp_ns]),
-        np.concatenate([old.log_ns, new.log_ns]),
-        names,
-        fields,
-        old.malformed + new.malformed,
-        old.malformed_why or new.malformed_why,
-    )
 
 
 def _since(series: Series, stamp_ns: int) -> Series:

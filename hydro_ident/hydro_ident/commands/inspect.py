@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_model.command import printable, run_command
+from hydro_model.errors import RobotError
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, coloured, progress_bar
 
@@ -33,14 +34,20 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
-    from hydro_ident.bag.reader import read_bag
-    from hydro_ident.inspection import inspect_bag, robot_of
+    from hydro_ident.inspection_reading import inspect_bag
+    from hydro_model.robot_files import load_robot
 
+    robot, unknown = None, None
+    try:
+        robot = None if options.robot is None else load_robot(options.robot)
+    except RobotError as error:
+        unknown = error
     with progress_bar():
-        bag = read_bag(options.bag)
-        robot = robot_of(bag, options.robot)
+        inspection = inspect_bag(options.bag, robot, strict=robot is not None)
+        # A bag that cannot be read is said before a robot that cannot.
+        if unknown is not None:
+            raise unknown
         advance("looking at signals", 1, 1)
-        inspection = inspect_bag(bag, robot, strict=options.robot is not None)
     report(options.json, inspection.as_dict(), text_of(inspection))
     return 0
 

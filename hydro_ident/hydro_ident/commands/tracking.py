@@ -43,11 +43,12 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_ident.bag.reader import read_bag
     from hydro_ident.bag.recording import RECORDING_TOPICS
     from hydro_ident.errors import BagError
-    from hydro_ident.inspection import robot_of
+    from hydro_ident.named_robot import named_robot
+    from hydro_model.robot_files import load_robot
 
     with progress_bar():
         bag = read_bag(options.bag, RECORDING_TOPICS)
-        robot = robot_of(bag, options.robot)
+        robot = named_robot(bag.metadata) if options.robot is None else load_robot(options.robot)
         if robot is None:
             raise BagError(
                 f"{bag.path}: expected the name of a shipped robot in the bag, found"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.bag.grid import find_gaps
+from hydro_ident.bag.gaps import find_gaps
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.identification import Identification
 from hydro_ident.recording_summary import recording_summaries

@@ -16,7 +16,7 @@ from hydro_ident.bag.playback import messages
 from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.commands.inspect import text_of
-from hydro_ident.inspection import inspect_bag
+from hydro_ident.inspection_reading import inspect_bag
 from hydro_model.errors import HydroError
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots
@@ -62,7 +62,7 @@ def _robot() -> Robot:
 
 
 def _bag(path: Path) -> None:
-    inspection = inspect_bag(read_bag(path), _robot())
+    inspection = inspect_bag(path, _robot())
     json.dumps(inspection.as_dict())
     text_of(inspection)
     for _ in messages(path):

@@ -182,3 +182,42 @@ def body_regressor(acceleration: FloatArray, velocity: FloatArray) -> FloatArray
     regressor[..., 3:, 0] = point
     regressor[..., 3:, 1:4] = skew(rate) + cross @ cross
     return regressor
+
+
+def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Rotation about the fixed axes x, y and z, one after the other.
+
+    By quaternions, as scipy composes Euler angles: to the last digit its
+    `Rotation.from_euler("xyz", ...)`, whose import takes longer than all else that a robot needs.
+
+    Parameters
+    ----------
+    roll, pitch, yaw : float
+        rad.
+
+    Returns
+    -------
+    (3, 3) array
+    """
+    whole = np.array([0.0, 0.0, 0.0, 1.0])
+    for axis, angle in enumerate((roll, pitch, yaw)):
+        one = np.zeros(4)
+        one[axis], one[3] = np.sin(angle / 2.0), np.cos(angle / 2.0)
+        whole = one if axis == 0 else _composed(one, whole)
+    x, y, z, w = whole
+    xx, yy, zz, ww, xy, xz, yz, xw, yw, zw = (
+        x * x, y * y, z * z, w * w, x * y, x * z, y * z, x * w, y * w, z * w
+    )  # fmt: skip
+    return np.array(
+        [
+            [xx - yy - zz + ww, 2.0 * (xy - zw), 2.0 * (xz + yw)],
+            [2.0 * (xy + zw), -xx + yy - zz + ww, 2.0 * (yz - xw)],
+            [2.0 * (xz - yw), 2.0 * (yz + xw), -xx - yy + zz + ww],
+        ]
+    )
+
+
+def _composed(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Product of two quaternions, (x, y, z, w) each."""
+    vector = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])
+    return np.append(vector, p[3] * q[3] - p[0] * q[0] - p[1] * q[1] - p[2] * q[2])

@@ -15,6 +15,7 @@ from urdf_parser_py import urdf as urdf_xml
 
 from hydro_model.errors import RobotError, in_short
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint
+from hydro_model.spatial import from_roll_pitch_yaw
 
 _MOVING = ("revolute", "continuous", "prismatic")
 MAX_URDF_BYTES = 16_000_000
@@ -214,10 +215,7 @@ def _origin(origin: Any) -> tuple[FloatArray, FloatArray]:
         return np.eye(3), np.zeros(3)
     xyz = np.zeros(3) if origin.xyz is None else np.array(origin.xyz, dtype=float)
     rpy = [0.0, 0.0, 0.0] if origin.rpy is None else list(origin.rpy)
-    from scipy.spatial.transform import Rotation
-
-    rotation: FloatArray = Rotation.from_euler("xyz", rpy).as_matrix()
-    return rotation, xyz
+    return from_roll_pitch_yaw(*rpy), xyz
 
 
 def _joint(xml: Any, rotation: FloatArray, translation: FloatArray, path: Path) -> Joint:

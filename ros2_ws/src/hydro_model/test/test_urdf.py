@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
+from hydro_model.spatial import from_roll_pitch_yaw
 from hydro_model.urdf import Chain, read_chain
 
 INERTIAL = """<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>
@@ -205,3 +207,13 @@ def test_entities_are_not_expanded_without_end(tmp_path: Path) -> None:
 def test_missing_urdf(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match="no URDF at"):
         read_chain(tmp_path / "absent.urdf", "tip")
+
+
+def test_angles_of_an_origin_turn_as_scipy_turns_them() -> None:
+    """To the last digit: robots' numbers stay what they were."""
+    random = np.random.default_rng(5)
+    usual = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi, 1.5708, 0.3])
+    drawn = [*random.uniform(-4.0, 4.0, (200, 3)), *random.choice(usual, (200, 3))]
+    for angles in drawn:
+        expected = Rotation.from_euler("xyz", angles).as_matrix()
+        np.testing.assert_array_equal(from_roll_pitch_yaw(*angles), expected)

@@ -1,0 +1,161 @@
+"""Cycles of a stretch of a bag, with what must hold for them to be those of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of
+from hydro_ident.bag.grid import Topic
+from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.series import Series
+from hydro_ident.errors import BagError
+from hydro_model.robot import Robot
+from hydro_msgs_docs.topics import (
+    CHAMBER_PRESSURES,
+    JOINT_STATES,
+    OIL_TEMPERATURE,
+    VALVE_COMMAND,
+    VALVE_STATE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is taken for granted of a bag while it is read.
+
+    Attributes
+    ----------
+    robot : str or None
+        The robot that the bag names, where that is known; "" until then.
+    whole : bool
+        Its stamps do not let it go by stretches.
+    waits : frozenset of str
+        Topics that come, though later than others: nothing is joined without them.
+    read : frozenset of str
+        Joints that have a position of their own in some cycle.
+    valve_state : bool
+        `/valve_state` tells voltages in some cycle.
+    """
+
+    robot: str | None = ""
+    whole: bool = False
+    waits: frozenset[str] = frozenset()
+    read: frozenset[str] = frozenset()
+    valve_state: bool = False
+
+
+class LearntError(BagError):
+    """Something taken for granted does not hold: read again.
+
+    Attributes
+    ----------
+    known : Known
+        What holds instead.
+    """
+
+    def __init__(self, known: Known) -> None:
+        super().__init__(f"expected a bag as begun, found {known}")
+        self.known = known
+
+
+@dataclass(slots=True)
+class CycleMaker:
+    """Joins the topics of stretches.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag.
+    robot : Robot
+    known : Known
+
+    Attributes
+    ----------
+    filled : dict of str to int
+        Joints whose positions are from a stroke, and the cylinder.
+    valve_source : str
+        The topic that voltages are from so far, or empty.
+    bare : bool
+        Some cycles were made without `/chamber_pressures`.
+    """
+
+    path: Path
+    robot: Robot
+    known: Known
+    filled: dict[str, int] = field(default_factory=dict)
+    valve_source: str = ""
+    bare: bool = False
+    _read: set[str] = field(default_factory=set)
+
+    def cycles(self, given: Mapping[str, Series], *, pressures: bool) -> Recording:
+        """The cycles of a stretch.
+
+        Parameters
+        ----------
+        given : mapping of str to Series
+            In order of their stamps, each stamp once.
+        pressures : bool
+            `/chamber_pressures` is recorded, though it may not be in this stretch.
+
+        Raises
+        ------
+        LearntError
+            Earlier stretches were not what they seemed.
+        """
+        topics = {
+            name: Topic(one, one.stamp_ns, np.arange(len(one)), 0, 0)
+            for name, one in given.items()
+            if TYPES.get(name) == one.message_type
+        }
+        grid = np.zeros(0, dtype=np.int64)
+        if JOINT_STATES in topics and (CHAMBER_PRESSURES in topics or not pressures):
+            grid = grid_of(topics)
+        self.bare |= bool(len(grid)) and not pressures
+        columns = columns_of(grid, topics, self.robot)
+        self._choose_valves(columns)
+        self._fill(columns)
+        oil = topics.get(OIL_TEMPERATURE)
+        return Recording(
+            path=self.path,
+            robot=self.robot,
+            stamp_ns=grid,
+            period_s=float("nan"),
+            **columns,
+            latched=np.zeros(len(grid), dtype=np.bool_),
+            temperature_stamp_ns=None if oil is None else oil.stamp_ns,
+            temperature_c=None if oil is None else oil.values("temperature")[:, 0],
+            losses=(),
+            gaps=(),
+            duplicates={},
+            notes=(),
+            metadata={},
+        )
+
+    def _choose_valves(self, columns: dict[str, Any]) -> None:
+        """Take `/valve_state` where it tells any voltage of the whole recording."""
+        state_v = columns.pop("state_v")
+        if state_v is not None and self.valve_source == VALVE_COMMAND:
+            raise LearntError(replace(self.known, valve_state=True))
+        if state_v is not None or self.known.valve_state:
+            self.valve_source = VALVE_STATE
+        elif columns["command_v"] is not None and not self.valve_source:
+            self.valve_source = VALVE_COMMAND
+        columns["valve_source"] = self.valve_source
+        columns["valve_v"] = columns["command_v"]
+        if self.valve_source == VALVE_STATE:
+            columns["valve_v"] = state_v
+
+    def _fill(self, columns: dict[str, Any]) -> None:
+        """Angles from strokes, of joints that have no position in the whole recording."""
+        there = np.isfinite(columns["q"]).any(axis=0)
+        self._read |= {n for n, own in zip(self.robot.joint_names, there, strict=True) if own}
+        if wrong := self._read & self.filled.keys():
+            raise LearntError(replace(self.known, read=self.known.read | wrong))
+        for i in fill_angles(columns, self.robot, self.known.read | self._read):
+            if self.filled.setdefault(self.robot.cylinders[i].joint, i) != i:
+                raise LearntError(replace(self.known, whole=True))

@@ -1,0 +1,142 @@
+"""The messages of a topic that comes in stretches, in order of their stamps, each stamp once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.bag.series import Series
+from hydro_ident.errors import BagError
+from hydro_msgs_docs.cdr import IntArray
+
+
+class LateError(BagError):
+    """A stamp that belongs among those that were given away already."""
+
+
+def joined(old: Series, new: Series) -> Series:
+    """Two stretches of a topic as one.
+
+    Parameters
+    ----------
+    old, new : Series
+        In file order.
+
+    Returns
+    -------
+    Series
+    """
+    names = tuple(dict.fromkeys((*old.names, *new.names)))
+    stamped: list[Series] = [s for s in (old, new) if len(s)]
+    count = sum(len(s) for s in stamped)
+    fields = {}
+    for name in dict.fromkeys((*old.fields, *new.fields)):
+        widths = [s.fields[name].shape[1] for s in stamped if name in s.fields]
+        wide = len(names) if names else max(widths, default=1)
+        values, at = np.full((count, wide), np.nan), 0
+        for s in stamped:
+            if name in s.fields:
+                columns = [names.index(n) for n in s.names] if names else list(range(wide))
+                values[at : at + len(s), columns] = s.fields[name]
+            at += len(s)
+        fields[name] = values
+    return Series(
+        old.topic,
+        old.message_type,
+        np.concatenate([old.stamp_ns, new.stamp_ns]),
+        np.concatenate([old.log_ns, new.log_ns]),
+        names,
+        fields,
+        old.malformed + new.malformed,
+        old.malformed_why or new.malformed_why,
+    )
+
+
+@dataclass(slots=True)
+class Window:
+    """The messages of a topic whose place in order may still change.
+
+    Attributes
+    ----------
+    kept : Series or None
+        In order of their stamps.
+    newest_ns : int or None
+        Newest stamp so far; None before the first message.
+    count : int
+        Messages so far.
+    duplicates : int
+        Messages whose stamp had been there before.
+    disordered : int
+        Messages with a stamp older than that of a message before.
+    """
+
+    kept: Series | None = None
+    newest_ns: int | None = None
+    count: int = 0
+    duplicates: int = 0
+    disordered: int = 0
+    _given_ns: int | None = None
+
+    def add(self, fresh: Series) -> None:
+        """Take in the next messages.
+
+        Parameters
+        ----------
+        fresh : Series
+            In file order.
+
+        Raises
+        ------
+        LateError
+            One of them is not newer than what was given away.
+        """
+        if not len(fresh):
+            return
+        if self._given_ns is not None and int(fresh.stamp_ns.min()) <= self._given_ns:
+            raise LateError(f"{fresh.topic}: expected stamps after {self._given_ns}")
+        known = 0 if self.kept is None else len(self.kept)
+        both = fresh if self.kept is None else joined(self.kept, fresh)
+        _, row = np.unique(both.stamp_ns, return_index=True)
+        self.count += len(fresh)
+        self.duplicates += len(both) - len(row)
+        firsts = both.stamp_ns[np.sort(row[row >= known])]
+        before = firsts[:1] if self.newest_ns is None else np.array([self.newest_ns])
+        so_far = np.maximum.accumulate(np.concatenate([before, firsts]))
+        self.disordered += int(np.sum(firsts < so_far[1:]))
+        self.newest_ns = int(so_far[-1])
+        self.kept = _rows(both, row)
+
+    def give(self, until_ns: int | None) -> Series | None:
+        """Give away messages; later ones must be newer.
+
+        Parameters
+        ----------
+        until_ns : int or None
+            Newest stamp that goes; all go for None.
+
+        Returns
+        -------
+        Series or None
+            In order of the stamps; None where there are none.
+        """
+        if until_ns is not None:
+            given = until_ns if self._given_ns is None else max(until_ns, self._given_ns)
+            self._given_ns = given
+        if self.kept is None:
+            return None
+        every = len(self.kept)
+        end = every
+        if until_ns is not None:
+            end = int(np.searchsorted(self.kept.stamp_ns, until_ns, side="right"))
+        if not end:
+            return None
+        given_away = _rows(self.kept, np.arange(end))
+        self.kept = _rows(self.kept, np.arange(end, every)) if end < every else None
+        return given_away
+
+
+def _rows(series: Series, chosen: IntArray) -> Series:
+    fields = {name: values[chosen] for name, values in series.fields.items()}
+    stamps, received = series.stamp_ns[chosen], series.log_ns[chosen]
+    return replace(series, stamp_ns=stamps, log_ns=received, fields=fields)
