@@ -276,15 +276,15 @@ def test_the_robot_that_only_the_end_of_a_bag_names(
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path, crane_run, small_blocks) -> None:
-    """Of a minute, and of four: what grows is what a gap adds."""
-    small_blocks(2000)
+    """Of 18 s, and of three times as long: what grows is what a gap adds."""
+    small_blocks(500)
     recording = crane_run.recording(q_ref=crane_run.q)
     peaks = []
-    for repeats in (3, 12):
+    for repeats in (1, 3):
         path = tmp_path / f"run_{repeats}"
         write_repeated(path, recording, repeats)
         tracemalloc.start()
-        inspect_bag(path, rows=8000)
+        inspect_bag(path, rows=2000)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.05 * peaks[0]
