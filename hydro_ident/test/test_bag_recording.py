@@ -302,6 +302,15 @@ def test_zero_volts_asked_for_or_delayed_are_no_latch() -> None:
     assert np.flatnonzero(latched_cycles(100, applied, command)).tolist() == list(range(50, 100))
 
 
+def test_commands_that_a_converter_rounds_to_zero_are_no_latch() -> None:
+    step = 20.0 / 4096.0
+    command = 0.02 * np.sin(0.02 * np.arange(1000.0))[:, None]
+    applied = step * np.round(command / step)
+    still = np.abs(applied) == 0.0
+    assert np.count_nonzero(np.abs(command[still]) > 1e-3) > 10
+    assert not latched_cycles(1000, applied, command).any()
+
+
 def test_stretches() -> None:
     stamps = np.array([0, 2, 4, 10, 12, 30], dtype=np.int64) * 1_000_000
     assert [g.missing for g in find_gaps(stamps, 0.002)] == [2, 8]

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.commands.diagnose import main, run, write_results
+from hydro_ident.commands.diagnose import main, run, summary_text, write_results
 from hydro_ident.mismatch import minor
 from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.report.diagnosis_report import report_html
@@ -109,6 +110,23 @@ def test_sizes_are_those_of_the_truth(found: Diagnosis) -> None:
     first = {f.named.names[0]: f.named.first.term.parameters for f in found.findings}
     assert first["coulomb_friction"][0] == pytest.approx(2500.0, rel=0.05)
     assert first["valve_null_bias"][0] == pytest.approx(0.006, rel=0.05)
+
+
+def test_a_number_that_its_error_hides_is_told_as_one(
+    found: Diagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = finding_dict(found, found.findings[0])
+    told = [one for one in whole["parameters"] if one["std"] is not None]
+    assert told
+    assert "no larger than its error" not in summary_text(found)
+    hidden = [one | {"std": 2.0 * abs(one["value"])} for one in told]
+    monkeypatch.setattr(
+        "hydro_ident.mismatch.diagnosis_file.finding_dict",
+        lambda *_: whole | {"parameters": hidden},
+    )
+    lines = [line for line in summary_text(found).splitlines() if "+-" in line]
+    assert lines
+    assert all(line.endswith(": no larger than its error") for line in lines)
 
 
 def test_the_report_draws_each_law_through_its_own_rows(found: Diagnosis) -> None:

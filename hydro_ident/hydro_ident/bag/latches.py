@@ -9,9 +9,10 @@ import numpy as np
 from hydro_ident.bag.grid import BoolArray, runs
 from hydro_msgs_docs.cdr import FloatArray
 
-#: A command this far from 0 V asks for motion; the applied voltage may follow it this many
-#: cycles later. A shorter disagreement is delay, not a latch.
-_COMMANDED_V = 1e-3
+#: A command this far from 0 V asks for motion, a step of a converter of twelve bits over +-10 V:
+#: a smaller one is rounded to 0 V. The applied voltage may follow it this many cycles later; a
+#: shorter disagreement is delay, not a latch.
+_COMMANDED_V = 5e-3
 _FOLLOW_CYCLES = 3
 
 

@@ -223,7 +223,8 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     for p in data["parameters"]:
         std = "" if p["std"] is None else f" +- {p['std']:.3g}"
         more = bracketed((p["value"],), p["unit"])
-        lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}")
+        vague = ": no larger than its error" if (p["std"] or 0.0) > abs(p["value"]) else ""
+        lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}{vague}")
     before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
     units = {channel.name: channel.unit for channel in found.channels}
     if data["heldout_exercised"]:
