@@ -77,7 +77,21 @@ def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     found = diagnosed(EffectSpec("external_contact", "xs031", ground))
     assert [f.named.names[0] for f in found.findings] == ["external_contact"]
     assert set(found.findings[0].channels) == {"lift/force", "tilt/force"}
-    assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4], rel=0.1)
+    assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4, 0.0], rel=0.1)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_what_a_joint_runs_against_is_a_contact_at_it(
+    diagnosed: Diagnosed, crane_run: Any, way: float
+) -> None:
+    """From either side; the other joint does not feel it."""
+    place = way * float(np.quantile(way * crane_run.q[:, 1], 0.3))
+    stop = {"stiffness": 2.0e4, "height": way * place, "way": way}
+    found = diagnosed(EffectSpec("external_contact", "tilt_cylinder", stop))
+    (finding,) = found.findings
+    assert finding.named.names == ("external_contact",)
+    assert finding.channels[0] == "tilt/force"
+    assert finding.named.term.parameters == pytest.approx([2.0e4, way * place, way], rel=0.1)
 
 
 def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnosed) -> None:

@@ -19,6 +19,7 @@ from hydro_ident.mismatch.places import (
     QUANTILES,
     bounded_bodies,
     bounded_tilt,
+    grounds,
     instant_spacing,
     instants_of,
     mean_oil_c,
@@ -42,7 +43,6 @@ from hydro_model.robot import FloatArray
 from hydro_model.signals import (
     PISTON_FORCE,
     PISTON_POSITION,
-    TIP_HEIGHT,
     VALVE_RATE,
     VALVE_SIGNAL,
 )
@@ -185,6 +185,8 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
         chosen = pilots(predictor, model, one)
     elif effect.name == "base_tilt":
         chosen = tilts(one)
+    elif effect.name == "external_contact":
+        chosen = grounds(predictor, model, one)
     elif effect.name == "position_dependent_friction":
         scales = _grid(predictor, model, one, effect.parameters[shape[0]])
         begin, end = visited(predictor, model, one)
@@ -247,8 +249,6 @@ def _grid(
             return known[spec.name]
         if spec.name == "halving_temperature":
             return [f * spec.typical for f in (0.5, 1.0, 2.0)]
-    if effect.name == "external_contact" and spec.name == "height":
-        return quantiles(predictor, model, one, (TIP_HEIGHT,))
     if effect.name == "end_cushion" and spec.name == "length":
         # As far from the stops as the piston has been, too: real ones may be longer than usual.
         at = quantiles(predictor, model, one, (PISTON_POSITION,))

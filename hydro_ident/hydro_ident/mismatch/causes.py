@@ -41,6 +41,9 @@ def _one_ground(one: Finding, other: Finding) -> bool:
     terms = one.named.term, other.named.term
     if any(t.effect.name != _GROUND for t in terms):
         return False
-    (k, z), (k_other, z_other) = (t.parameters for t in terms)
+    (k, z, way), (k_other, z_other, other_way) = (t.parameters for t in terms)
+    if way != 0.0 or other_way != 0.0:
+        # What one joint runs against is no other's.
+        return False
     alike = max(k, k_other) <= _STIFFNESS * min(k, k_other)
     return bool(alike and abs(z - z_other) <= _HEIGHT_M)

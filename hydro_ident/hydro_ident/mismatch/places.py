@@ -15,9 +15,11 @@ from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 from hydro_model.signals import (
+    JOINT_POSITION,
     PISTON_POSITION,
     PRESSURE_A,
     PRESSURE_B,
+    TIP_HEIGHT,
     TRAVEL_HIGH,
     TRAVEL_LOW,
     VALVE_SIGNAL,
@@ -174,3 +176,22 @@ def quantiles(
     together = np.concatenate(values)
     together = together[np.isfinite(together)]
     return [float(v) for v in np.quantile(together, QUANTILES)] if together.size else [0.0]
+
+
+def grounds(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
+    """Heights of a ground under the tip, and places that a joint runs against from either side.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+    one : ActiveEffect
+
+    Returns
+    -------
+    list of (float, float)
+        Height (or place) and way.
+    """
+    under = quantiles(predictor, model, one, (TIP_HEIGHT,))
+    at = quantiles(predictor, model, one, (JOINT_POSITION,))
+    return [(z, 0.0) for z in under] + [(way * q, way) for way in (1.0, -1.0) for q in at]

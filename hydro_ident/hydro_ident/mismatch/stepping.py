@@ -33,6 +33,7 @@ HELD = {
     ("position_dependent_friction", "end"),
     ("backlash", "contact_force"),
     ("backlash", "drag"),
+    ("external_contact", "way"),
     ("payload_change", "duration_s"),
     ("temperature_drift", "halving_temperature"),
     ("temperature_drift", "rise"),

@@ -59,6 +59,8 @@ def _coupling(p: Numbers, at: Numbers) -> float:
 
 
 def _contact(p: Numbers, at: Numbers) -> float:
+    if p.get("way", 0.0) != 0.0:
+        return math.nan  # what one joint runs against has no height
     return p["stiffness"] * max(p["height"] - at["lowest_tip_m"], 0.0)
 
 
@@ -163,7 +165,8 @@ def found_size(name: str, parameters: list[dict[str, Any]], at: Numbers) -> floa
         return None
     mine = {_key(p): float(p["value"]) for p in parameters if _owner(p) in (name, "")}
     try:
-        return reading(mine, at)
+        size = reading(mine, at)
+        return size if math.isfinite(size) else None
     except (KeyError, ZeroDivisionError, OverflowError):
         return None
 

@@ -150,9 +150,21 @@ EQUATIONS = [
     ("counterbalance_spring", [-2e3, 5e3], Stage.FRICTION, -2e3 + 5e3 * X),
     (
         "external_contact",
-        [1e5, 0.05],
+        [1e5, 0.05, 0.0],
         Stage.FRICTION,
         -1e5 * np.maximum(0.05 - S[:, sig.TIP_HEIGHT], 0.0) * S[:, sig.TIP_SLOPE] / LEVER,
+    ),
+    (
+        "external_contact",
+        [2e4, 0.1, 1.0],
+        Stage.FRICTION,
+        -2e4 * np.maximum(0.1 - S[:, sig.JOINT_POSITION], 0.0) / LEVER,
+    ),
+    (
+        "external_contact",
+        [2e4, 0.1, -1.0],
+        Stage.FRICTION,
+        2e4 * np.maximum(0.1 + S[:, sig.JOINT_POSITION], 0.0) / LEVER,
     ),
     (
         "valve_underlap",

@@ -14,6 +14,7 @@ from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import (
     AREA_A,
     AREA_B,
+    JOINT_POSITION,
     JOINT_VELOCITY,
     LEVER,
     OTHER_ACCELERATION,
@@ -31,6 +32,11 @@ from hydro_model.signals import (
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.
 COUPLING_LAG_S = 0.01
+#: What a contact is under: the tip, or what a joint runs against as it falls (1) or rises (-1).
+WAY = ParameterSpec(
+    "way", "1", "z: 0 the tip's height, 1 the joint's position, -1 its negative", -2.0, 2.0, 0.0,
+    optional=True,
+)  # fmt: skip
 #: Time in which a pin comes to lie where the load has turned, s.
 PLAY_TIME_S = 0.004
 
@@ -152,8 +158,11 @@ def _coupling(s: Row, p: Row) -> float:
 
 
 def _contact(s: Row, p: Row) -> float:
-    depth = max(p[1] - s[TIP_HEIGHT], 0.0)
-    return -p[0] * depth * s[TIP_SLOPE] / s[LEVER]
+    if p[2] == 0.0:
+        at, slope = s[TIP_HEIGHT], s[TIP_SLOPE]
+    else:
+        at, slope = p[2] * s[JOINT_POSITION], p[2]
+    return -p[0] * max(p[1] - at, 0.0) * slope / s[LEVER]
 
 
 STRUCTURAL_FLEXIBILITY = Effect(
@@ -256,20 +265,27 @@ JOINT_COUPLING = Effect(
 EXTERNAL_CONTACT = Effect(
     name="external_contact",
     channel="force",
-    equation="F = -k max(z0 - z, 0) (dz/dq) / (dx/dq),  z: height of the tip",
-    source="unilateral spring under the tip; Gilardi and Sharf, Mechanism and Machine Theory 37"
-    " (2002)",
+    equation="F = -k max(z0 - z, 0) (dz/dq) / (dx/dq),  z: height of the tip, q or -q",
+    source="unilateral spring under the tip or at a joint; Gilardi and Sharf, Mechanism and"
+    " Machine Theory 37 (2002)",
     parameters=(
-        ParameterSpec("stiffness", "N/m", "k, upwards at the tip", 0.0, 1e9, 1e5, linear=True),
-        ParameterSpec("height", "m", "z0, over the base's origin", -100.0, 100.0, 0.0),
+        ParameterSpec(
+            "stiffness", "N/m", "k, upwards at the tip (N m/rad of a joint)", 0.0, 1e9, 1e5,
+            linear=True,
+        ),
+        ParameterSpec(
+            "height", "m", "z0, over the base's origin (rad of a joint)", -100.0, 100.0, 0.0
+        ),
+        WAY,
     ),
     terms=(Term(Stage.FRICTION, _contact),),
     looks_like=("payload_change", "counterbalance_spring", "end_cushion"),
     separating_experiment="the same motion away from everything the tip could touch",
     needs_cylinder=False,
     needs_tip=True,
-    limits="a level ground without friction; list it for the robot: it acts on all joints",
-)
+    limits="a level ground without friction: list it for the robot, it acts on all joints; or what"
+    " one joint runs against: list it there",
+)  # fmt: skip
 
 MECHANICS_EFFECTS = (
     STRUCTURAL_FLEXIBILITY,
