@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import targets
@@ -37,14 +35,4 @@ def untestable(material: Material, effect: Effect) -> str:
             f"motions of the joints in all: {material.motions}; an instant is not told from the"
             " position at which it falls"
         )
-    for stage, rail in ((Stage.SUPPLY, "supply"), (Stage.TANK, "tank")):
-        if stage in stages and stages <= {Stage.SUPPLY, Stage.TANK} and recorded(material, rail):
-            return f"the {rail} pressure was recorded: whatever it does is in the data"
     return ""
-
-
-def recorded(material: Material, rail: str) -> bool:
-    """Whether a rail's pressure was recorded, not the robot file's constant."""
-    return any(
-        float(np.ptp(getattr(s.trace, rail))) > 0.0 for s in material.stretches if s.trace.samples
-    )
