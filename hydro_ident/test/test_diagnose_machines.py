@@ -94,6 +94,22 @@ def test_what_a_joint_runs_against_is_a_contact_at_it(
     assert finding.named.term.parameters == pytest.approx([2.0e4, way * place, way], rel=0.1)
 
 
+def test_a_back_pressure_behind_the_transducer_is_told(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+) -> None:
+    """The tank is on record, where no return line is."""
+    true_crane, simulated_run = make_run
+    rail = EffectSpec("tank_back_pressure", "xs031", {"resistance": 3e11, "time_constant": 0.03})
+    truth, runs = replace(true_crane(), effects=(rail,)), []
+    for name, seconds, seed in (("run", 18.0, 1), ("check", 12.0, 3)):
+        one = simulated_run(truth, seconds, seed=seed).recording(name)
+        noise = 2e3 * np.random.default_rng(seed).standard_normal(len(one))
+        runs.append(replace(one, tank=truth.tank_pressure_pa + noise))
+    (finding,) = diagnose(load_robot("xs031"), runs[:1], runs[1:]).findings
+    assert finding.named.names[0] == "tank_back_pressure"
+    assert finding.named.term.parameters[0] == pytest.approx(3e11, rel=0.15)
+
+
 def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnosed) -> None:
     """Flows at the undisturbed rail are too large, and the resistance comes out too small."""
     rail = {"resistance": 3e11, "time_constant": 0.03}

@@ -20,7 +20,7 @@ from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import OF_VALVES, base_delay, resolved
+from hydro_ident.mismatch.worth import OF_VALVES, base_delay, resolved, sized
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -211,7 +211,8 @@ class Contest:
             names = dict.fromkeys(name for name in names if name in OF_VALVES)
         for name in names:
             own = self._at_all(without, noise, found, scores, name)
-            if len(own) < 2:
+            # Numbers that only together come to a delay are none of a hose.
+            if len(own) < 2 or not all(sized(c) for c in own):
                 continue
             model = current.model
             for one in own:

@@ -27,6 +27,8 @@ _STEP = 1.0e-3
 #: Halvings of a step that makes things worse, and the share of improvement below which a fit has
 #: settled.
 _HALVINGS, _SETTLED = 4, 1.0e-7
+#: Shares of an effect's reach to which its numbers are held where no step is better.
+_NEARER = (1.0e-2, 1.0e-3, 1.0e-4)
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
 
@@ -99,22 +101,45 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     """
     current = _at(training, _owned(training, model), noise)
     for _ in range(passes):
-        step, factor, better = _within_range(training, current), 1.0, False
-        for _ in range(_HALVINGS):
-            further = _owned(training, moved(training, current.model, factor * step))
-            # A step is judged by the weights that it was found with.
-            fresh = _at(training, further, current.bench.noise)
-            better = fresh.start_squares <= current.start_squares
-            if better:
-                break
-            factor *= 0.5
-        if not better:
+        fresh = _better(training, current, 1.0)
+        if fresh is None and _promised(current) > _PROMISED:
+            # Along a bent valley an effect's numbers run off together: held nearer to what they
+            # are, the others still find their way.
+            nearer = (_better(training, current, share) for share in _NEARER)
+            fresh = next((one for one in nearer if one is not None), None)
+        if fresh is None:
             break
         gained = current.start_squares - fresh.start_squares
         current = fresh if noise is not None else _reweighed(training, fresh)
         if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
             break
     return current
+
+
+def _better(training: Training, current: Fitted, share: float) -> Fitted | None:
+    """A fit one step further, halved until it is better; None where it never is.
+
+    Parameters
+    ----------
+    training : Training
+    current : Fitted
+    share : float
+        Of how far an effect's numbers reach (`reach_of`).
+    """
+    step, factor = _within_range(training, current, share), 1.0
+    for _ in range(_HALVINGS):
+        further = _owned(training, moved(training, current.model, factor * step))
+        # A step is judged by the weights that it was found with.
+        fresh = _at(training, further, current.bench.noise)
+        if fresh.start_squares <= current.start_squares:
+            return fresh
+        factor *= 0.5
+    return None
+
+
+def _promised(one: Fitted) -> float:
+    """What a last linear step would take out, as a share of what it would leave."""
+    return (one.start_squares - one.squares) / max(one.squares, 1.0)
 
 
 def _owned(training: Training, model: Model) -> Model:
@@ -138,8 +163,7 @@ def settled(training: Training, current: Fitted) -> Fitted:
     Fitted
     """
     for _ in range(_LONGEST):
-        promised = current.start_squares - current.squares
-        if promised <= _PROMISED * max(current.squares, 1.0):
+        if _promised(current) <= _PROMISED:
             break
         fresh = fit(training, current.model, passes=1)
         if fresh.model is current.model:
@@ -191,12 +215,12 @@ def fit_term(
     return current
 
 
-def _within_range(training: Training, current: Fitted) -> FloatArray:
+def _within_range(training: Training, current: Fitted, share: float = 1.0) -> FloatArray:
     """A linear step; of a delay that would leave its range no further than to the end of that.
 
     What else goes with a delay or a skew follows how far it really goes.
     """
-    reach = reach_of(current)
+    reach = share * reach_of(current)
     step = current.bench.solve(reach)
     given = given_steps(training, current.model, step)
     if not given:

@@ -34,6 +34,13 @@ _TOLERATED = {
     "valve_deadband": ("width", _STEP),
     "valve_underlap": ("width", _STEP),
 }
+#: Of these what a set holds beside others counts: what valves have, a base's delay swallows.
+_OF_ALL = frozenset(
+    {
+        "pressure_sensor_gain", "pressure_sensor_bias", "encoder_offset", "coulomb_friction",
+        "presliding_friction", "stribeck_friction", "asymmetric_friction",
+    }
+)  # fmt: skip
 #: Of what a small machine has they are smaller shares: of its cylinder's oil, of its supply.
 _SHARES = {"dead_volume": 0.03, "pressure_sensor_bias": 5.0e-4}
 #: Dry friction of so small a share of what the cylinder can push, at this velocity, is any seal's.
@@ -116,7 +123,7 @@ def _minor_of(
     own = finding.named.term
     if is_minor(robot, own, deviations):
         return own
-    others = (c.term for c in finding.named.contenders if c.term is not own)
+    others = (c.term for c in finding.named.contenders if c.term.effect.name in _OF_ALL)
     return next((term for term in others if is_minor(robot, term)), None)
 
 

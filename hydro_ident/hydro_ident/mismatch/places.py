@@ -194,4 +194,5 @@ def grounds(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple
     """
     under = quantiles(predictor, model, one, (TIP_HEIGHT,))
     at = quantiles(predictor, model, one, (JOINT_POSITION,))
-    return [(z, 0.0) for z in under] + [(way * q, way) for way in (1.0, -1.0) for q in at]
+    against = [(way * q, way) for way in (1.0, -1.0) for q in at]
+    return [*((z, 0.0) for z in under), *against]

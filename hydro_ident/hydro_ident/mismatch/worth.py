@@ -50,6 +50,8 @@ _OF_ONE_FORM = frozenset({"constant_force_offset", "dead_volume", "valve_null_bi
 _NEXT_TO_ALL = 0.95
 #: Laws of how much oil is compressed, or how stiff it is.
 _COMPRESSED = frozenset({"dead_volume", "entrained_air"})
+#: Share of itself that a size's deviation is at most where the rows tell it.
+_TOLD = 0.5
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -173,6 +175,19 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
         late_s += without.model.delays_s[term.cylinder] - training.own_delay_of(term.cylinder)
     excess_s = max(abs(shift_s), late_s)
     return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
+
+
+def sized(one: Contender) -> bool:
+    """Whether the rows tell how large a contender is: its size, to half of it (one deviation).
+
+    Parameters
+    ----------
+    one : Contender
+    """
+    term, deviations = one.term, one.fitted.deviations
+    sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
+    own = f"{term.target}.{term.effect.name}."
+    return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
 
 
 def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float:
