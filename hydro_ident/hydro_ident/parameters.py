@@ -267,7 +267,7 @@ def effect_unit(robot: Robot, name: str) -> str:
 
 
 def _slides(robot: Robot, name: str) -> bool | None:
-    """Whether the joint slides that a name begins with; None of one with a cylinder, and of none."""
+    """Whether the joint slides that a name begins with; None of all others."""
     dry = (robot.joints[j] for j in robot.dry_joints)
     return next((j.prismatic for j in dry if j.name == name.split(".")[0]), None)
 

@@ -110,12 +110,9 @@ def form_of(
         return None
     sizes = _sizes(training, fitted, found)
     words = ChannelWords.of(training.predictor.material, found.channel)
-    # Where the piston is the joint itself its position says nothing else.
-    twins = () if words.is_joint else _TWINS.get(found.variable, ())
-    variables = (found.variable, *twins)
     both = [
         (_rows(training, fitted, found, sizes, v), _rows(held, confirmer.fitted, found, sizes, v))
-        for v in variables
+        for v in variables_of(found.variable, words)
     ]
     rows = [(here, there) for here, there in both if here is not None and there is not None]
     if not rows or rows[0][0].variable != found.variable:
@@ -127,6 +124,11 @@ def form_of(
     unit = training.predictor.material.units[found.channel]
     forms = [_form(one, found, words, unit, sizes) for one in told]
     return replace(forms[0], others=tuple(forms[1:]))
+
+
+def variables_of(variable: str, words: ChannelWords) -> tuple[str, ...]:
+    """Variables that a dependence may be told in: where the piston is the joint itself, one."""
+    return (variable,) if words.is_joint else (variable, *_TWINS.get(variable, ()))
 
 
 def each_form(form: Form | None) -> tuple[Form, ...]:
@@ -271,11 +273,9 @@ def _text(
     text = f"{body} {unit}"
     if times == "compression":
         text += " times the compression of the chamber"
-    return (
-        text
-        if one.kind is CONSTANT
-        else f"{text}, {symbol} = {words.name(told.variable)} in {own or 1}"
-    )
+    if one.kind is CONSTANT:
+        return text
+    return f"{text}, {symbol} = {words.name(told.variable)} in {own or 1}"
 
 
 def _beside(times: str, words: ChannelWords, sizes: dict[str, float]) -> str:
