@@ -10,6 +10,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import OVER_BULK
+from hydro_model.effects.units import effect_units, unit_at_joint
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
 #: Half width of a 95 % interval in standard deviations of a normal distribution.
@@ -169,13 +170,9 @@ def _inertial_parameters(robot: Robot, inertial: InertialFit) -> list[Parameter]
             unit, datasheet = units[name.rsplit(".", 1)[-1]], float(given[i])
             combination = base.coefficients(i)
         elif name in friction:
-            unit, datasheet = "N s/m", friction[name] or None
+            unit, datasheet = viscous_unit(robot, name), friction[name] or None
         else:
-            unit, datasheet = effect_unit(name), listed_value(robot, name)
-        owner = name.split(".")[0]
-        if any(owner == j.name and not j.prismatic for j in dry):
-            # On a turning joint, forces are torques and speeds are rad/s.
-            unit = unit.replace("N", "N m", 1).replace("/m", "/rad")
+            unit, datasheet = effect_unit(robot, name), listed_value(robot, name)
         # A rejected stage is shown, and nothing of it is used.
         used = known and not rejected
         row = Parameter(name, float(value), float(std), unit, datasheet, used, combination)
@@ -227,7 +224,7 @@ def cylinder_parameters(
             datasheet = float(getattr(valve, name))
             full, unit = f"{fit.valve}.{name}", _EDGE_UNIT
         else:
-            full, unit = f"{fit.cylinder}.{name.removesuffix(OVER_BULK)}", effect_unit(name)
+            full, unit = f"{fit.cylinder}.{name.removesuffix(OVER_BULK)}", effect_unit(robot, name)
             datasheet = listed_value(robot, full)
             value = biases.get(full, value)
             if name.endswith(OVER_BULK):
@@ -249,13 +246,30 @@ def _known_dof(dof: FloatArray, count: int) -> list[float]:
     return [float(d) for d in dof] if dof.size else [math.inf] * count
 
 
-def effect_unit(name: str) -> str:
-    """Unit of `[<cylinder>.]<effect>.<parameter>` from the catalogue."""
+def viscous_unit(robot: Robot, name: str) -> str:
+    """Unit of `<owner>.viscous_friction`, the owner a cylinder or a joint without one."""
+    prismatic = _slides(robot, name)
+    return "N s/m" if prismatic is None else unit_at_joint("N s/m", prismatic)
+
+
+def effect_unit(robot: Robot, name: str) -> str:
+    """Unit of `[<owner>.]<effect>.<parameter>` from the catalogue, as it is at its owner."""
     from hydro_model.effects.catalogue import CATALOGUE
 
     effect, parameter = name.removesuffix(OVER_BULK).split(".")[-2:]
-    specs = [p for form in CATALOGUE[effect].forms for p in form.parameters]
-    return next(p.unit for p in specs if p.name == parameter)
+    prismatic = _slides(robot, name)
+    return next(
+        unit
+        for form in CATALOGUE[effect].forms
+        for spec, unit in zip(form.parameters, effect_units(form, prismatic), strict=True)
+        if spec.name == parameter
+    )
+
+
+def _slides(robot: Robot, name: str) -> bool | None:
+    """Whether the joint slides that a name begins with; None of all others."""
+    dry = (robot.joints[j] for j in robot.dry_joints)
+    return next((j.prismatic for j in dry if j.name == name.split(".")[0]), None)
 
 
 def listed_value(robot: Robot, name: str) -> float:

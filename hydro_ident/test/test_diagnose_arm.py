@@ -169,6 +169,13 @@ def test_a_rotor_and_dry_friction_are_found(diagnosed: Callable[..., dict[str, A
         ("elbow/torque", "rotor_inertia"): pytest.approx(ROTOR, rel=0.05),
         ("shoulder/torque", "coulomb_friction"): pytest.approx(COULOMB, rel=0.05),
     }
+    units = {p["name"]: p["unit"] for f in found["findings"] for p in f["parameters"]}
+    assert units["coulomb_friction.force"] == "N m"
+    assert units["coulomb_friction.velocity_scale"] == "rad/s"
+    assert units["rotor_inertia.inertia"] == "kg m^2"
+    where = {f["names"][0]: f["where"] for f in found["findings"]}["coulomb_friction"]
+    assert where["variable"] == "piston_velocity"
+    assert re.search(r"at a joint velocity of \S+ to \S+ rad/s$", where["text"])
     for channel in found["channels"].values():
         assert channel["rmse_after"] == pytest.approx(channel["noise_floor"], rel=0.3)
 

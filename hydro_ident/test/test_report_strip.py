@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form, Value, form_text
 from hydro_ident.mismatch.forms import KINDS
@@ -31,6 +32,8 @@ from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot_files import load_robot
 
 NONE = np.zeros(0)
+ROBOT = load_robot("xs031")
+LIFT = ChannelWords(ROBOT, "lift/force")
 TEXT = "24% of what is left in lift/force follows joint_angle (44 N rms, repeats); no effect"
 #: What a reader of the strip should not have to read.
 NOTATION = re.compile(r"cos\(|tanh|exp\(|\^|_|\+-|\bpi\b|e-\d\d")
@@ -57,9 +60,7 @@ RIPPLE = Form(
 
 def diagnosis(verdict: str, *found: Unexplained, **more: object) -> Diagnosis:
     channel = ChannelResult("lift/force", "N", NONE, NONE, NONE, NONE, 30.0)
-    return Diagnosis(
-        verdict, load_robot("xs031"), None, unexplained=found, channels=(channel,), **more
-    )  # type: ignore[arg-type]
+    return Diagnosis(verdict, ROBOT, None, unexplained=found, channels=(channel,), **more)  # type: ignore[arg-type]
 
 
 def held_out(before: float) -> list[ChannelRows]:
@@ -99,7 +100,7 @@ def test_every_form_has_words(kind: str, times: str) -> None:
         *((Value(shape, 0.3, None, "rad"),) if shape else ()),
     )
     form = replace(RIPPLE, name=kind, values=values)
-    said = in_words(unnamed(times=times, form=form), "N")
+    said = in_words(unnamed(times=times, form=form), "N", LIFT)
     assert said.startswith("24 % of what is left in lift/force ")
     assert not NOTATION.search(said)
     assert "None" not in said
@@ -108,7 +109,7 @@ def test_every_form_has_words(kind: str, times: str) -> None:
 @pytest.mark.parametrize("variable", [name for name in UNITS if name != "everywhere"])
 def test_every_variable_has_words(variable: str) -> None:
     for period in (0.0, 0.3):
-        said = in_words(unnamed(variable, period=period), "N")
+        said = in_words(unnamed(variable, period=period), "N", LIFT)
         assert not NOTATION.search(said)
         assert "44 N rms" in said
 
@@ -116,7 +117,7 @@ def test_every_variable_has_words(variable: str) -> None:
 def test_flows_are_told_in_litres_per_minute_too() -> None:
     one = unnamed("piston_position", "compression", 0.0588)
     one = replace(one, channel="lift/flow_b", dependence=replace(one.dependence, size=5.73e-6))
-    said = in_words(one, "m^3/s")
+    said = in_words(one, "m^3/s", ChannelWords(ROBOT, one.channel))
     assert "repeats every 0.0588 m of the lift piston, in proportion to the compression" in said
     assert "about 5.7e-6 m³/s rms (0.344 l/min)" in said
 
@@ -127,7 +128,7 @@ def test_what_follows_nothing_is_told_as_that() -> None:
         " was recorded tells why; piston_velocity comes nearest, with 8% of it",
         "something in lift/force comes and goes: coulomb_friction resembles it on the average",
     ):
-        said = in_words(replace(unnamed(), text=text), "N")
+        said = in_words(replace(unnamed(), text=text), "N", LIFT)
         assert "follows the" not in said
         assert not NOTATION.search(said)
 

@@ -93,7 +93,7 @@ def _cylinder_errors(
         if column.endswith(OVER_BULK):
             # Fitted is V0 / beta: the volume is as uncertain as the modulus, too.
             error = math.hypot(bulk * error, value * inverse_std)
-        expected.append(Expected(name, effect_unit(name), value, error))
+        expected.append(Expected(name, effect_unit(robot, name), value, error))
     return expected
 
 

@@ -33,7 +33,7 @@ from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.noise import force_noise
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.json_numbers import finite
-from hydro_ident.parameters import effect_unit, listed_value
+from hydro_ident.parameters import effect_unit, listed_value, viscous_unit
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
 __all__ = [
@@ -198,12 +198,9 @@ def _friction(robot: Robot, name: str, std: float) -> Expected:
     viscous = {f"{one.name}.viscous_friction": one.viscous_friction for one in robot.cylinders}
     viscous |= {f"{joint.name}.viscous_friction": joint.viscous_friction for joint in dry}
     if name in viscous:
-        unit, datasheet = "N s/m", viscous[name] or None
+        unit, datasheet = viscous_unit(robot, name), viscous[name] or None
     else:
-        unit, datasheet = effect_unit(name), listed_value(robot, name)
-    if name.split(".")[0] in {joint.name for joint in dry if not joint.prismatic}:
-        # On a turning joint, forces are torques and speeds are rad/s.
-        unit = unit.replace("N", "N m", 1).replace("/m", "/rad")
+        unit, datasheet = effect_unit(robot, name), listed_value(robot, name)
     return Expected(name, unit, datasheet, std)
 
 

@@ -150,7 +150,7 @@ def _of_term(whole: Fitted, there: Fitted, term: ActiveEffect) -> Iterator[Agree
             here, other = _value(whole, term, i), _value(there, term, i)
             form = FORM_TOLERANCE * max(abs(here), abs(other))
             std = math.hypot(_std(whole, name), _std(there, name), form)
-            yield Agreement(spec.name, spec.unit, here, other, std)
+            yield Agreement(spec.name, term.units[i], here, other, std)
 
 
 def _value(one: Fitted, term: ActiveEffect, index: int) -> float:

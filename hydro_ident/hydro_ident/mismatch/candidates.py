@@ -36,7 +36,7 @@ from hydro_model.effects.effect import Effect
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.law import ParameterSpec
 from hydro_model.effects.readings import EVERY_CHAMBER
-from hydro_model.effects.targets import places
+from hydro_model.effects.targets import at_work, places
 from hydro_model.effects.valve_edges import SHIFT
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray
@@ -163,7 +163,7 @@ def trials(
 def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
     robot = material.robot
     result = [
-        ActiveEffect(effect, p.cylinder, effect.typical.copy(), p.joint, p.name, p.index, p.side)
+        at_work(robot, effect, p, effect.typical.copy())
         for target in targets(robot, effect)
         for p in places(robot, effect, target, robot.name)
     ]

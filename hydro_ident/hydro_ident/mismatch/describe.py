@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fit_form import FittedForm, Rows
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.forms import CONSTANT, COSINE, NONE
 from hydro_ident.mismatch.lines import independent_noise
-from hydro_ident.mismatch.state_space import UNITS, factor_sizes, factors_of, rounding
+from hydro_ident.mismatch.state_space import factor_sizes, factors_of, rounding
 from hydro_ident.mismatch.symbolic import Curve, Told, told_forms
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
@@ -30,12 +31,12 @@ SYMBOLS = {
 
 
 #: Factors in a form's text, and its unit beside those that are no mere numbers.
-_SYMBOLS_BESIDE = {
-    "valve_signal": "valve_signal",
-    "velocity": "piston_velocity",
-    "velocity_squared": "piston_velocity^2",
+_BESIDE = {
+    "valve_signal": ("valve_signal", ""),
+    "velocity": ("piston_velocity", ""),
+    "velocity_squared": ("piston_velocity", "^2"),
 }
-_UNIT_BESIDE = {"compression": "1/Pa", "velocity": "m^2", "velocity_squared": "N s^2/m^2"}
+_UNIT_BESIDE = {"compression": "1/Pa", "velocity": "m^2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +109,10 @@ def form_of(
     if held.predictor.material.channels != names:
         return None
     sizes = _sizes(training, fitted, found)
-    variables = (found.variable, *_TWINS.get(found.variable, ()))
+    words = ChannelWords.of(training.predictor.material, found.channel)
     both = [
         (_rows(training, fitted, found, sizes, v), _rows(held, confirmer.fitted, found, sizes, v))
-        for v in variables
+        for v in variables_of(found.variable, words)
     ]
     rows = [(here, there) for here, there in both if here is not None and there is not None]
     if not rows or rows[0][0].variable != found.variable:
@@ -121,8 +122,13 @@ def form_of(
     if not told:
         return None
     unit = training.predictor.material.units[found.channel]
-    forms = [_form(one, found, unit, sizes) for one in told]
+    forms = [_form(one, found, words, unit, sizes) for one in told]
     return replace(forms[0], others=tuple(forms[1:]))
+
+
+def variables_of(variable: str, words: ChannelWords) -> tuple[str, ...]:
+    """Variables that a dependence may be told in: where the piston is the joint itself, one."""
+    return (variable,) if words.is_joint else (variable, *_TWINS.get(variable, ()))
 
 
 def each_form(form: Form | None) -> tuple[Form, ...]:
@@ -177,17 +183,20 @@ def _rows(
     return Rows(bench, at, factor, own.layout.recording, variable)
 
 
-def _form(told: Told, found: Dependence, unit: str, sizes: dict[str, float]) -> Form:
+def _form(
+    told: Told, found: Dependence, words: ChannelWords, unit: str, sizes: dict[str, float]
+) -> Form:
     one, variable = told.fitted, told.variable
-    unit = _UNIT_BESIDE.get(found.times, unit)
-    values = (*_coefficients(one, unit, UNITS[variable]), *_shape(one, variable))
+    unit = _unit_beside(found.times, words, unit)
+    own = words.unit(variable)
+    values = (*_coefficients(one, unit, own), *_shape(one, own))
     at, drawn = np.zeros(0), np.zeros(0)
     if variable == found.variable:
         at = np.linspace(found.knots[0], found.knots[-1], _POINTS)
         # The curve's factor is in units of its size, a direction has none.
         size = sizes[found.times] if found.times not in ("", "direction") else 1.0
         drawn = size * (_function(one, at) - float(_function(one, found.knots).mean()))
-    text = _text(told, values, found.times, unit, sizes)
+    text = _text(told, values, found.times, words, unit, sizes)
     return Form(
         one.kind.name, text, variable, values, told.share, told.held_share, told.held_p_value,
         at, drawn,
@@ -229,20 +238,25 @@ def _per(unit: str, per: str, power: float) -> str:
     return f"{unit}/({per})" if power == 1.0 else f"{unit}/({per})^{power:g}"
 
 
-def _shape(one: FittedForm, variable: str) -> tuple[Value, ...]:
+def _shape(one: FittedForm, unit: str) -> tuple[Value, ...]:
     if one.kind.shape == NONE:
         return ()
     told = one.covariance.shape[0] > one.theta.size
     std = float(np.sqrt(one.covariance[-1, -1])) if told else None
-    return (Value(one.kind.shape, one.shape, std, UNITS[variable]),)
+    return (Value(one.kind.shape, one.shape, std, unit),)
 
 
 def _text(
-    told: Told, values: tuple[Value, ...], times: str, unit: str, sizes: dict[str, float]
+    told: Told,
+    values: tuple[Value, ...],
+    times: str,
+    words: ChannelWords,
+    unit: str,
+    sizes: dict[str, float],
 ) -> str:
     """A form in words: numbers, its variable and what it is multiplied by."""
     one, number = told.fitted, {v.name: v.value for v in values}
-    symbol, own = SYMBOLS[told.variable], UNITS[told.variable]
+    symbol, own = SYMBOLS[told.variable], words.unit(told.variable)
     own = "" if own == "1" else own
     if one.kind is CONSTANT:
         body = f"{number['constant']:.3g}"
@@ -255,14 +269,32 @@ def _text(
         body = f"{number.get('amplitude', number.get('coefficient', 0.0)):.3g} {body}"
         if one.offset:
             body = f"({number['constant']:.3g} {_signed(body)})"
-    if times == "direction":
-        body += f" tanh(piston_velocity / {rounding(sizes['direction']):.2g} m/s)"
-    elif times in _SYMBOLS_BESIDE:
-        body += f" {_SYMBOLS_BESIDE[times]}"
+    body += _beside(times, words, sizes)
     text = f"{body} {unit}"
     if times == "compression":
         text += " times the compression of the chamber"
-    return text if one.kind is CONSTANT else f"{text}, {symbol} = {told.variable} in {own or 1}"
+    if one.kind is CONSTANT:
+        return text
+    return f"{text}, {symbol} = {words.name(told.variable)} in {own or 1}"
+
+
+def _beside(times: str, words: ChannelWords, sizes: dict[str, float]) -> str:
+    """What a form is multiplied by."""
+    if times == "direction":
+        velocity, unit = words.name("piston_velocity"), words.unit("piston_velocity")
+        return f" tanh({velocity} / {rounding(sizes['direction']):.2g} {unit})"
+    if times not in _BESIDE:
+        return ""
+    variable, power = _BESIDE[times]
+    return f" {words.name(variable)}{power}"
+
+
+def _unit_beside(times: str, words: ChannelWords, unit: str) -> str:
+    """Unit of a form's numbers beside a factor; of its channel beside a mere number."""
+    if times != "velocity_squared":
+        return _UNIT_BESIDE.get(times, unit)
+    length = words.unit("piston_position")
+    return f"{unit} s^2/{length}^2"
 
 
 def _signed(body: str) -> str:

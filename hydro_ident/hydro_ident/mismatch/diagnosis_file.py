@@ -178,7 +178,8 @@ def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
     """
     std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
     result = []
-    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
+    rows = zip(term.effect.parameters, term.parameters, term.units, strict=True)
+    for spec, value, unit in rows:
         name = f"{term.target}.{term.effect.name}.{spec.name}"
         size = _deviation(fitted, std, name)
         result.append(
@@ -186,7 +187,7 @@ def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
                 "name": f"{term.effect.name}.{spec.name}",
                 "value": float(value),
                 "std": size,
-                "unit": spec.unit,
+                "unit": unit,
             }
         )
     return result

@@ -172,9 +172,11 @@ def minor_notes(
     for finding in minor:
         own = finding.named.term
         term = _minor_of(robot, finding, deviations) or own
-        units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in term.effect.parameters}
-        sizes = [term.effect.parameters[i].name for i in term.effect.sizes]
-        told = ", ".join(f"{n} {v:.3g}{units[n]}" for n, v in _values(term) if n in sizes)
+        units, values = term.units, _values(term)
+        told = ", ".join(
+            f"{values[i][0]} {values[i][1]:.3g}{'' if units[i] == '1' else f' {units[i]}'}"
+            for i in sorted(term.effect.sizes)
+        )
         there = f"{own.effect.name} of {own.target} is there, but"
         if term is not own:
             there += f" it may as well be {term.effect.name} of {term.target},"

@@ -233,13 +233,14 @@ def at_a_bound(term: ActiveEffect) -> str:
     """Why an effect that ran to the end of its physical range is none; empty where it did not."""
     for i in term.effect.sizes:
         spec, value = term.effect.parameters[i], float(term.parameters[i])
+        told = f"{value:.3g} {term.units[i]}"
         # None of it and all of it (a share of 1) are no ends of a range.
         ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
         if any(abs(value - end) <= _BOUND * abs(end) for end in ends):
-            return f"its {spec.name} ran to the end of what is possible ({value:.3g} {spec.unit})"
+            return f"its {spec.name} ran to the end of what is possible ({told})"
         least = _LEAST.get((term.effect.name, spec.name), -np.inf)
         if value < least:
-            return f"its {spec.name} is below any that bears the name ({value:.3g} {spec.unit})"
+            return f"its {spec.name} is below any that bears the name ({told})"
     return ""
 
 

@@ -57,7 +57,7 @@ class Refinable:
                 if is_free(term, i):
                     value = float(term.parameters[i])
                     step = _STEP * (abs(value) or abs(spec.typical) or 1.0)
-                    labels.append((f"{term.target}.{term.effect.name}.{spec.name}", spec.unit))
+                    labels.append((f"{term.target}.{term.effect.name}.{spec.name}", term.units[i]))
                     rows.append((value, spec.lower, spec.upper, step))
         directions = np.zeros((len(predictor.names), 0))
         if not fixed_base:

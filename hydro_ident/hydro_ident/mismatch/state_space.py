@@ -30,6 +30,7 @@ SIGNALS = {
     "time": sig.TIME,
     "oil_temperature": sig.OIL_TEMPERATURE,
 }
+#: Of a cylinder and its turning joint; `channel_words` has those in a channel.
 UNITS = {
     "piston_velocity": "m/s", "piston_position": "m", "piston_acceleration": "m/s^2",
     "piston_force": "N", "joint_angle": "rad", "pressure_a": "Pa", "pressure_b": "Pa",

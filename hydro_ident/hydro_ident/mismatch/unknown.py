@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.few_periods import POSITIONS
@@ -22,7 +23,7 @@ from hydro_ident.mismatch.settings import (
     LEAST_SHARE,
     LEAST_SHARE_UNCONFIRMED,
 )
-from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
+from hydro_ident.mismatch.state_space import OF_READINGS
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.worth import SAME_AS_DELAY, mere_delay
@@ -37,8 +38,8 @@ _WORDS = {
     "direction": " times the direction of motion",
     "valve_signal": " times the valve signal",
     "compression": " times the compression of the chamber",
-    "velocity": " times the piston's velocity",
-    "velocity_squared": " times the square of the piston's velocity",
+    "velocity": " times the {part}'s velocity",
+    "velocity_squared": " times the square of the {part}'s velocity",
 }
 #: Periods of time from which a mere offset repeats: fewer are a drift that came and went.
 _REPEATS = 5.0
@@ -151,9 +152,10 @@ def unexplained(
         unheard = there is None and one.variable != "time"
         if there is False or (unheard and one.share < LEAST_SHARE_UNCONFIRMED):
             continue
+        words = ChannelWords(material.robot, name)
         text = (
-            f"{one.share:.0%} of what is left in {name} follows {one.variable}"
-            f"{_WORDS[one.times]} ({one.size:.3g} {unit} rms, {_shape(one)}); no effect of the"
+            f"{one.share:.0%} of what is left in {name} follows {_what(words, one)}"
+            f" ({one.size:.3g} {unit} rms, {_shape(words, one)}); no effect of the"
             f" catalogue stands for it{_HINT if one.period and one.times in OF_READINGS else ''}"
         )
         on = (one.variable, *(("piston_velocity",) if one.times in _OF_VELOCITY else ()))
@@ -164,17 +166,18 @@ def unexplained(
     for one in found:
         name = material.channels[one.channel]
         if name in far and one.channel not in result:
-            result[one.channel] = _at_large(name, one, far[name])
+            result[one.channel] = _at_large(ChannelWords(material.robot, name), one, far[name])
         elif name in going and one.channel not in result:
             result[one.channel] = _going(name, one, going[name])
     return tuple(result[k] for k in sorted(result))
 
 
-def _at_large(channel: str, best: Dependence, times: float) -> Unexplained:
+def _at_large(words: ChannelWords, best: Dependence, times: float) -> Unexplained:
     """What is left far beyond the sensors and follows no variable, or comes and goes."""
+    channel = words.channel
     text = (
         f"what is left in {channel} is {times:.2g} times what the sensors' noise leaves and"
-        f" nothing that was recorded tells why; {best.variable}{_WORDS[best.times]} comes nearest,"
+        f" nothing that was recorded tells why; {_what(words, best)} comes nearest,"
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
     return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
@@ -220,12 +223,17 @@ def _by_place(one: Dependence, found: Sequence[Dependence]) -> bool:
     )
 
 
-def _shape(one: Dependence) -> str:
+def _what(words: ChannelWords, one: Dependence) -> str:
+    """What is followed, in words."""
+    return words.name(one.variable) + _WORDS[one.times].format(part=words.part)
+
+
+def _shape(words: ChannelWords, one: Dependence) -> str:
     """Over what range, or how often, in words."""
-    unit = UNITS[one.variable]
+    unit = words.unit(one.variable)
     if one.period:
         return f"repeats every {one.period:.3g} {unit}"
-    return f"{one.variable} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
+    return f"{words.name(one.variable)} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
 def _least_size(training: Training, fitted: Fitted, one: Dependence, wandering: bool) -> float:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.places import mean_oil_c
-from hydro_ident.mismatch.state_space import SIGNALS, UNITS, row_values
+from hydro_ident.mismatch.state_space import SIGNALS, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 
@@ -115,9 +116,10 @@ def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: st
         float(values[order][min(int(np.searchsorted(share, q)), values.size - 1)])
         for q in (_TAIL, 1.0 - _TAIL)
     )
-    words = variable.replace("_", " ")
-    unit = "" if UNITS[variable] == "1" else f" {UNITS[variable]}"
-    text = f"in {channel}, at a {words} of {low:.3g} to {high:.3g}{unit}"
+    words = ChannelWords(material.robot, channel)
+    unit = words.unit(variable)
+    text = f"in {channel}, at a {words.prose(variable)} of {low:.3g} to {high:.3g}"
+    text += "" if unit == "1" else f" {unit}"
     return Where(variable, low, high, text)
 
 

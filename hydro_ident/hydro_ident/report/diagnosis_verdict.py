@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import (
     EXPLAINED,
@@ -149,7 +150,9 @@ def _left_out(found: Diagnosis) -> list[str]:
         return ["Not known."]
     lines = _causes(found)
     units = {channel.name: channel.unit for channel in found.channels}
-    lines += [in_words(one, units.get(one.channel, "")) for one in found.unexplained]
+    for one in found.unexplained:
+        words = ChannelWords(found.given, one.channel)
+        lines.append(in_words(one, units.get(one.channel, ""), words))
     if found.rejected:
         names = [plain(f.named.names[0]) for f in found.rejected]
         lines.append(f"Tried and not confirmed on held-out rows: {shortened(names)}.")

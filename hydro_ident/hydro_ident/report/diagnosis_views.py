@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.everyday_units import told
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.fitting import Fitted
@@ -15,7 +16,7 @@ from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.state_space import SIGNALS, UNITS, factors_of, row_values
+from hydro_ident.mismatch.state_space import SIGNALS, factors_of, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.figure import axis_title
@@ -122,7 +123,8 @@ def _variable(
     if variable not in SIGNALS:
         variable = _OTHERWISE
     values = row_values(training.predictor, model, channel, variable)[own]
-    return axis_title(variable.replace("_", " "), UNITS[variable]), values
+    words = ChannelWords.of(training.predictor.material, channel)
+    return axis_title(words.prose(variable), words.unit(variable)), values
 
 
 def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: str) -> LawView:
@@ -136,12 +138,12 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
     law = _law(training, fitted, d, values, own)
     residual = fitted.residual[own]
     name, unit = material.channels[d.channel], material.units[d.channel]
-    words = d.variable.replace("_", " ")
+    words = ChannelWords(material.robot, name)
     return LawView(
-        title=f"{name} against {words}",
+        title=f"{name} against {words.prose(d.variable)}",
         note=text,
         joint=name.split("/")[0],
-        x_title=axis_title(words, UNITS[d.variable]),
+        x_title=axis_title(words.prose(d.variable), words.unit(d.variable)),
         y_title=axis_title(f"{name}, error", unit),
         x=values[d.variable][own],
         residual=residual,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from hydro_ident.everyday_units import told
+from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.describe import Form, each_form
 from hydro_ident.mismatch.outcome import Diagnosis
-from hydro_ident.mismatch.state_space import OF_READINGS, UNITS
+from hydro_ident.mismatch.state_space import OF_READINGS
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import also, folded, number, percent, table, written
@@ -15,7 +16,7 @@ _THINGS = {
     "piston_velocity": "the velocity of the {joint} {part}",
     "piston_position": "the position of the {joint} {part}",
     "piston_acceleration": "the acceleration of the {joint} {part}",
-    "piston_force": "the force of the {joint} {part}",
+    "piston_force": "the {force} of the {joint} {part}",
     "joint_angle": "the position of the {joint} joint",
     "pressure_a": "the pressure in chamber A of {joint}",
     "pressure_b": "the pressure in chamber B of {joint}",
@@ -50,15 +51,15 @@ _TIMES = {
     "direction": ", with the direction of motion",
     "valve_signal": ", in proportion to the valve's opening",
     "compression": ", in proportion to the compression of the chamber's oil",
-    "velocity": ", in proportion to the piston's velocity",
-    "velocity_squared": ", in proportion to the square of the piston's velocity",
+    "velocity": ", in proportion to the {part}'s velocity",
+    "velocity_squared": ", in proportion to the square of the {part}'s velocity",
 }
 _READING = " (a position sensor off its centre, whose error repeats, acts so)"
 #: Factors that leave a form's numbers in the channel's own unit.
 _PLAIN = ("", "direction")
 
 
-def in_words(one: Unexplained, unit: str) -> str:
+def in_words(one: Unexplained, unit: str, words: ChannelWords) -> str:
     """A dependence without a name as a sentence without notation.
 
     Parameters
@@ -66,6 +67,8 @@ def in_words(one: Unexplained, unit: str) -> str:
     one : Unexplained
     unit : str
         Of its channel; empty where it is not known.
+    words : ChannelWords
+        Of its channel.
 
     Returns
     -------
@@ -76,37 +79,29 @@ def in_words(one: Unexplained, unit: str) -> str:
         return f"{told(one.text).replace('_', ' ')}."
     d, form = one.dependence, one.form
     variable = d.variable if form is None else form.variable
-    how = f"follows {_thing(one, variable)}"
+    names = {"joint": words.joint, "part": words.part, "force": words.force}
+    of_shape = words.unit(variable)
+    thing = _THINGS[variable].format(**names)
+    how = f"follows {thing}"
     if form is not None and form.name in _FORMS:
         shape = next((v.value for v in form.values if v.name in ("scale", "place")), None)
-        how = _FORMS[form.name].format(
-            thing=_thing(one, variable), shape=_with_unit(shape, variable)
-        )
+        how = _FORMS[form.name].format(thing=thing, shape=_with_unit(shape, of_shape))
     elif form is not None or d.period:
-        how = f"repeats every {_with_unit(_period(one), variable)}{_place(one, variable)}"
+        how = f"repeats every {_with_unit(_period(one), of_shape)}{_place(variable, names)}"
     hint = _READING if d.period and d.times in OF_READINGS else ""
-    words = f"{how}{_TIMES[d.times]}{hint}{_size(one, unit)}"
+    said = f"{how}{_TIMES[d.times].format(**names)}{hint}{_size(one, unit)}"
     below = "; a formula of it stands under Parameters" if form is not None else ""
     return (
-        f"{percent(one.share)} of what is left in {one.channel} {words}; no effect of the"
+        f"{percent(one.share)} of what is left in {one.channel} {said}; no effect of the"
         f" catalogue stands for it{below}."
     )
 
 
-def _names(one: Unexplained) -> dict[str, str]:
-    joint, quantity = one.channel.split("/")
-    return {"joint": joint, "part": "joint" if quantity == "torque" else "piston"}
-
-
-def _thing(one: Unexplained, variable: str) -> str:
-    return _THINGS[variable].format(**_names(one))
-
-
-def _place(one: Unexplained, variable: str) -> str:
+def _place(variable: str, names: dict[str, str]) -> str:
     if variable == "time":
         return ""
     of_place = _PLACES.get(variable, " of " + _THINGS[variable])
-    return of_place.format(**_names(one))
+    return of_place.format(**names)
 
 
 def _period(one: Unexplained) -> float:
@@ -114,10 +109,10 @@ def _period(one: Unexplained) -> float:
     return next((v.value for v in values if v.name == "period"), one.dependence.period)
 
 
-def _with_unit(value: float | None, variable: str) -> str:
+def _with_unit(value: float | None, unit: str) -> str:
     if value is None:
         return ""
-    unit, beside = UNITS[variable], also((value,), UNITS[variable])
+    beside = also((value,), unit)
     text = f"{number(value, 3)} {'' if unit == '1' else unit_text(unit)}".strip()
     return f"{text} ({beside})" if beside else text
 

@@ -14,7 +14,7 @@ from hydro_model.effects.lines import LINE_EFFECTS
 from hydro_model.effects.mechanics import MECHANICS_EFFECTS
 from hydro_model.effects.sensors import SENSOR_EFFECTS, TIMING_EFFECTS
 from hydro_model.effects.supply import SUPPLY_EFFECTS
-from hydro_model.effects.targets import ActiveEffect, known_targets, places, targets
+from hydro_model.effects.targets import ActiveEffect, at_work, known_targets, places, targets
 from hydro_model.effects.valve_edges import EDGE_EFFECTS
 from hydro_model.effects.valve_effects import VALVE_EFFECTS
 from hydro_model.errors import RobotError
@@ -139,9 +139,7 @@ def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:
     effect = _form_at(robot, _known(spec.name, where), spec.target)
     values = effect.values(spec.parameters, where)
     return [
-        ActiveEffect(
-            effect, place.cylinder, values, place.joint, place.name, place.index, place.side
-        )
+        at_work(robot, effect, place, values)
         for place in places(robot, effect, spec.target, where)
     ]
 

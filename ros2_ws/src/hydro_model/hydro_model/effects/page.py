@@ -40,7 +40,8 @@ piston velocity, normalised valve signal and the pressures of chambers A and B.
 
 **Parameters.** *lin*: what the effect contributes is proportional to it (superposition), so that a
 fit of it is linear. *opt*: a file may leave it out and gets the default. Values outside the bounds
-are rejected.
+are rejected. Units are those of a cylinder; at a turning joint without one N m stands for N and
+rad for m (but not at the tip).
 
 """
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.law import Stage, Term
+from hydro_model.effects.units import effect_units
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 
@@ -62,6 +63,8 @@ class ActiveEffect:
         What `Effect.reading` is given.
     side : str
         ``a`` or ``b`` where the laws act on that chamber alone, else empty.
+    prismatic : bool or None
+        Whether `joint` slides; None where the effect acts on none.
     """
 
     effect: Effect
@@ -71,6 +74,15 @@ class ActiveEffect:
     target: str = ""
     index: int = 0
     side: str = ""
+    prismatic: bool | None = None
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of its parameters at this target: at a joint without cylinder those of the joint.
+
+        They are in the order of `Effect.parameters`.
+        """
+        return effect_units(self.effect, self.prismatic)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -79,6 +91,21 @@ class ActiveEffect:
             return self.effect.terms
         other = CHAMBER_STAGES["b" if self.side == "a" else "a"]
         return tuple(term for term in self.effect.terms if term.stage not in other)
+
+
+def at_work(robot: Robot, effect: Effect, place: Place, parameters: FloatArray) -> ActiveEffect:
+    """An effect at work at a place of a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    effect : Effect
+    place : Place
+    parameters : (k,) array
+    """
+    own = place.cylinder, parameters, place.joint, place.name, place.index, place.side
+    prismatic = None if place.joint is None else robot.joints[place.joint].prismatic
+    return ActiveEffect(effect, *own, prismatic)
 
 
 def targets(robot: Robot, effect: Effect) -> tuple[str, ...]:
