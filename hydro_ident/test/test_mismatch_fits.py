@@ -89,3 +89,22 @@ def test_no_base_gives_energy_for_going_faster(
     whole = settled(work.training, fit(work.training, work.base.model.with_term(law), passes=8))
     assert predictor.parameters(whole.model)[at] > 0.0
     assert whole.squares < 0.5 * fitted_there.squares
+
+
+def test_a_step_that_leads_nowhere_is_taken_nearer(
+    lay_out: Callable[..., Residuals], make_run: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A load-holding valve of which setting and range go together, from a base that had it."""
+    law = {"restriction": 1.4, "setting": 4e5, "range": 4e7, "pilot_ratio": 2.0}
+    work = _laid_out(lay_out, make_run, EffectSpec("counterbalance_valve", "lift_cylinder/a", law))
+    known = _term("counterbalance_valve", "lift_cylinder/a", **law)
+    start = _term("counterbalance_valve", "lift_cylinder/a", **(law | {"setting": 6e6}))
+    noise = work.base.bench.noise
+
+    def left(term: ActiveEffect) -> float:
+        return fit(work.training, work.base.model.with_term(term), noise, 12).start_squares
+
+    least = left(known)
+    assert left(start) < 1.02 * least
+    monkeypatch.setattr("hydro_ident.mismatch.fitting._NEARER", ())
+    assert left(start) > 1.1 * least
