@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import struct
 import tracemalloc
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.bag import mcap_gather, mcap_records, stretches
+from hydro_ident.bag import mcap_records
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.bag.stretches import Known, Passage, look_through
+from hydro_ident.bag.stretches import look_through
 from hydro_ident.errors import BagError
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import ranges_of
@@ -28,32 +27,6 @@ from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 N = 900
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 2_000_000
 Columns = dict[str, tuple[tuple[str, ...], dict[str, np.ndarray]]]
-
-
-@pytest.fixture
-def small_blocks(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """Lets the reader hand on messages in blocks of so many."""
-
-    def blocks(rows: int) -> None:
-        for module in (mcap_gather, mcap_records):
-            monkeypatch.setattr(module, "BLOCK_ROWS", rows)
-
-    return blocks
-
-
-@pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> list[Known]:
-    """What was taken for granted in each passage over a bag."""
-    met: list[Known] = []
-    passage = stretches.Passage
-
-    def noted(*arguments: Any) -> Passage:
-        made = passage(*arguments)
-        met.append(made.known)
-        return made
-
-    monkeypatch.setattr(stretches, "Passage", noted)
-    return met
 
 
 def _plain(columns: Columns) -> None:
