@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import struct
 import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ import pytest
 from hydro_ident.bag import mcap_records
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.bag.stretches import look_through
+from hydro_ident.bag.stretch_cycles import LearntError
+from hydro_ident.bag.stretches import Passage, Stretch, look_through
 from hydro_ident.errors import BagError
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import ranges_of
@@ -228,24 +231,52 @@ def test_a_bag_cut_anywhere_is_the_same_in_stretches(
         assert _same(*answers), size
 
 
-def test_the_robot_that_only_the_end_of_a_bag_names(
-    tmp_path: Path, write_bag, run_columns, small_blocks, known
-) -> None:
-    [file] = write_bag(run_columns(200)).glob("*.mcap")
-    text = [struct.pack("<I", len(t)) + t.encode() for t in ("robot", "xs031")]
+def _named_at_its_end(path: Path, robot: str) -> Path:
+    """A bag whose file says a robot's name behind all messages."""
+    [file] = path.glob("*.mcap")
+    text = [struct.pack("<I", len(t)) + t.encode() for t in ("robot", robot)]
     name = struct.pack("<I", 5) + b"hydro"
     body = name + struct.pack("<I", sum(map(len, text))) + b"".join(text)
     record = struct.pack("<BQ", mcap_records.METADATA, len(body)) + body
     data, end = file.read_bytes(), struct.pack("<BQ", mcap_records.DATA_END, 4)
     at = data.rindex(end)
-    late = tmp_path / "late.mcap"
+    late = path.parent / "late.mcap"
     # The data section's own checksum is none: what it is over has changed.
     late.write_bytes(data[:at] + record + end + bytes(4) + data[at + 13 :])
+    return late
+
+
+def test_the_robot_that_only_the_end_of_a_bag_names(
+    write_bag, run_columns, small_blocks, known
+) -> None:
+    late = _named_at_its_end(write_bag(run_columns(200)), "xs031")
     small_blocks(9)
     said = inspect_bag(late, rows=1, late_s=0.01)
     assert (said.robot, said.cycles) == ("xs031", 200)
-    assert [one.robot for one in known] == ["", "xs031", "xs031"]
+    assert [one.robot for one in known] == [None, "xs031", "xs031"]
     assert named_robot(read_bag(late).metadata) is not None
+
+
+def test_a_robot_whose_name_the_end_of_a_bag_takes_back(
+    write_bag, run_columns, small_blocks, known
+) -> None:
+    late = _named_at_its_end(write_bag(run_columns(200), metadata={"robot": "xs031"}), "")
+    small_blocks(9)
+    assert inspect_bag(late, rows=1, late_s=0.01).robot is None
+    assert [one.robot for one in known] == [None, "", ""]
+
+
+def test_a_bag_that_never_reads_the_same_is_refused(
+    write_bag, run_columns, known, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(self: Passage) -> Iterator[Stretch]:
+        raise LearntError(replace(self.known, whole=True))
+        yield
+
+    monkeypatch.setattr(Passage, "stretches", never)
+    with pytest.raises(BagError, match="the same in each reading"):
+        inspect_bag(write_bag(run_columns(20)))
+    assert [one.whole for one in known] == [False, True]
 
 
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path, crane_run, small_blocks) -> None:

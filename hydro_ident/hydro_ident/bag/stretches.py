@@ -28,6 +28,7 @@ from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.stretch_cycles import CycleMaker, Known, LearntError
 from hydro_ident.bag.topic_windows import TopicWindows
 from hydro_ident.bag.window import Window
+from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
 from hydro_msgs_docs.cdr import IntArray
@@ -100,7 +101,7 @@ class Passage:
     healths: list[FileHealth] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     maker: CycleMaker | None = None
-    _named: str | None = ""
+    _named: str = ""
     _begun: bool = False
     _topics: TopicWindows = field(init=False)
 
@@ -166,7 +167,7 @@ class Passage:
 
     def _check_robot(self) -> None:
         """See that the stretches were made for the robot that the whole bag names."""
-        named = self.metadata.get("robot")
+        named = self.metadata.get("robot", "")
         if named == self._named:
             return
         robot, used = (
@@ -178,9 +179,9 @@ class Passage:
 
     def _begin(self, metadata: Mapping[str, str]) -> None:
         self._begun = True
-        named = metadata.get("robot") if self.known.robot == "" else self.known.robot
-        self._named = named
-        robot = self.robot_of({} if named is None else {"robot": named})
+        known = self.known.robot
+        named = self._named = metadata.get("robot", "") if known is None else known
+        robot = self.robot_of({"robot": named} if named else {})
         if robot is not None:
             self.maker = CycleMaker(self.path, robot, self.known)
 
@@ -233,7 +234,9 @@ def look_through(
         As `read_bag`.
     """
     known = known or Known()
-    while True:
+    tried: set[Known] = set()
+    while known not in tried:
+        tried.add(known)
         passage, take = Passage(path, robot_of, known, rows, late_s, again), begin(known)
         try:
             for stretch in passage.stretches():
@@ -244,3 +247,4 @@ def look_through(
         except UndecidedError:
             # Of the whole every interval is kept apart.
             known = replace(known, whole=True)
+    raise BagError(f"{path}: expected the same in each reading, found that it changes: {known}")
