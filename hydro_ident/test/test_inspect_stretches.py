@@ -16,6 +16,7 @@ import pytest
 from hydro_ident.bag import mcap_records
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
+from hydro_ident.bag.streaming import cut_recording
 from hydro_ident.bag.stretch_cycles import LearntError
 from hydro_ident.bag.stretches import Passage, Stretch, look_through
 from hydro_ident.errors import BagError
@@ -23,6 +24,7 @@ from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import ranges_of
 from hydro_ident.inspection_reading import inspect_bag
 from hydro_ident.named_robot import named_robot
+from hydro_ident.signal_look import SignalLook
 from hydro_ident.study.long_bag import write_repeated
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
@@ -229,6 +231,26 @@ def test_a_bag_cut_anywhere_is_the_same_in_stretches(
             except BagError as error:
                 answers.append({"error": str(error)})
         assert _same(*answers), size
+
+
+@pytest.mark.parametrize("length", [5, 6, 7, 20])
+def test_the_first_latch_is_told_wherever_a_stretch_begins(crane_run, length: int) -> None:
+    """Motion asked for from cycle 20 on, the valves at 0 V before and `length` cycles more."""
+    volts, command = np.ones((40, 2)), np.zeros((40, 2))
+    volts[10 : 20 + length], command[20:] = 0.0, 3.0
+    run = cut_recording(crane_run.recording(), slice(0, 40))
+    run = replace(run, valve_v=volts, command_v=command)
+    told = []
+    for cut in (40, *range(12, 36)):
+        look = SignalLook(run.robot)
+        for part in (slice(0, cut), slice(cut, 40)):
+            look.add(cut_recording(run, part))
+            look.add_latches(cut_recording(run, part))
+        look.finish()
+        first_ns = look.latched.first_ns if look.latched.count else None
+        told.append((look.latched.count, look.latched.cycles, first_ns))
+    latched = (1, length, int(run.stamp_ns[20])) if length > 5 else (0, 0, None)
+    assert told == [latched] * len(told)
 
 
 def _named_at_its_end(path: Path, robot: str) -> Path:
