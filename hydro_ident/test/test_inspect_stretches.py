@@ -330,3 +330,16 @@ def test_a_stretch_owns_its_messages_alone(write_bag, run_columns, small_blocks)
     assert len(stamps) > 5
     read = read_bag(path).series["/joint_states"].stamp_ns
     np.testing.assert_array_equal(np.concatenate(stamps), read)
+
+
+def test_a_bag_of_many_small_files_is_several_stretches(write_bag, run_columns) -> None:
+    path = write_bag(run_columns(N), metadata={"robot": "xs031"}, split_ns=50 * PERIOD_NS)
+    assert len(list(path.glob("*.mcap"))) == 18
+    counts: list[int] = []
+
+    def take(stretch: Stretch) -> None:
+        counts.append(0 if stretch.cycles is None else len(stretch.cycles))
+
+    look_through(path, named_robot, lambda _: take, rows=100, late_s=0.02)
+    assert len(counts) == 18
+    assert sum(counts) == N

@@ -103,6 +103,8 @@ class Passage:
     maker: CycleMaker | None = None
     _named: str = ""
     _begun: bool = False
+    #: Of the last block, of whichever file: what is enough is asked between files, too.
+    _buffer: bytes | None = None
     _topics: TopicWindows = field(init=False)
 
     def __post_init__(self) -> None:
@@ -145,13 +147,12 @@ class Passage:
         self.notes += malformed_notes({t: b.malformed for t, b in self.decoder.builders.items()})
 
     def _blocks(self, file: McapFile, what: str) -> Iterator[Stretch]:
-        buffer: bytes | None = None
         for block in file.blocks():
             # Blocks of one buffer belong together: their messages lie side by side in the file.
-            if buffer is not None and block.data is not buffer and self._enough():
+            if block.data is not self._buffer and self._enough():
                 so_far = {**self.metadata, **file.metadata.get(PROJECT_METADATA, {})}
                 yield self._stretch(so_far, last=False)
-            buffer = block.data
+            self._buffer = block.data
             advance(what, file.health.read_bytes, file.health.size_bytes)
             self._take_in(block)
 
