@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from hydro_ident.bag import memory
+from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
+from hydro_ident.bag.writer import BagWriter
+from hydro_ident.errors import BagError
 from hydro_ident.inspection_reading import inspect_bag
+from hydro_msgs_docs.cdr import JOINT_STATE
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
 
 N = 600
@@ -38,3 +46,43 @@ def test_a_topic_that_comes_behind_all_others_within_one_stretch(
     assert known[-1].whole
     assert repr(cut.as_dict()) == repr(whole.as_dict())
     assert cut.cycles == len(read_recording(path, robot)) == N
+
+
+def _many_names_late(path: Path, count: int) -> Path:
+    """So many messages of one name, then 60 of a thousand."""
+    with BagWriter(path) as writer:
+        writer.add_topic("/x", JOINT_STATE)
+        for k in range(count + 60):
+            names = ("a",) if k < count else tuple(f"n{i}" for i in range(1000))
+            fields = {name: np.zeros(len(names)) for name in ("position", "velocity", "effort")}
+            # All within what may be late, in a chunk for every hundred.
+            at, came = START_NS + 2000 * k, START_NS + PERIOD_NS * k
+            writer.write_stamped("/x", at, fields, names=names, log_ns=came)
+    return path
+
+
+def test_many_names_that_come_late_are_refused_before_they_are_joined(
+    tmp_path: Path, small_blocks
+) -> None:
+    path = _many_names_late(tmp_path / "bag", 3000)
+    small_blocks(500)
+    with pytest.raises(BagError) as whole:
+        read_bag(path)
+    tracemalloc.start()
+    with pytest.raises(BagError) as cut:
+        inspect_bag(path, rows=1000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert str(cut.value) == str(whole.value)
+    assert peak < 20e6  # the table would take 73 MB
+
+
+def test_memory_for_names_that_come_late_is_asked_for(
+    tmp_path: Path, small_blocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = _many_names_late(tmp_path / "bag", 1200)
+    small_blocks(400)
+    assert inspect_bag(path, rows=500).messages == 1260
+    monkeypatch.setattr(memory, "available_bytes", lambda: 40_000_000)
+    with pytest.raises(BagError, match=r"fits into memory \(0.04 GB are free\)"):
+        inspect_bag(path, rows=500)

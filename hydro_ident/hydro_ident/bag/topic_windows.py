@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 from hydro_ident.bag.aligned import TYPES
 from hydro_ident.bag.decoder import Decoder
-from hydro_ident.bag.series import Series, SeriesBuilder
+from hydro_ident.bag.series import Series, SeriesBuilder, too_empty
 from hydro_ident.bag.stretch_cycles import Known, LearntError
-from hydro_ident.bag.window import LateError, Window
+from hydro_ident.bag.window import LateError, Window, joined_cells
 from hydro_ident.errors import BagError
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, OIL_TEMPERATURE
 
@@ -66,18 +66,32 @@ class TopicWindows:
                 begun = self._is_joined(topic, builder)
                 self.windows[topic] = Window(given_ns=self._reached_ns if begun else None)
             window = self.windows[topic]
+            fresh = self._taken(builder)
+            if len(fresh) and not window.count and self._too_late(topic, bare):
+                raise LearntError(replace(self.known, waits=self.known.waits | {topic}))
+            self._require_room(window, fresh)
             try:
-                fresh = builder.take()
-                if len(fresh) and not window.count and self._too_late(topic, bare):
-                    raise LearntError(replace(self.known, waits=self.known.waits | {topic}))
                 window.add(fresh)
-            except LearntError:
-                raise
-            except BagError as error:
-                if self.known.whole and not isinstance(error, LateError):
-                    raise
-                # Out of order, or too few numbers for its names: the whole may be dense enough.
+            except LateError as error:
                 raise LearntError(replace(self.known, whole=True)) from error
+
+    def _taken(self, builder: SeriesBuilder) -> Series:
+        try:
+            return builder.take()
+        except BagError as error:
+            if self.known.whole:
+                raise
+            # Too few numbers for its names: the whole may be dense enough.
+            raise LearntError(replace(self.known, whole=True)) from error
+
+    def _require_room(self, window: Window, fresh: Series) -> None:
+        """See that what is kept has room for the names that come, which are columns of it, too."""
+        if window.kept is None or window.kept.names == fresh.names or not len(fresh):
+            return
+        cells, filled = joined_cells(window.kept, fresh)
+        if too_empty(cells, filled):
+            raise LearntError(replace(self.known, whole=True))
+        self.decoder.require_cells(cells)
 
     def _too_late(self, topic: str, bare: bool) -> bool:
         """Whether stretches were made without a topic that they should have had."""

@@ -53,6 +53,15 @@ def joined(old: Series, new: Series) -> Series:
     )
 
 
+def joined_cells(old: Series, new: Series) -> tuple[int, int]:
+    """Numbers that two stretches of a topic have room for as one, and those that are there."""
+    every = (*old.fields.values(), *new.fields.values())
+    fields, names = {*old.fields, *new.fields}, {*old.names, *new.names}
+    wide = len(names) * len(fields) or sum(values.shape[1] for values in every)
+    filled = sum(int(np.count_nonzero(~np.isnan(values))) for values in every)
+    return (len(old) + len(new)) * wide, filled
+
+
 @dataclass(slots=True)
 class Window:
     """The messages of a topic whose place in order may still change.
