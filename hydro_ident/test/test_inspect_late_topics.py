@@ -15,7 +15,7 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
 from hydro_ident.inspection_reading import inspect_bag
 from hydro_msgs_docs.cdr import JOINT_STATE
-from hydro_msgs_docs.topics import CHAMBER_PRESSURES, VALVE_COMMAND, VALVE_STATE
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, VALVE_COMMAND, VALVE_STATE
 
 N = 600
 START_NS, PERIOD_NS = 1_700_000_000_000_000_000, 2_000_000
@@ -86,3 +86,29 @@ def test_memory_for_names_that_come_late_is_asked_for(
     monkeypatch.setattr(memory, "available_bytes", lambda: 40_000_000)
     with pytest.raises(BagError, match=r"fits into memory \(0.04 GB are free\)"):
         inspect_bag(path, rows=500)
+
+
+def _valves_ahead(columns: dict, path: Path, ahead_s: float) -> Path:
+    """Joints, and valves whose stamps are of another clock."""
+    with BagWriter(path, metadata={"robot": "xs031"}) as writer:
+        for topic in (JOINT_STATES, VALVE_COMMAND):
+            writer.add_topic(topic, JOINT_STATE)
+        for k in range(N):
+            for topic, ahead_ns in ((JOINT_STATES, 0), (VALVE_COMMAND, round(ahead_s * 1e9))):
+                names, fields = columns[topic]
+                values, came = {n: v[k] for n, v in fields.items()}, START_NS + PERIOD_NS * k
+                writer.write_stamped(topic, came + ahead_ns, values, names=names, log_ns=came)
+    return path
+
+
+@pytest.mark.parametrize(("ahead_s", "whole"), [(1.0, False), (3600.0, True)])
+def test_valves_that_are_far_ahead_of_the_joints_have_the_bag_read_as_one(
+    tmp_path: Path, run_columns, small_blocks, known, ahead_s: float, *, whole: bool
+) -> None:
+    path = _valves_ahead(run_columns(N), tmp_path / "bag", ahead_s)
+    as_one = inspect_bag(path, rows=1 << 40)
+    small_blocks(60)
+    known.clear()
+    cut = inspect_bag(path, rows=100, late_s=0.02)
+    assert known[-1].whole == whole
+    assert repr(cut.as_dict()) == repr(as_one.as_dict())

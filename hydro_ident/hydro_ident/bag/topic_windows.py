@@ -12,6 +12,9 @@ from hydro_ident.bag.window import LateError, Window, joined_cells
 from hydro_ident.errors import BagError
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, OIL_TEMPERATURE
 
+#: What is joined to the joints and further ahead of them than this goes by another clock, or they
+#: have ended: it would be held, and put in order with every stretch, to the end.
+_AHEAD_NS = 5 * 10**9
 #: Topics that are joined to the cycles.
 _JOINED = tuple(topic for topic in TYPES if topic != OIL_TEMPERATURE)
 
@@ -107,22 +110,37 @@ class TopicWindows:
         return {t: self.windows[t] for t, b in builders if self._is_joined(t, b)}
 
     def give(self, *, last: bool) -> dict[str, Series]:
-        """Messages by topic that no later ones will come between; all where these are the last."""
+        """Messages by topic that no later ones will come between.
+
+        Parameters
+        ----------
+        last : bool
+            No more come: all of them.
+
+        Raises
+        ------
+        LearntError
+            Some are so far ahead of the joints that the bag is better read as one.
+        """
         joined, late_ns = self.joined, round(self.late_s * 1e9)
         cycles = joined.get(JOINT_STATES)
+        if not last and cycles is not None and cycles.newest_ns is not None:
+            newest = [one.newest_ns for one in joined.values() if one.newest_ns is not None]
+            if max(newest) > cycles.newest_ns + _AHEAD_NS:
+                raise LearntError(replace(self.known, whole=True))
         given: dict[str, Series] = {}
         for topic, window in self.windows.items():
-            newest = window.newest_ns
+            until = window.newest_ns
             if topic in joined and cycles is not None and cycles.count:
-                newest = cycles.newest_ns
-                self._reached_ns = None if newest is None else newest - late_ns
-            elif topic in joined and newest is not None:
-                newest = None if JOINT_STATES in self.known.waits else newest
-                self._alone |= newest is not None
+                until = cycles.newest_ns
+                self._reached_ns = None if until is None else until - late_ns
+            elif topic in joined and until is not None:
+                until = None if JOINT_STATES in self.known.waits else until
+                self._alone |= until is not None
             if last:
                 some = window.give(None)
             else:
-                some = None if newest is None else window.give(newest - late_ns)
+                some = None if until is None else window.give(until - late_ns)
             if some is not None:
                 given[topic] = some
         return given
