@@ -1,14 +1,15 @@
-"""Inspections of bags in which topics, names or stamps come later or elsewhere than usual."""
+"""Inspections of bags in which topics, names, stamps or messages come when they should not."""
 
 from __future__ import annotations
 
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.bag import memory
+from hydro_ident.bag import memory, stretches
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
@@ -112,3 +113,33 @@ def test_valves_that_are_far_ahead_of_the_joints_have_the_bag_read_as_one(
     cut = inspect_bag(path, rows=100, late_s=0.02)
     assert known[-1].whole == whole
     assert repr(cut.as_dict()) == repr(as_one.as_dict())
+
+
+@pytest.mark.parametrize("late", [0, 10**9])
+def test_a_bag_that_changes_between_its_readings_is_refused(
+    tmp_path: Path,
+    write_bag,
+    run_columns,
+    small_blocks,
+    monkeypatch: pytest.MonkeyPatch,
+    late: int,
+) -> None:
+    """By messages more, one of which may be so late that the bag would be read as one."""
+    [short] = write_bag(run_columns(300), name="short").glob("*.mcap")
+    stamps = START_NS + PERIOD_NS * np.arange(N)
+    stamps[-5] -= late
+    [grown] = write_bag(run_columns(N), name="grown", stamps=stamps).glob("*.mcap")
+    bag = tmp_path / "bag.mcap"
+    bag.write_bytes(short.read_bytes())
+    passage, known = stretches.Passage, []
+
+    def grows(*arguments: Any) -> stretches.Passage:
+        if len(known) == 1:
+            bag.write_bytes(grown.read_bytes())
+        known.append(arguments)
+        return passage(*arguments)
+
+    monkeypatch.setattr(stretches, "Passage", grows)
+    small_blocks(60)
+    with pytest.raises(BagError, match=r"1800 messages .* found 3600 .* changed while"):
+        inspect_bag(bag, rows=200, late_s=0.05)
