@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hydro_ident.bag.changes import Changes
 from hydro_ident.bag.reading_rate import samples_per_reading
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
@@ -138,3 +139,20 @@ def test_noisy_positions_are_looked_at_slowly() -> None:
     assert "noisy beside its motion" in slow.notes[0]
     slower = choices(recording(8e-3))
     assert slower.filters.differentiation_hz < slow.filters.differentiation_hz
+
+
+def test_changes_are_the_same_where_a_column_is_missing_in_some_stretches() -> None:
+    values = np.random.default_rng(5).integers(0, 3, (90, 4)).astype(float)
+    values[:, 0], values[30:60, 1], values[:60, 2], values[40:, 3] = (np.nan,) * 4
+    whole, cut = Changes(4), Changes(4)
+    whole.add(values)
+    for begin in range(0, 90, 10):
+        cut.add(values[begin : begin + 10])
+    # What every column is counted for is as of steps from row to row.
+    steps = np.diff(values, axis=0)
+    for one in (whole, cut):
+        np.testing.assert_array_equal(one.changes, (steps != 0.0).sum(axis=0))
+        np.testing.assert_array_equal(one.moving, [1, 2, 3])
+        np.testing.assert_array_equal(one.smallest, [np.nan, 1.0, 1.0, 1.0])
+        assert [b.met for b in one.bends] == [0, 60, 30, 40]
+    assert [b.rms for b in cut.bends] == [b.rms for b in whole.bends]
