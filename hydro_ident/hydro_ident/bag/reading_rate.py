@@ -208,18 +208,3 @@ def look_twice(recording: Recording) -> SecondLook:
     second = SecondLook(first, recording.period_s)
     second.add(recording)
     return second
-
-
-def samples_per_reading(recording: Recording) -> int:
-    """How many samples of a recording there are for each one that was taken.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    int
-        As `SecondLook.every`.
-    """
-    return look_twice(recording).every()
