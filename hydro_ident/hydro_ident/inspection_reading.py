@@ -96,11 +96,33 @@ class _Reading:
         error = _refused(passage, first)
         if self.strict and error is not None:
             raise error
-        second = SecondPass(first, None if error is not None else first.signals)
-        if second.needed:
-            self._look_through(lambda _: second.add, passage.known, " again")
-        second.finish()
+        second = self._second(passage, first, None if error is not None else first.signals)
         return _inspection(passage, first, second, error)
+
+    def _second(
+        self, passage: Passage, first: FirstPass, signals: SignalLook | None
+    ) -> SecondPass:
+        """A second passage, over the same messages as the first one."""
+        seconds = [SecondPass(first, signals)]
+
+        def begin(_: Known) -> Callable[[Stretch], None]:
+            seconds[:] = [SecondPass(first, signals)]
+            return seconds[0].add
+
+        if seconds[0].needed:
+            again = self._look_through(begin, passage.known, " again")
+            counts, now = (
+                {topic: info.count for topic, info in one.infos.items()}
+                for one in (passage, again)
+            )
+            if now != counts:
+                raise BagError(
+                    f"{self.path}: expected the {sum(counts.values())} messages of a first"
+                    f" reading, found {sum(now.values())} in a second one: the bag changed while"
+                    " it was read"
+                )
+        seconds[0].finish()
+        return seconds[0]
 
     def _look_through(
         self, begin: Callable[[Known], Callable[[Stretch], None]], known: Known | None, again: str

@@ -11,7 +11,7 @@ from hydro_ident.bag.changes import FirstLook
 from hydro_ident.bag.channels import Present
 from hydro_ident.bag.dead_sensors import SensorSpans
 from hydro_ident.bag.grid import BoolArray, runs
-from hydro_ident.bag.latches import LatchFinder
+from hydro_ident.bag.latches import FOLLOW_CYCLES, LatchFinder
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.running import Held, Spans
@@ -99,6 +99,8 @@ class SignalLook:
     changes: FirstLook = field(init=False)
     hidden: Mapping[str, float] = field(default_factory=dict)
     _finder: LatchFinder = field(default_factory=LatchFinder)
+    #: Stamps of the last cycles met: a latch is told from delay so many cycles behind its first.
+    _recent: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         self.sensors, self.changes = SensorSpans(self.robot), FirstLook(self.robot)
@@ -165,12 +167,14 @@ class SignalLook:
         applied, command = recording.valve_v, recording.command_v
         if applied is None or recording.valve_source != VALVE_STATE:
             applied = nothing
-        behind = self.cycles - len(recording)
+        stamps = np.concatenate([self._recent, recording.stamp_ns])
+        behind = self.cycles - len(stamps)
         spans = self._finder.add(applied, nothing if command is None else command)
-        self.latched.add(spans, recording.stamp_ns, behind)
+        self.latched.add(spans, stamps, behind)
         since = self._finder.since
         if not self.latched.count and since is not None and since >= behind:
-            self.latched.first_ns = int(recording.stamp_ns[since - behind])
+            self.latched.first_ns = int(stamps[since - behind])
+        self._recent = stamps[-FOLLOW_CYCLES:].copy()
 
     def finish(self) -> None:
         """No more cycles come."""

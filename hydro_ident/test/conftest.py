@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.bag import mcap_gather, mcap_records, stretches
 from hydro_ident.bag.recording import Recording
+from hydro_ident.bag.stretch_cycles import Known
 from hydro_ident.bag.writer import BagWriter
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
@@ -280,3 +282,29 @@ def browser_check() -> Callable[..., dict[str, Any]]:
         return answer
 
     return check
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Lets the reader hand on messages in blocks of so many."""
+
+    def blocks(rows: int) -> None:
+        for module in (mcap_gather, mcap_records):
+            monkeypatch.setattr(module, "BLOCK_ROWS", rows)
+
+    return blocks
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> list[Known]:
+    """What was taken for granted in each passage over a bag."""
+    met: list[Known] = []
+    passage = stretches.Passage
+
+    def noted(*arguments: Any) -> stretches.Passage:
+        made = passage(*arguments)
+        met.append(made.known)
+        return made
+
+    monkeypatch.setattr(stretches, "Passage", noted)
+    return met

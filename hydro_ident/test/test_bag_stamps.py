@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.gaps import contiguous, find_gaps, usual_period_s
+from hydro_ident.bag.intervals import Intervals
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.estimate.chambers import EDGES
 from hydro_ident.estimate.hydraulics import fit_hydraulics
@@ -97,3 +98,16 @@ def test_gaps_close_to_one_another_are_told_apart() -> None:
     wide = np.flatnonzero(np.diff(kept) > 1)
     assert [g.missing for g in find_gaps(stamps, 0.002)] == (np.diff(kept)[wide] - 1).tolist()
     assert [part.start for part in contiguous(stamps, 0.002)[1:]] == (wide + 1).tolist()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_period_is_that_of_intervals_counted_in_stretches(seed: int) -> None:
+    """To the last digit, whatever is missing."""
+    random = np.random.default_rng(seed)
+    steps = 2_000_000 + np.round(2e5 * random.normal(size=4000 + seed)).astype(np.int64)
+    steps[random.integers(0, 4000, 40)] *= 3
+    counted = Intervals(most=500)
+    for part in np.array_split(steps, 7):
+        counted.add(part)
+    stamps = 1_700_000_000_000_000_000 + np.cumsum(np.concatenate([[0], steps]))
+    assert usual_period_s(stamps) == counted.period_s

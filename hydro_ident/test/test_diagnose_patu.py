@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.reading_rate import samples_per_reading
+from hydro_ident.bag.reading_rate import look_twice
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import run as convert
 from hydro_ident.mismatch.diagnosis import diagnose
@@ -84,7 +84,7 @@ def test_the_static_force_is_that_of_the_nameplate(bag: Path) -> None:
 
 def test_that_the_record_was_interpolated_is_seen(bag: Path) -> None:
     recording = read_recording(bag, load_robot("patu655"))
-    rate_hz = 1.0 / recording.period_s / samples_per_reading(recording)
+    rate_hz = 1.0 / recording.period_s / look_twice(recording).every()
     assert 50.0 < rate_hz < 75.0
 
 

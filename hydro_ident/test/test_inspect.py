@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hydro_ident.bag import stretches
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import recording_of
@@ -254,6 +255,15 @@ def test_bad_input_is_one_line_and_exit_2(tmp_path, write_bag, run_columns, caps
     with pytest.raises(SystemExit) as usage:
         main([])
     assert usage.value.code == 2
+
+
+def test_an_unknown_robot_is_said_before_the_bag_is_read(
+    write_bag, run_columns, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_bag(run_columns(20))
+    monkeypatch.setattr(stretches.Passage, "stretches", lambda _: pytest.fail("it was read"))
+    assert main([str(path), "--robot", "nothing"]) == 2
+    assert "no robot file" in capsys.readouterr().err
 
 
 class _Screen(io.StringIO):

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-import struct
-import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.bag import mcap_gather, mcap_records, stretches
-from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag import writer
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.bag.stretches import Known, Passage, look_through
+from hydro_ident.bag.stretches import Passage, Stretch
 from hydro_ident.errors import BagError
 from hydro_ident.health import find_irregularities
 from hydro_ident.inspection import ranges_of
 from hydro_ident.inspection_reading import inspect_bag
-from hydro_ident.named_robot import named_robot
-from hydro_ident.study.long_bag import write_repeated
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import VALVE_COMMAND, VALVE_STATE
 
@@ -31,29 +26,28 @@ Columns = dict[str, tuple[tuple[str, ...], dict[str, np.ndarray]]]
 
 
 @pytest.fixture
-def small_blocks(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """Lets the reader hand on messages in blocks of so many."""
+def chunks_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Lets the writer begin a chunk, which no stretch ends within, after so many cycles.
 
-    def blocks(rows: int) -> None:
-        for module in (mcap_gather, mcap_records):
-            monkeypatch.setattr(module, "BLOCK_ROWS", rows)
-
-    return blocks
+    After 0 each message has its own.
+    """
+    return lambda cycles: monkeypatch.setattr(writer, "CHUNK_NS", cycles * PERIOD_NS)
 
 
 @pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> list[Known]:
-    """What was taken for granted in each passage over a bag."""
-    met: list[Known] = []
-    passage = stretches.Passage
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many stretches each passage over a bag had."""
+    counts: list[int] = []
+    read = Passage.stretches
 
-    def noted(*arguments: Any) -> Passage:
-        made = passage(*arguments)
-        met.append(made.known)
-        return made
+    def noted(self: Passage) -> Iterator[Stretch]:
+        counts.append(0)
+        for stretch in read(self):
+            counts[-1] += 1
+            yield stretch
 
-    monkeypatch.setattr(stretches, "Passage", noted)
-    return met
+    monkeypatch.setattr(Passage, "stretches", noted)
+    return counts
 
 
 def _plain(columns: Columns) -> None:
@@ -162,13 +156,19 @@ def test_wherever_a_bag_is_cut_its_inspection_is_the_same(
         assert not any(one.whole for one in known), known
 
 
-def test_one_message_at_a_time_is_the_same(write_bag, run_columns, robot, small_blocks) -> None:
-    columns = run_columns(60)
-    columns["/joint_states"][1]["position"][[3, 30, 31, 58]] = np.nan
+def test_one_message_at_a_time_is_the_same(
+    write_bag, run_columns, robot, small_blocks, chunks_of, counted
+) -> None:
+    columns = run_columns(30)
+    columns["/joint_states"][1]["position"][[3, 15, 16, 28]] = np.nan
+    chunks_of(0)
     path = write_bag(columns)
     whole = _answer(path, robot, 1 << 40, 2.0)
+    assert counted == [1, 1]
+    counted.clear()
     small_blocks(1)
     assert _same(_answer(path, robot, 1, 0.002), whole)
+    assert counted == [whole["messages"]] * 2
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -238,69 +238,23 @@ def test_a_bag_written_topic_by_topic_is_read_as_one(
 
 
 def test_a_bag_cut_anywhere_is_the_same_in_stretches(
-    tmp_path: Path, write_bag, run_columns, small_blocks
+    tmp_path: Path, write_bag, run_columns, small_blocks, chunks_of, counted
 ) -> None:
-    [file] = write_bag(run_columns(200), metadata={"robot": "xs031"}).glob("*.mcap")
+    chunks_of(10)
+    [file] = write_bag(run_columns(100), metadata={"robot": "xs031"}).glob("*.mcap")
     data = file.read_bytes()
-    cut = tmp_path / "cut.mcap"
-    for size in np.linspace(20, len(data), 25).astype(int):
+    cut, most = tmp_path / "cut.mcap", []
+    for size in np.linspace(20, len(data), 13).astype(int):
         cut.write_bytes(data[:size])
         answers = []
         for block, rows, late_s in ((1 << 16, 1 << 40, 2.0), (9, 1, 0.01)):
             small_blocks(block)
+            counted.clear()
             try:
                 answers.append(_answer(cut, None, rows, late_s))
             except BagError as error:
                 answers.append({"error": str(error)})
         assert _same(*answers), size
-
-
-def test_the_robot_that_only_the_end_of_a_bag_names(
-    tmp_path: Path, write_bag, run_columns, small_blocks, known
-) -> None:
-    [file] = write_bag(run_columns(200)).glob("*.mcap")
-    text = [struct.pack("<I", len(t)) + t.encode() for t in ("robot", "xs031")]
-    name = struct.pack("<I", 5) + b"hydro"
-    body = name + struct.pack("<I", sum(map(len, text))) + b"".join(text)
-    record = struct.pack("<BQ", mcap_records.METADATA, len(body)) + body
-    data, end = file.read_bytes(), struct.pack("<BQ", mcap_records.DATA_END, 4)
-    at = data.rindex(end)
-    late = tmp_path / "late.mcap"
-    # The data section's own checksum is none: what it is over has changed.
-    late.write_bytes(data[:at] + record + end + bytes(4) + data[at + 13 :])
-    small_blocks(9)
-    said = inspect_bag(late, rows=1, late_s=0.01)
-    assert (said.robot, said.cycles) == ("xs031", 200)
-    assert [one.robot for one in known] == ["", "xs031", "xs031"]
-    assert named_robot(read_bag(late).metadata) is not None
-
-
-def test_memory_does_not_grow_with_the_bag(tmp_path: Path, crane_run, small_blocks) -> None:
-    """Of 18 s, and of three times as long: what grows is what a gap adds."""
-    small_blocks(500)
-    recording = crane_run.recording(q_ref=crane_run.q)
-    peaks = []
-    for repeats in (1, 3):
-        path = tmp_path / f"run_{repeats}"
-        write_repeated(path, recording, repeats)
-        tracemalloc.start()
-        inspect_bag(path, rows=2000)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.05 * peaks[0]
-
-
-def test_a_stretch_owns_its_messages_alone(write_bag, run_columns, small_blocks) -> None:
-    path = write_bag(run_columns(N), metadata={"robot": "xs031"})
-    small_blocks(60)
-    stamps: list[np.ndarray] = []
-    look_through(
-        path,
-        named_robot,
-        lambda _: lambda s: stamps.append(s.stamps.get("/joint_states", np.zeros(0, int))),
-        rows=100,
-        late_s=0.02,
-    )
-    assert len(stamps) > 5
-    read = read_bag(path).series["/joint_states"].stamp_ns
-    np.testing.assert_array_equal(np.concatenate(stamps), read)
+        most.append(max(counted))
+    assert most[-1] >= 10
+    assert len(set(most)) > 5

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.reading_rate import samples_per_reading
+from hydro_ident.bag.changes import Changes
+from hydro_ident.bag.reading_rate import look_twice
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -53,7 +54,7 @@ def recording(noise_rad: float, every: int = 1, quantum_rad: float = 0.0) -> Rec
 
 def test_an_interpolated_recording_is_thinned_and_said() -> None:
     read = recording(1e-3, EVERY)
-    assert samples_per_reading(read) == EVERY
+    assert look_twice(read).every() == EVERY
     piece = next(MemorySource(read).pieces())
     assert piece.recording.period_s == pytest.approx(EVERY / RATE_HZ)
     assert len(piece.recording) == pytest.approx(len(read) / EVERY, abs=1)
@@ -65,14 +66,14 @@ def test_an_interpolated_recording_is_thinned_and_said() -> None:
 def test_noisy_smooth_and_quantised_signals_are_not_taken_for_interpolated(
     noise: float, quantum: float
 ) -> None:
-    assert samples_per_reading(recording(noise, 1, quantum)) == 1
+    assert look_twice(recording(noise, 1, quantum)).every() == 1
 
 
 def test_one_sensor_at_its_full_rate_is_enough() -> None:
     read = recording(1e-3, EVERY)
     p_a = read.p_a.copy()
     p_a[:, 0] += 4e3 * np.random.default_rng(1).standard_normal(len(read))
-    assert samples_per_reading(replace(read, p_a=p_a)) == 1
+    assert look_twice(replace(read, p_a=p_a)).every() == 1
 
 
 def held(read: Recording, every: int, slips: bool = False) -> Recording:
@@ -89,7 +90,7 @@ def held(read: Recording, every: int, slips: bool = False) -> Recording:
 @pytest.mark.parametrize("slips", [False, True])
 def test_readings_that_are_held_are_thinned_and_said(slips: bool) -> None:
     read = held(recording(1e-5), 10, slips)
-    assert samples_per_reading(read) == 10
+    assert look_twice(read).every() == 10
     piece = next(MemorySource(read).pieces())
     assert len(piece.recording) == pytest.approx(len(read) / 10, abs=1)
     [note] = piece.recording.notes
@@ -98,7 +99,7 @@ def test_readings_that_are_held_are_thinned_and_said(slips: bool) -> None:
 
 
 def test_coarse_readings_that_are_held_are_thinned() -> None:
-    assert samples_per_reading(held(recording(0.0, 1, 1e-3), 10)) == 10
+    assert look_twice(held(recording(0.0, 1, 1e-3), 10)).every() == 10
 
 
 @pytest.mark.parametrize("quantum", [3e-4, 1e-3, 1e-2])
@@ -108,16 +109,16 @@ def test_a_coarse_encoder_alone_is_not_taken_for_one_that_is_held(
 ) -> None:
     """It repeats itself as long as its joint takes for a count: now three samples, now forty."""
     read = recording(noise, 1, quantum)
-    assert samples_per_reading(replace(read, p_a=None, p_b=None)) == 1
+    assert look_twice(replace(read, p_a=None, p_b=None)).every() == 1
     # Even at a constant speed: it never passes over a count.
     ramp = 2e-4 * np.arange(len(read))[:, None] * np.ones(2)
     even = quantum * np.floor(ramp / quantum + 1e-9)
-    assert samples_per_reading(replace(read, q=even, p_a=None, p_b=None)) == 1
+    assert look_twice(replace(read, q=even, p_a=None, p_b=None)).every() == 1
 
 
 def test_held_pressures_beside_quick_positions_are_not_thinned() -> None:
     quick, slow = recording(1e-5), held(recording(1e-5), 10)
-    assert samples_per_reading(replace(slow, q=quick.q)) == 1
+    assert look_twice(replace(slow, q=quick.q)).every() == 1
 
 
 def choices(read: Recording) -> Choices:
@@ -138,3 +139,20 @@ def test_noisy_positions_are_looked_at_slowly() -> None:
     assert "noisy beside its motion" in slow.notes[0]
     slower = choices(recording(8e-3))
     assert slower.filters.differentiation_hz < slow.filters.differentiation_hz
+
+
+def test_changes_are_the_same_where_a_column_is_missing_in_some_stretches() -> None:
+    values = np.random.default_rng(5).integers(0, 3, (90, 4)).astype(float)
+    values[:, 0], values[30:60, 1], values[:60, 2], values[40:, 3] = (np.nan,) * 4
+    whole, cut = Changes(4), Changes(4)
+    whole.add(values)
+    for begin in range(0, 90, 10):
+        cut.add(values[begin : begin + 10])
+    # What every column is counted for is as of steps from row to row.
+    steps = np.diff(values, axis=0)
+    for one in (whole, cut):
+        np.testing.assert_array_equal(one.changes, (steps != 0.0).sum(axis=0))
+        np.testing.assert_array_equal(one.moving, [1, 2, 3])
+        np.testing.assert_array_equal(one.smallest, [np.nan, 1.0, 1.0, 1.0])
+        assert [b.met for b in one.bends] == [0, 60, 30, 40]
+    assert [b.rms for b in cut.bends] == [b.rms for b in whole.bends]

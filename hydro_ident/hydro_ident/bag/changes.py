@@ -27,8 +27,17 @@ class Bends:
     _tail: FloatArray = field(default_factory=lambda: np.zeros(0))
     _squares: Sums = field(default_factory=lambda: Sums(1))
 
-    def add(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Sizes of the bends that the next samples, (N,), bring, and of the steps behind them."""
+    def add(self, values: FloatArray) -> None:
+        """Take in the next samples, (N,)."""
+        bend, _ = self.sizes(values)
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._squares.add(bend[:, None] ** 2)
+
+    def sizes(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Sizes of the bends that the next samples, (N,), bring, and of the steps behind them.
+
+        They are met by that, though not in `rms`.
+        """
         known = values[np.isfinite(values)]
         self.met += known.size
         whole = np.concatenate([self._tail, known])
@@ -37,7 +46,6 @@ class Bends:
         with np.errstate(over="ignore", invalid="ignore"):
             step = np.diff(whole)
             bend = np.abs(np.diff(step))
-            self._squares.add(bend[:, None] ** 2)
         return bend, np.abs(step[1:])
 
     @property
@@ -89,18 +97,24 @@ class Changes:
 
     def add(self, values: FloatArray) -> None:
         """Take in rows, (N, width)."""
-        steps = steps_of(self._last, values)
-        self.met, self._last = self.met + len(values), values[-1:].copy()
+        if not len(values):
+            return
+        at = _there(values)
+        some = values[:, at]
+        steps = steps_of(self._last[:, at], some)
         # A reading that is missing counts as a change: no cycle may be left out for it.
         changed = steps != 0.0
-        self.changes += changed.sum(axis=0)
-        if len(steps):
+        every = len(steps)
+        self.changes += every
+        self.changes[at] += changed.sum(axis=0) - every
+        self.met, self._last = self.met + len(values), values[-1:].copy()
+        if every:
             sizes = np.where(changed, np.abs(steps), np.nan)
-            self.smallest = np.fmin(self.smallest, np.fmin.reduce(sizes, axis=0))
-        self._least = np.fmin(self._least, np.fmin.reduce(values, axis=0))
-        self._most = np.fmax(self._most, np.fmax.reduce(values, axis=0))
-        for one, column in zip(self.bends, values.T, strict=True):
-            one.add(column)
+            self.smallest[at] = np.fmin(self.smallest[at], np.fmin.reduce(sizes, axis=0))
+        self._least[at] = np.fmin(self._least[at], np.fmin.reduce(some, axis=0))
+        self._most[at] = np.fmax(self._most[at], np.fmax.reduce(some, axis=0))
+        for i in at:
+            self.bends[i].add(values[:, i])
 
     @property
     def moving(self) -> IntArray:
@@ -116,6 +130,13 @@ def steps_of(last: FloatArray, values: FloatArray) -> FloatArray:
     """
     with np.errstate(invalid="ignore"):
         return np.diff(np.concatenate([last, values]), axis=0)
+
+
+def _there(values: FloatArray) -> IntArray:
+    """Columns in which some row is a number; what is not recorded need not be looked at."""
+    empty = np.isnan(values[0])
+    empty[empty] = np.isnan(values[:, empty]).all(axis=0)
+    return np.flatnonzero(~empty)
 
 
 def _nan(width: int) -> FloatArray:

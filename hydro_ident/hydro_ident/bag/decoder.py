@@ -113,7 +113,17 @@ class Decoder:
         BagError
             There is not.
         """
-        self._require(_AGAIN * sum(builder.table_bytes for builder in self.builders.values()))
+        self.require_cells(sum(builder.table_bytes for builder in self.builders.values()) // 8)
+
+    def require_cells(self, cells: int) -> None:
+        """See that there is memory for columns of so many numbers, and for the work on them.
+
+        Raises
+        ------
+        BagError
+            There is not.
+        """
+        self._require(8 * _AGAIN * cells)
 
     def _ask(self, more: int) -> None:
         self._unasked += more

@@ -73,12 +73,9 @@ class Intervals:
     ----------
     most : int
         So many lengths are kept apart.
-    longest : int
-        ns; 0 without any.
     """
 
     most: int = _MOST_LENGTHS
-    longest: int = 0
     _kept: Counts = field(default_factory=Counts)
     #: First and last length of each zone that is kept apart, and how many intervals lie before,
     #: between and behind the zones, and their sums.
@@ -101,7 +98,6 @@ class Intervals:
         """
         if not steps.size:
             return
-        self.longest = max(self.longest, int(steps.max()))
         self._put(steps, np.ones(steps.size, dtype=np.int64))
         while self._kept.values.size > self.most:
             self._narrow()

@@ -13,7 +13,7 @@ from hydro_msgs_docs.cdr import FloatArray
 #: a smaller one is rounded to 0 V. The applied voltage may follow it this many cycles later; a
 #: shorter disagreement is delay, not a latch.
 _COMMANDED_V = 5e-3
-_FOLLOW_CYCLES = 3
+FOLLOW_CYCLES = 3
 
 
 @dataclass(slots=True)
@@ -67,7 +67,7 @@ class LatchFinder:
             self._open, self._denied, self._last = True, 0, asked[:0]
         begin -= len(self._last)
         asked = np.concatenate([self._last, asked])
-        settled = max(0, len(asked) - _FOLLOW_CYCLES)
+        settled = max(0, len(asked) - FOLLOW_CYCLES)
         denied = np.flatnonzero(asked[:settled])
         if denied.size and not self._denied:
             self._first = begin + int(denied[0])
@@ -76,7 +76,7 @@ class LatchFinder:
 
     def _ended(self, end: int) -> list[tuple[int, int]]:
         self._open = False
-        return [(self._first, end)] if self._denied >= _FOLLOW_CYCLES else []
+        return [(self._first, end)] if self._denied >= FOLLOW_CYCLES else []
 
 
 def latched_cycles(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.bag.changes import Bends, Changes, FirstLook, sensor_columns, steps_of
-from hydro_ident.bag.grid import BoolArray, runs
+from hydro_ident.bag.grid import BoolArray
 from hydro_ident.bag.intervals import Counts
 from hydro_ident.bag.recorded_run import Recording
 from hydro_msgs_docs.cdr import FloatArray, IntArray
@@ -45,12 +45,13 @@ class _Lines:
     _open: int = 0
 
     def add(self, values: FloatArray) -> None:
-        bend, step = self.bends.add(values)
+        bend, step = self.bends.sizes(values)
         # A quantised signal at rest repeats itself: that is straight, too, but goes nowhere.
         straight: BoolArray = (bend <= self.least) & (step > self.least)
         if not straight.size:
             return
-        lengths = np.array([end - begin for begin, end in runs(straight)], dtype=np.int64)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], straight.astype(np.int8), [0]))))
+        lengths = edges[1::2] - edges[::2]
         if straight[0]:
             lengths[0] += self._open
         else:
@@ -207,18 +208,3 @@ def look_twice(recording: Recording) -> SecondLook:
     second = SecondLook(first, recording.period_s)
     second.add(recording)
     return second
-
-
-def samples_per_reading(recording: Recording) -> int:
-    """How many samples of a recording there are for each one that was taken.
-
-    Parameters
-    ----------
-    recording : Recording
-
-    Returns
-    -------
-    int
-        As `SecondLook.every`.
-    """
-    return look_twice(recording).every()

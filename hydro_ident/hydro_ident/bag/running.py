@@ -99,12 +99,13 @@ class Spans:
         if not len(values):
             return
         there = np.isfinite(values)
-        known = values if there.all() else np.where(there, values, np.nan)
+        whole = bool(there.all())
+        known = values if whole else np.where(there, values, np.nan)
         self.finite += there.sum(axis=0)
-        self.low = np.fmin(self.low, np.fmin.reduce(known, axis=0))
-        self.high = np.fmax(self.high, np.fmax.reduce(known, axis=0))
-        self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0))
-        self.most = np.fmax(self.most, np.fmax.reduce(values, axis=0))
+        low, high = _ends(known)
+        least, most = (low, high) if whole else _ends(values)
+        self.low, self.high = np.fmin(self.low, low), np.fmax(self.high, high)
+        self.least, self.most = np.fmin(self.least, least), np.fmax(self.most, most)
         self._sums.add(known)
 
     @property
@@ -117,6 +118,12 @@ class Spans:
         """Of the finite samples; NaN without any."""
         with np.errstate(invalid="ignore"):
             return np.asarray(self._sums.total / np.where(self.finite > 0, self.finite, np.nan))
+
+
+def _ends(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    # Along rows that lie side by side it takes a fraction of the time.
+    columns = np.ascontiguousarray(values.T)
+    return np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
 
 
 @dataclass(slots=True)

@@ -72,6 +72,11 @@ class Series:
         return None if bool(np.isnan(values).all()) else values
 
 
+def too_empty(cells: int, filled: int) -> bool:
+    """Whether a table of so many cells holds too few numbers to be made."""
+    return cells > max(_FREE_CELLS, _MOST_EMPTY * filled)
+
+
 @dataclass(slots=True)
 class _Piece:
     row: IntArray
@@ -244,7 +249,7 @@ class SeriesBuilder:
         return sum(values.size for piece in self._pieces for values in piece.fields.values())
 
     def _check_cells(self, cells: int, count: int, filled: int) -> None:
-        if cells > max(_FREE_CELLS, _MOST_EMPTY * filled):
+        if too_empty(cells, filled):
             raise BagError(
                 f"{self.topic}: expected messages of the same names, found {len(self._names)}"
                 f" names in {count} messages that carry {filled} numbers"

@@ -31,7 +31,7 @@ class Known:
     Attributes
     ----------
     robot : str or None
-        The robot that the bag names, where that is known; "" until then.
+        The robot that the bag names, "" for none; None until that is known.
     whole : bool
         Its stamps do not let it go by stretches.
     waits : frozenset of str
@@ -42,7 +42,7 @@ class Known:
         `/valve_state` tells voltages in some cycle.
     """
 
-    robot: str | None = ""
+    robot: str | None = None
     whole: bool = False
     waits: frozenset[str] = frozenset()
     read: frozenset[str] = frozenset()

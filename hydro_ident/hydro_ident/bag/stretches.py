@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from hydro_ident.bag.aligned import TYPES
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.diagnostics import Status
 from hydro_ident.bag.intervals import UndecidedError
@@ -26,20 +25,18 @@ from hydro_ident.bag.reader import (
     no_message,
 )
 from hydro_ident.bag.recorded_run import Recording
-from hydro_ident.bag.series import Series
 from hydro_ident.bag.stretch_cycles import CycleMaker, Known, LearntError
-from hydro_ident.bag.window import LateError, Window
+from hydro_ident.bag.topic_windows import TopicWindows
+from hydro_ident.bag.window import Window
 from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
 from hydro_msgs_docs.cdr import IntArray
-from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, OIL_TEMPERATURE
+from hydro_msgs_docs.topics import CHAMBER_PRESSURES
 
 #: A stretch is made once so many messages have come, or so much memory holds them; and how late
 #: one may be behind the newest.
 ROWS, _HELD_BYTES, LATE_S = 1 << 15, 1 << 23, 2.0
-#: Topics that are joined to the cycles.
-_JOINED = tuple(topic for topic in TYPES if topic != OIL_TEMPERATURE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +80,6 @@ class Passage:
     ----------
     infos : dict of str to TopicInfo
         Every topic met, by name once all was read.
-    windows : dict of str to Window
-        Every topic that could be decoded.
     decoder : Decoder
     notes : list of str
         What could not be read, in words; complete once all was read.
@@ -101,19 +96,25 @@ class Passage:
     late_s: float = LATE_S
     again: str = ""
     infos: dict[str, TopicInfo] = field(default_factory=dict)
-    windows: dict[str, Window] = field(default_factory=dict)
     decoder: Decoder = field(init=False)
     notes: list[str] = field(default_factory=list)
     healths: list[FileHealth] = field(default_factory=list)
     metadata: dict[str, str] = field(default_factory=dict)
     maker: CycleMaker | None = None
-    _named: str | None = ""
+    _named: str = ""
     _begun: bool = False
-    #: Something that is joined to cycles was given away before there were any.
-    _alone: bool = False
+    #: Of the last block, of whichever file: what is enough is asked between files, too.
+    _buffer: bytes | None = None
+    _topics: TopicWindows = field(init=False)
 
     def __post_init__(self) -> None:
         self.decoder = Decoder(self.path, self.notes, diagnostics=True)
+        self._topics = TopicWindows(self.decoder, self.known, self.late_s)
+
+    @property
+    def windows(self) -> dict[str, Window]:
+        """Every topic that could be decoded."""
+        return self._topics.windows
 
     def stretches(self) -> Iterator[Stretch]:
         """Read it.
@@ -146,13 +147,12 @@ class Passage:
         self.notes += malformed_notes({t: b.malformed for t, b in self.decoder.builders.items()})
 
     def _blocks(self, file: McapFile, what: str) -> Iterator[Stretch]:
-        buffer: bytes | None = None
         for block in file.blocks():
             # Blocks of one buffer belong together: their messages lie side by side in the file.
-            if buffer is not None and block.data is not buffer and self._enough():
+            if block.data is not self._buffer and self._enough():
                 so_far = {**self.metadata, **file.metadata.get(PROJECT_METADATA, {})}
                 yield self._stretch(so_far, last=False)
-            buffer = block.data
+            self._buffer = block.data
             advance(what, file.health.read_bytes, file.health.size_bytes)
             self._take_in(block)
 
@@ -168,7 +168,7 @@ class Passage:
 
     def _check_robot(self) -> None:
         """See that the stretches were made for the robot that the whole bag names."""
-        named = self.metadata.get("robot")
+        named = self.metadata.get("robot", "")
         if named == self._named:
             return
         robot, used = (
@@ -180,75 +180,25 @@ class Passage:
 
     def _begin(self, metadata: Mapping[str, str]) -> None:
         self._begun = True
-        named = metadata.get("robot") if self.known.robot == "" else self.known.robot
-        self._named = named
-        robot = self.robot_of({} if named is None else {"robot": named})
+        known = self.known.robot
+        named = self._named = metadata.get("robot", "") if known is None else known
+        robot = self.robot_of({"robot": named} if named else {})
         if robot is not None:
             self.maker = CycleMaker(self.path, robot, self.known)
 
     def _stretch(self, metadata: Mapping[str, str], *, last: bool) -> Stretch:
         if not self._begun:
             self._begin(metadata)
-        try:
-            self._collect()
-        except LateError as error:
-            raise LearntError(replace(self.known, whole=True)) from error
-        given = self._give(last)
+        maker = self.maker
+        self._topics.collect(cycles=maker is not None, bare=maker is not None and maker.bare)
+        given = self._topics.give(last=last)
         stamps = {name: series.stamp_ns for name, series in given.items()}
         cycles = None
         if self.maker is not None:
-            pressures = self._joined().get(CHAMBER_PRESSURES)
+            pressures = self._topics.joined.get(CHAMBER_PRESSURES)
             there = CHAMBER_PRESSURES in self.known.waits or bool(pressures and pressures.count)
             cycles = self.maker.cycles(given, pressures=there)
         return Stretch(stamps, cycles, self.decoder.take_statuses())
-
-    def _collect(self) -> None:
-        self.decoder.require_tables()
-        for topic, builder in self.decoder.builders.items():
-            try:
-                fresh = builder.take()
-            except BagError as error:
-                if self.known.whole:
-                    raise
-                # Too few numbers for its names: the whole may be dense enough.
-                raise LearntError(replace(self.known, whole=True)) from error
-            window = self.windows.setdefault(topic, Window())
-            if len(fresh) and not window.count and self._too_late(topic):
-                raise LearntError(replace(self.known, waits=self.known.waits | {topic}))
-            window.add(fresh)
-
-    def _too_late(self, topic: str) -> bool:
-        """Whether stretches were made without a topic that they should have had."""
-        if topic == CHAMBER_PRESSURES:
-            return self.maker is not None and self.maker.bare
-        return topic == JOINT_STATES and self._alone
-
-    def _joined(self) -> dict[str, Window]:
-        """Windows of topics that are joined to the cycles."""
-        if self.maker is None:
-            return {}
-        types = {topic: b.message_type for topic, b in self.decoder.builders.items()}
-        return {t: self.windows[t] for t in _JOINED if types.get(t) == TYPES[t]}
-
-    def _give(self, last: bool) -> dict[str, Series]:
-        """Messages by topic that no later ones will come between."""
-        joined, late_ns = self._joined(), round(self.late_s * 1e9)
-        cycles = joined.get(JOINT_STATES)
-        given: dict[str, Series] = {}
-        for topic, window in self.windows.items():
-            newest = window.newest_ns
-            if topic in joined and cycles is not None and cycles.count:
-                newest = cycles.newest_ns
-            elif topic in joined and newest is not None:
-                newest = None if JOINT_STATES in self.known.waits else newest
-                self._alone |= newest is not None
-            if last:
-                some = window.give(None)
-            else:
-                some = None if newest is None else window.give(newest - late_ns)
-            if some is not None:
-                given[topic] = some
-        return given
 
 
 def look_through(
@@ -285,7 +235,9 @@ def look_through(
         As `read_bag`.
     """
     known = known or Known()
-    while True:
+    tried: set[Known] = set()
+    while known not in tried:
+        tried.add(known)
         passage, take = Passage(path, robot_of, known, rows, late_s, again), begin(known)
         try:
             for stretch in passage.stretches():
@@ -296,3 +248,4 @@ def look_through(
         except UndecidedError:
             # Of the whole every interval is kept apart.
             known = replace(known, whole=True)
+    raise BagError(f"{path}: expected the same in each reading, found that it changes: {known}")

@@ -53,6 +53,15 @@ def joined(old: Series, new: Series) -> Series:
     )
 
 
+def joined_cells(old: Series, new: Series) -> tuple[int, int]:
+    """Numbers that two stretches of a topic have room for as one, and those that are there."""
+    every = (*old.fields.values(), *new.fields.values())
+    fields, names = {*old.fields, *new.fields}, {*old.names, *new.names}
+    wide = len(names) * len(fields) or sum(values.shape[1] for values in every)
+    filled = sum(int(np.count_nonzero(~np.isnan(values))) for values in every)
+    return (len(old) + len(new)) * wide, filled
+
+
 @dataclass(slots=True)
 class Window:
     """The messages of a topic whose place in order may still change.
@@ -69,6 +78,8 @@ class Window:
         Messages whose stamp had been there before.
     disordered : int
         Messages with a stamp older than that of a message before.
+    given_ns : int or None
+        Later messages must be newer than this.
     """
 
     kept: Series | None = None
@@ -76,7 +87,7 @@ class Window:
     count: int = 0
     duplicates: int = 0
     disordered: int = 0
-    _given_ns: int | None = None
+    given_ns: int | None = None
 
     def add(self, fresh: Series) -> None:
         """Take in the next messages.
@@ -93,8 +104,8 @@ class Window:
         """
         if not len(fresh):
             return
-        if self._given_ns is not None and int(fresh.stamp_ns.min()) <= self._given_ns:
-            raise LateError(f"{fresh.topic}: expected stamps after {self._given_ns}")
+        if self.given_ns is not None and int(fresh.stamp_ns.min()) <= self.given_ns:
+            raise LateError(f"{fresh.topic}: expected stamps after {self.given_ns}")
         known = 0 if self.kept is None else len(self.kept)
         both = fresh if self.kept is None else joined(self.kept, fresh)
         _, row = np.unique(both.stamp_ns, return_index=True)
@@ -121,8 +132,8 @@ class Window:
             In order of the stamps; None where there are none.
         """
         if until_ns is not None:
-            given = until_ns if self._given_ns is None else max(until_ns, self._given_ns)
-            self._given_ns = given
+            given = until_ns if self.given_ns is None else max(until_ns, self.given_ns)
+            self.given_ns = given
         if self.kept is None:
             return None
         every = len(self.kept)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_model.command import printable, run_command
-from hydro_model.errors import RobotError
 from hydro_model.output import add_json, report
 from hydro_model.terminal import advance, coloured, progress_bar
 
@@ -37,16 +36,10 @@ def _run(arguments: Sequence[str]) -> int:
     from hydro_ident.inspection_reading import inspect_bag
     from hydro_model.robot_files import load_robot
 
-    robot, unknown = None, None
-    try:
-        robot = None if options.robot is None else load_robot(options.robot)
-    except RobotError as error:
-        unknown = error
+    # Before the bag, which may take long.
+    robot = None if options.robot is None else load_robot(options.robot)
     with progress_bar():
         inspection = inspect_bag(options.bag, robot, strict=robot is not None)
-        # A bag that cannot be read is said before a robot that cannot.
-        if unknown is not None:
-            raise unknown
         advance("looking at signals", 1, 1)
     report(options.json, inspection.as_dict(), text_of(inspection))
     return 0
