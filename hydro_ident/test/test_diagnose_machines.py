@@ -80,11 +80,11 @@ def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4, 0.0], rel=0.1)
 
 
-@pytest.mark.parametrize("way", [1.0, -1.0])
 def test_what_a_joint_runs_against_is_a_contact_at_it(
-    diagnosed: Diagnosed, crane_run: Any, way: float
+    diagnosed: Diagnosed, crane_run: Any
 ) -> None:
-    """From either side; the other joint does not feel it."""
+    """As it rises; the other joint does not feel it."""
+    way = -1.0
     place = way * float(np.quantile(way * crane_run.q[:, 1], 0.3))
     stop = {"stiffness": 2.0e4, "height": way * place, "way": way}
     found = diagnosed(EffectSpec("external_contact", "tilt_cylinder", stop))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.diagnosis import _distance, _far
+from hydro_ident.mismatch.answering import _distance, _far
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals

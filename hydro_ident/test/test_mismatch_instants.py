@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.channel_results import channels_of
 from hydro_ident.mismatch.confirmation import _sides
-from hydro_ident.mismatch.diagnosis import _channels
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.notes import instant_notes
@@ -77,7 +77,7 @@ def test_results_and_checks_see_it_there(loaded: Residuals, whole: Fitted) -> No
     """As at its first instant it would seem to make the other recording worse."""
     before, after = _sides(loaded, whole)["lift/force"]
     assert after < 0.5 * before
-    [lift] = [c for c in _channels(loaded, whole, loaded.check) if c.name == "lift/force"]
+    [lift] = [c for c in channels_of(loaded, whole, loaded.check) if c.name == "lift/force"]
     left = [float(np.std(lift.measured - of)) for of in (lift.before, lift.after)]
     assert left[1] < 0.5 * left[0]
 

@@ -118,6 +118,10 @@ class Decoder:
     def require_cells(self, cells: int) -> None:
         """See that there is memory for columns of so many numbers, and for the work on them.
 
+        Parameters
+        ----------
+        cells : int
+
         Raises
         ------
         BagError

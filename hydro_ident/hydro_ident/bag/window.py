@@ -54,7 +54,16 @@ def joined(old: Series, new: Series) -> Series:
 
 
 def joined_cells(old: Series, new: Series) -> tuple[int, int]:
-    """Numbers that two stretches of a topic have room for as one, and those that are there."""
+    """Numbers that two stretches of a topic have room for as one, and those that are there.
+
+    Parameters
+    ----------
+    old, new : Series
+
+    Returns
+    -------
+    room, filled : int
+    """
     every = (*old.fields.values(), *new.fields.values())
     fields, names = {*old.fields, *new.fields}, {*old.names, *new.names}
     wide = len(names) * len(fields) or sum(values.shape[1] for values in every)

@@ -27,8 +27,9 @@ _STEP = 1.0e-3
 #: Halvings of a step that makes things worse, and the share of improvement below which a fit has
 #: settled.
 _HALVINGS, _SETTLED = 4, 1.0e-7
-#: Shares of an effect's reach to which its numbers are held where no step is better.
-_NEARER = (1.0e-2, 1.0e-3, 1.0e-4)
+#: Shares of an effect's reach to which its numbers are held where no step is better, though it
+#: promises this share of what it would leave.
+_NEARER, _STUCK = (1.0e-2, 1.0e-3, 1.0e-4), 0.1
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
 
@@ -102,7 +103,7 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     current = _at(training, _owned(training, model), noise)
     for _ in range(passes):
         fresh = _better(training, current, 1.0)
-        if fresh is None and _promised(current) > _PROMISED:
+        if fresh is None and _promised(current) > _STUCK:
             # Along a bent valley an effect's numbers run off together: held nearer to what they
             # are, the others still find their way.
             nearer = (_better(training, current, share) for share in _NEARER)
