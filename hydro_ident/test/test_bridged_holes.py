@@ -165,7 +165,7 @@ def test_lost_messages_change_no_result(recording: Recording) -> None:
 def test_an_effect_is_found_where_messages_are_lost(crane_run: Any, make_run: Any) -> None:
     true_crane, simulated_run = make_run
     friction = EffectSpec("coulomb_friction", "tilt_cylinder", {"force": 400.0})
-    whole = simulated_run(replace(true_crane(), effects=(friction,)), 18.0).recording()
+    whole = simulated_run(replace(true_crane(), effects=(friction,)), 14.0).recording()
     lost = np.arange(40, len(whole) - 40, 110)
     found = diagnose(crane_run.robot, [_without(whole, lost)])
     assert any(f": {lost.size} cycles without a reading" in note for note in found.notes)

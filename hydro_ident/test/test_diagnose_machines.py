@@ -101,7 +101,7 @@ def test_a_back_pressure_behind_the_transducer_is_told(
     true_crane, simulated_run = make_run
     rail = EffectSpec("tank_back_pressure", "xs031", {"resistance": 3e11, "time_constant": 0.03})
     truth, runs = replace(true_crane(), effects=(rail,)), []
-    for name, seconds, seed in (("run", 18.0, 1), ("check", 12.0, 3)):
+    for name, seconds, seed in (("run", 14.0, 1), ("check", 9.0, 3)):
         one = simulated_run(truth, seconds, seed=seed).recording(name)
         noise = 2e3 * np.random.default_rng(seed).standard_normal(len(one))
         runs.append(replace(one, tank=truth.tank_pressure_pa + noise))
