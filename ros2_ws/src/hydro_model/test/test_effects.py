@@ -9,10 +9,10 @@ import pytest
 from scipy.signal import lti, step
 
 from hydro_model import signals as sig
-from hydro_model.effects import CATALOGUE, Effect, Stage, resolve
+from hydro_model.effects import CATALOGUE, Effect, Stage
 from hydro_model.effects.effect import CHANNELS
 from hydro_model.errors import RobotError
-from hydro_model.robot import EffectSpec, Valve
+from hydro_model.robot import Valve
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import edge_flows, signed_root
 
@@ -326,55 +326,6 @@ def test_wrong_shapes_and_stages_are_said() -> None:
 
 
 ROBOT = load_robot("xs031")
-
-
-def listed(*specs: tuple[str, str, dict[str, float]]):
-    return replace(ROBOT, effects=tuple(EffectSpec(*spec) for spec in specs))
-
-
-@pytest.mark.parametrize("target", ["tilt_cylinder", "tilt_valve", "tilt"])
-def test_target_may_be_cylinder_valve_or_joint(target) -> None:
-    (one,) = resolve(listed(("valve_null_bias", target, {"bias": 0.01})))
-    assert one.cylinder == 1
-    assert one.parameters == pytest.approx([0.01])
-
-
-def test_robot_as_target_means_every_cylinder_or_the_robot() -> None:
-    robot = listed(
-        ("supply_droop", "xs031", {"resistance": 4e8, "time_constant": 0.1}),
-        ("coulomb_friction", "xs031", {"force": 3e3}),
-    )
-    found = [(one.effect.name, one.cylinder) for one in resolve(robot)]
-    assert found == [("coulomb_friction", 0), ("coulomb_friction", 1), ("supply_droop", None)]
-
-
-def test_optional_parameters_get_typical_values() -> None:
-    (one,) = resolve(listed(("coulomb_friction", "lift", {"force": 3e3})))
-    assert one.parameters == pytest.approx([3e3, 0.005])
-
-
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        (("magic", "lift", {}), "no effect 'magic' in the catalogue .*coulomb_friction"),
-        (("coulomb_friction", "boom", {"force": 1.0}), "unknown target 'boom' .*lift_cylinder"),
-        (("coulomb_friction", "lift", {"mu": 1.0}), "no parameter 'mu' .known: force, velocity"),
-        (("coulomb_friction", "lift", {}), "needs parameter 'force' in N"),
-        (("coulomb_friction", "lift", {"force": -1.0}), "force should be 0 to 100000 N, found -1"),
-        (("supply_droop", "lift", {"resistance": 1.0, "time_constant": 1.0}), "target 'xs031'"),
-    ],
-)
-def test_bad_lists_are_said(spec, message) -> None:
-    with pytest.raises(RobotError, match=message) as caught:
-        resolve(listed(spec))
-    assert "hydraulics.yaml" in str(caught.value)
-
-
-def test_the_same_effect_twice_is_said() -> None:
-    one = ("coulomb_friction", "lift", {"force": 1.0})
-    two = ("coulomb_friction", "lift_cylinder", {"force": 2.0})
-    with pytest.raises(RobotError, match="listed twice for 'lift_cylinder'"):
-        resolve(listed(one, two))
 
 
 @pytest.mark.parametrize(

@@ -170,3 +170,48 @@ def test_delay_by_part_of_a_sample_interpolates_and_keeps_gaps_to_themselves() -
     assert np.flatnonzero(np.isnan(delayed(ramp, 0.001, 0.002))).tolist() == [4, 5]
     assert delayed(ramp[:0], 0.002, 0.002).shape == (0,)
     np.testing.assert_allclose(delayed(ramp[:1], 0.002, 0.002), [0.0])
+
+
+@pytest.mark.parametrize("target", ["tilt_cylinder", "tilt_valve", "tilt"])
+def test_target_may_be_cylinder_valve_or_joint(target) -> None:
+    (one,) = resolve(listed(("valve_null_bias", target, {"bias": 0.01})))
+    assert one.cylinder == 1
+    assert one.parameters == pytest.approx([0.01])
+
+
+def test_robot_as_target_means_every_cylinder_or_the_robot() -> None:
+    robot = listed(
+        ("supply_droop", "xs031", {"resistance": 4e8, "time_constant": 0.1}),
+        ("coulomb_friction", "xs031", {"force": 3e3}),
+    )
+    found = [(one.effect.name, one.cylinder) for one in resolve(robot)]
+    assert found == [("coulomb_friction", 0), ("coulomb_friction", 1), ("supply_droop", None)]
+
+
+def test_optional_parameters_get_typical_values() -> None:
+    (one,) = resolve(listed(("coulomb_friction", "lift", {"force": 3e3})))
+    assert one.parameters == pytest.approx([3e3, 0.005])
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (("magic", "lift", {}), "no effect 'magic' in the catalogue .*coulomb_friction"),
+        (("coulomb_friction", "boom", {"force": 1.0}), "unknown target 'boom' .*lift_cylinder"),
+        (("coulomb_friction", "lift", {"mu": 1.0}), "no parameter 'mu' .known: force, velocity"),
+        (("coulomb_friction", "lift", {}), "needs parameter 'force' in N"),
+        (("coulomb_friction", "lift", {"force": -1.0}), "force should be 0 to 100000 N, found -1"),
+        (("supply_droop", "lift", {"resistance": 1.0, "time_constant": 1.0}), "target 'xs031'"),
+    ],
+)
+def test_bad_lists_are_said(spec, message) -> None:
+    with pytest.raises(RobotError, match=message) as caught:
+        resolve(listed(spec))
+    assert "hydraulics.yaml" in str(caught.value)
+
+
+def test_the_same_effect_twice_is_said() -> None:
+    one = ("coulomb_friction", "lift", {"force": 1.0})
+    two = ("coulomb_friction", "lift_cylinder", {"force": 2.0})
+    with pytest.raises(RobotError, match="listed twice for 'lift_cylinder'"):
+        resolve(listed(one, two))
