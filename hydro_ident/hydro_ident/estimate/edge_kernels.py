@@ -13,8 +13,8 @@ _SMOOTH = SMOOTH_PRESSURE_PA**2
 
 
 @njit(cache=True, error_model="numpy")
-def _root(difference: float) -> float:
-    """`hydro_model.valve.signed_root`."""
+def root(difference: float) -> float:
+    """`hydro_model.valve.signed_root` of a `difference` in Pa."""
     return difference / math.sqrt(math.sqrt(difference * difference + _SMOOTH))
 
 
@@ -58,10 +58,10 @@ def integrate_edges(
             fed = (signal > 0.0) == side_a
             if fed:
                 rail = supply[k] + middle * (supply[k + 1] - supply[k])
-                flow = _root(rail - p) * abs(signal)
+                flow = root(rail - p) * abs(signal)
             else:
                 rail = tank[k] + middle * (tank[k + 1] - tank[k])
-                flow = -_root(p - rail) * abs(signal)
+                flow = -root(p - rail) * abs(signal)
             if signal > 0.0:
                 out[0, k] += flow * share * step_s
             else:

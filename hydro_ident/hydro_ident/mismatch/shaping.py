@@ -25,14 +25,14 @@ from hydro_ident.mismatch.modelled import (
     reading_key,
     same_base,
 )
+from hydro_ident.mismatch.rails import railed
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.readings import Readings
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import RETURN_FLOW, SUPPLY_FLOW, VALVE_SIGNAL
-from hydro_model.valve import edge_flows
+from hydro_model.signals import VALVE_SIGNAL
 
 #: Corrected recordings that are kept at a time.
 _KEPT_STRETCHES = 6
@@ -40,8 +40,6 @@ _KEPT_STRETCHES = 6
 _KEPT_SHAPES = 6
 #: Valve signals behind laws that are kept at a time, per stretch.
 _KEPT_SPOOLS = 16
-#: Passes between rails and the flows at them, at most, and the change that ends them, Pa.
-_RAIL_PASSES, _RAIL_PA = 16, 50.0
 #: Motions of a stretch whose filtered regressor is kept at a time.
 _KEPT_MOTIONS = 3
 
@@ -214,7 +212,7 @@ class Signals:
             trace = replace(trace, valve_signal=result)
         rails = [t for t in model.terms if {Stage.SUPPLY, Stage.TANK} & set(t.effect.stages)]
         if rails:
-            trace = self._railed(model, stretch, trace, rails)
+            trace = railed(model.robot, trace, rails)
         return trace
 
     def _spool(
@@ -246,57 +244,6 @@ class Signals:
             rows = self._plain(model.robot, stretch, cylinder).copy()
             kept = self._scratch[key] = stretch.trace, rows
         return kept[1]
-
-    def _railed(
-        self, model: Model, stretch: Stretch, trace: Trace, laws: Sequence[ActiveEffect]
-    ) -> Trace:
-        """The trace with the rails that its valves' flows and these laws agree on.
-
-        A rail that gives way lets less flow: flows at the undisturbed rail would be too large, and
-        what they are multiplied by too small. Relaxed by half, so that it converges also where a
-        rail gives way by more than what drives the flow.
-        """
-        rows = [self._plain(model.robot, stretch, t.cylinder or 0).copy() for t in laws]
-        supply, tank = trace.supply, trace.tank
-        for _ in range(_RAIL_PASSES):
-            rails = _rails(
-                model.robot, trace, replace(trace, supply=supply, tank=tank), laws, rows
-            )
-            step = [0.5 * (new - old) for new, old in zip(rails, (supply, tank), strict=True)]
-            supply, tank = supply + step[0], tank + step[1]
-            if max(float(np.nanmax(np.abs(s), initial=0.0)) for s in step) < _RAIL_PA:
-                break
-        return replace(trace, supply=supply, tank=tank)
-
-
-def _rails(
-    robot: Robot,
-    trace: Trace,
-    now: Trace,
-    laws: Sequence[ActiveEffect],
-    rows: Sequence[FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Supply and tank, (N,) each, by the flows at the rails that `now` has."""
-    supply, tank = trace.supply.copy(), trace.tank.copy()
-    drawn, returned = rail_flows(robot, now)
-    for one, signals in zip(laws, rows, strict=True):
-        signals[:, SUPPLY_FLOW], signals[:, RETURN_FLOW] = drawn, returned
-        for stage, rail in ((Stage.SUPPLY, supply), (Stage.TANK, tank)):
-            if stage in one.effect.stages:
-                rail += one.effect.evaluate(signals, one.parameters, stage, trace.step_s)
-    return supply, tank
-
-
-def rail_flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
-    """Flow drawn from the supply and returned to tank by all valves, (N,) each."""
-    drawn, returned = np.zeros(trace.samples), np.zeros(trace.samples)
-    for i, cylinder in enumerate(robot.cylinders):
-        valve = robot.valve_of(cylinder.name)
-        u = np.where(np.isfinite(trace.valve_signal[:, i]), trace.valve_signal[:, i], 0.0)
-        q_a, q_b = edge_flows(valve, u, trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
-        drawn += np.where(u > 0.0, q_a, q_b)
-        returned -= np.where(u > 0.0, q_b, q_a)
-    return drawn, returned
 
 
 def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:

@@ -1,0 +1,114 @@
+"""Rails that give way: they, the valves' flows and the laws agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hydro_ident.errors import IdentError
+from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.mismatch.rails import railed
+from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.effects.law import Stage
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import EffectSpec, FloatArray, Robot
+from hydro_model.signals import RETURN_FLOW, SIGNAL_COUNT, SUPPLY_FLOW
+from hydro_model.valve import edge_flows
+
+DROOP = EffectSpec("supply_droop", "", {"resistance": 6e9, "time_constant": 0.02})
+BACK = EffectSpec("tank_back_pressure", "", {"resistance": 8e12, "time_constant": 0.004})
+
+
+@pytest.fixture(scope="module")
+def trace(make_run: tuple) -> Trace:
+    true_crane, simulated_run = make_run
+    return traces_of([simulated_run(true_crane(), 4.0).recording()])[0]
+
+
+def _effects(robot: Robot, *specs: EffectSpec) -> tuple[ActiveEffect, ...]:
+    named = tuple(replace(spec, target=robot.name) for spec in specs)
+    return tuple(resolve(replace(robot, effects=named)))
+
+
+def _flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
+    """Drawn and returned, (N,) each, by the flows of `hydro_model.valve`."""
+    drawn, returned = np.zeros(trace.samples), np.zeros(trace.samples)
+    for i, cylinder in enumerate(robot.cylinders):
+        u = np.where(np.isfinite(trace.valve_signal[:, i]), trace.valve_signal[:, i], 0.0)
+        q_a, q_b = edge_flows(
+            robot.valve_of(cylinder.name), u, trace.p_a[:, i], trace.p_b[:, i],
+            trace.supply, trace.tank,
+        )  # fmt: skip
+        drawn += np.where(u > 0.0, q_a, q_b)
+        returned -= np.where(u > 0.0, q_b, q_a)
+    return drawn, returned
+
+
+def _by_the_laws(robot: Robot, recorded: Trace, found: Trace, terms: tuple) -> FloatArray:
+    """Supply and tank, (2, N), that the laws make of the flows at the rails found."""
+    signals = np.full((recorded.samples, SIGNAL_COUNT), np.nan)
+    signals[:, SUPPLY_FLOW], signals[:, RETURN_FLOW] = _flows(robot, found)
+    rails = np.stack([recorded.supply, recorded.tank])
+    for one in terms:
+        for row, stage in zip(rails, (Stage.SUPPLY, Stage.TANK), strict=True):
+            if stage in one.effect.stages:
+                row += one.effect.evaluate(signals, one.parameters, stage, recorded.step_s)
+    return rails
+
+
+def _unread(trace: Trace, rows: slice) -> Trace:
+    p_a, p_b = trace.p_a.copy(), trace.p_b.copy()
+    p_a[rows] = p_b[rows] = np.nan
+    return replace(trace, p_a=p_a, p_b=p_b)
+
+
+@pytest.mark.parametrize("specs", [(DROOP,), (BACK,), (DROOP, BACK)])
+def test_rails_flows_and_laws_agree(robot: Robot, trace: Trace, specs: tuple) -> None:
+    terms = _effects(robot, *specs)
+    found = railed(robot, trace, terms)
+    expected = _by_the_laws(robot, trace, found, terms)
+    # The first sample's is a fixed point, found to 1 Pa; all others follow exactly.
+    assert np.abs(found.supply - expected[0]).max() < 4.0
+    assert np.abs(found.tank - expected[1]).max() < 4.0
+    moved = np.abs(found.supply - trace.supply) + np.abs(found.tank - trace.tank)
+    assert moved.max() > 2e5
+
+
+def test_where_flows_are_unknown_the_states_stay(robot: Robot, trace: Trace) -> None:
+    terms = _effects(robot, DROOP, BACK)
+    found = railed(robot, _unread(trace, slice(700, 720)), terms)
+    assert np.isfinite(found.supply).all()
+    assert np.isfinite(found.tank).all()
+    for rail, recorded in ((found.supply, trace.supply), (found.tank, trace.tank)):
+        lowered = (rail - recorded)[700:721]
+        assert lowered == pytest.approx(np.full(21, lowered[0]), abs=1.0)
+    known = railed(robot, trace, terms)
+    assert found.supply[:700] == pytest.approx(known.supply[:700])
+
+
+def test_rails_are_at_rest_with_the_first_known_flow(robot: Robot, trace: Trace) -> None:
+    terms = _effects(robot, DROOP)
+    late = railed(robot, _unread(trace, slice(100)), terms)
+    assert np.isnan(late.supply[:100]).all()
+    own = replace(trace, **{
+        name: getattr(trace, name)[100:]
+        for name in ("time_s", "q", "stroke", "p_a", "p_b", "supply", "tank", "valve_signal",
+                     "joint_torque")
+    })  # fmt: skip
+    assert late.supply[100:] == pytest.approx(railed(robot, own, terms).supply, abs=1.0)
+
+
+def test_closed_valves_leave_the_rails_as_recorded(robot: Robot, trace: Trace) -> None:
+    shut = replace(trace, valve_signal=np.full_like(trace.valve_signal, np.nan))
+    found = railed(robot, shut, _effects(robot, DROOP, BACK))
+    assert np.array_equal(found.supply, trace.supply)
+    assert np.array_equal(found.tank, trace.tank)
+
+
+def test_a_law_of_another_form_is_refused(robot: Robot, trace: Trace) -> None:
+    (droop,) = _effects(robot, DROOP)
+    still = replace(droop, effect=replace(CATALOGUE["supply_droop"], states=()))
+    with pytest.raises(IdentError, match="follows the flow by one linear state"):
+        railed(robot, trace, (still,))
