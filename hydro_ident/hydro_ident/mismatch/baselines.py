@@ -130,12 +130,12 @@ def _channel(training: Training, best: Score) -> str:
 
 
 def _base_columns(training: Training, fitted: Fitted) -> np.ndarray:
-    from hydro_ident.mismatch.fitting import linearised
+    from hydro_ident.mismatch.slopes import linearised
 
     return linearised(training.predictor, fitted.model)[1]
 
 
 def _residual(training: Training, fitted: Fitted) -> np.ndarray:
-    from hydro_ident.mismatch.fitting import linearised
+    from hydro_ident.mismatch.slopes import linearised
 
     return linearised(training.predictor, fitted.model)[0]

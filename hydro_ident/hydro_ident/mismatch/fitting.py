@@ -9,7 +9,8 @@ import numpy as np
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.handover import handed_over
-from hydro_ident.mismatch.prediction import Model, Predictor, shapes
+from hydro_ident.mismatch.prediction import Model
+from hydro_ident.mismatch.slopes import Start, slopes_at, slopes_of, start_at
 from hydro_ident.mismatch.stepping import (
     given_steps,
     held_columns,
@@ -22,14 +23,12 @@ from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
-#: Step of a derivative as a share of a parameter's size.
-_STEP = 1.0e-3
 #: Halvings of a step that makes things worse, and the share of improvement below which a fit has
 #: settled.
 _HALVINGS, _SETTLED = 4, 1.0e-7
-#: Shares of an effect's reach to which its numbers are held where no step is better, though it
-#: promises this share of what it would leave.
-_NEARER, _STUCK = (1.0e-2, 1.0e-3, 1.0e-4), 0.1
+#: Shares of an effect's reach to which its numbers are held, the next where a step promises more
+#: than this share of what it would leave and gains less than that share of what it promises.
+_SHARES, _STUCK, _POOR = (1.0, 1.0e-2, 1.0e-3, 1.0e-4), 0.1, 0.1
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
 
@@ -100,16 +99,12 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     -------
     Fitted
     """
-    current = _at(training, _owned(training, model), noise)
+    current, held = fitted(training, _owned(training, model), noise), 0
     for _ in range(passes):
-        fresh = _better(training, current, 1.0)
-        if fresh is None and _promised(current) > _STUCK:
-            # Along a bent valley an effect's numbers run off together: held nearer to what they
-            # are, the others still find their way.
-            nearer = (_better(training, current, share) for share in _NEARER)
-            fresh = next((one for one in nearer if one is not None), None)
-        if fresh is None:
+        start, held = _further(training, current, held)
+        if start is None:
             break
+        fresh = _at(training, start, current.bench.noise)
         gained = current.start_squares - fresh.start_squares
         current = fresh if noise is not None else _reweighed(training, fresh)
         if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
@@ -117,8 +112,34 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
     return current
 
 
-def _better(training: Training, current: Fitted, share: float) -> Fitted | None:
-    """A fit one step further, halved until it is better; None where it never is.
+def _further(training: Training, current: Fitted, held: int) -> tuple[Start | None, int]:
+    """The model a step further, and which share of an effect's reach it was held to; or none.
+
+    Along a bent valley an effect's numbers run off together, and a step that promises much gains
+    little or nothing: held nearer to what they are, the others still find their way.
+
+    Parameters
+    ----------
+    training : Training
+    current : Fitted
+    held : int
+        Where among the shares to begin: with what the last step was held to.
+    """
+    promised = current.start_squares - current.squares
+    best, most, at = None, -np.inf, held
+    for k in range(held, len(_SHARES)):
+        start, gain = _better(training, current, _SHARES[k])
+        if start is not None and gain > most:
+            best, most, at = start, gain, k
+        if _promised(current) <= _STUCK or most >= _POOR * promised:
+            break
+    if best is None and held:
+        return _further(training, current, 0)
+    return best, at
+
+
+def _better(training: Training, current: Fitted, share: float) -> tuple[Start | None, float]:
+    """A step, halved until it is better, and what it gains; None where it never is.
 
     Parameters
     ----------
@@ -130,12 +151,14 @@ def _better(training: Training, current: Fitted, share: float) -> Fitted | None:
     step, factor = _within_range(training, current, share), 1.0
     for _ in range(_HALVINGS):
         further = _owned(training, moved(training, current.model, factor * step))
+        start = start_at(training.predictor, further)
         # A step is judged by the weights that it was found with.
-        fresh = _at(training, further, current.bench.noise)
-        if fresh.start_squares <= current.start_squares:
-            return fresh
+        noise, offset = current.bench.noise, training.offset(further)
+        gain = current.start_squares - training.squares(noise, start.residual, offset)
+        if gain >= 0.0:
+            return start, gain
         factor *= 0.5
-    return None
+    return None, 0.0
 
 
 def _promised(one: Fitted) -> float:
@@ -175,7 +198,7 @@ def settled(training: Training, current: Fitted) -> Fitted:
 
 def fitted(training: Training, model: Model, noise: Noise | None) -> Fitted:
     """A model as it is, with what a last linear step would still change taken out."""
-    return _at(training, model, noise)
+    return _at(training, start_at(training.predictor, model), noise)
 
 
 def fit_term(
@@ -263,7 +286,7 @@ def reach_of(one: Fitted) -> FloatArray:
 def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: Noise) -> Fitted:
     predictor, model = training.predictor, without.model
     own = predictor.contribution(model, term)
-    slopes, names = _slopes(predictor, model, term, own)
+    slopes, names = slopes_of(predictor, model, term, own)
     columns = np.concatenate([without.columns, *slopes], axis=1)
     residual = without.residual - own
     bench = training.bench(noise, residual, columns, without.offset)
@@ -271,8 +294,9 @@ def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: N
     return Fitted(model.with_term(term), residual, columns, whole, bench, without.offset)
 
 
-def _at(training: Training, model: Model, noise: Noise | None) -> Fitted:
-    residual, columns, names = linearised(training.predictor, model)
+def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
+    model, residual = start.model, start.residual
+    columns, names = slopes_at(training.predictor, start)
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)
@@ -310,64 +334,3 @@ def _refitted(
 def _by_channel(training: Training) -> list[BoolArray]:
     material = training.predictor.material
     return [material.channel == k for k in range(len(material.channels))]
-
-
-def linearised(
-    predictor: Predictor, model: Model
-) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """Residual of a model and the slopes of everything in it.
-
-    Returns
-    -------
-    residual : (N,) array
-    columns : (N, p) array
-        Slopes of the prediction: base parameters, then every effect's.
-    names : tuple of str
-    """
-    y, x = predictor.base(model)
-    residual = y - x @ predictor.parameters(model)
-    columns, names = [x], list(predictor.names)
-    for term in model.terms:
-        own = predictor.contribution(model, term)
-        if term.effect.reading is None and not shapes(term):
-            residual = residual - own
-        slopes, own_names = _slopes(predictor, model, term, own)
-        columns += slopes
-        names += own_names
-    return residual, np.concatenate(columns, axis=1), tuple(names)
-
-
-def _slopes(
-    predictor: Predictor, model: Model, term: ActiveEffect, own: FloatArray
-) -> tuple[list[FloatArray], list[str]]:
-    """Slopes (N, 1) of a term's contribution in its free parameters, and their names."""
-    slopes, names = [], []
-    for i, spec in enumerate(term.effect.parameters):
-        if is_free(term, i) and _grows_with(term, i):
-            slopes.append((own / term.parameters[i])[:, None])
-            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
-        elif is_free(term, i):
-            step, moved = _step(term, i), term.parameters.copy()
-            moved[i] += step
-            change = predictor.contribution(model, term, moved) - own
-            slopes.append((change / step)[:, None])
-            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
-    return slopes, names
-
-
-def _grows_with(term: ActiveEffect, index: int) -> bool:
-    """Whether all of a contribution is in proportion to a parameter, which is not near zero."""
-    effect, spec = term.effect, term.effect.parameters[index]
-    alone = effect.linear == (index,) and effect.reading is None and effect.change is None
-    told = abs(term.parameters[index]) > _STEP * abs(spec.typical)
-    return alone and told and not shapes(term)
-
-
-def _step(term: ActiveEffect, index: int) -> float:
-    """Step of a derivative, inwards from a bound."""
-    spec = term.effect.parameters[index]
-    size = abs(term.parameters[index]) or abs(spec.typical) or 1.0
-    step = size * (1.0 if spec.linear else _STEP)
-    if term.parameters[index] + step > spec.upper:
-        return -step
-    return step

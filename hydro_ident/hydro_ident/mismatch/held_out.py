@@ -11,11 +11,12 @@ from scipy.stats import norm
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import Fitted, linearised
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.products import chance_beside, share_of_time
 from hydro_ident.mismatch.settings import BLOCK_S
+from hydro_ident.mismatch.slopes import linearised
 from hydro_ident.mismatch.training import layout_of
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_model.robot import FloatArray

@@ -114,6 +114,20 @@ class Training:
         now = self.predictor.parameters(model)
         return np.asarray(self.prior.root @ (self.prior.values - now))
 
+    def squares(self, noise: Noise, residual: FloatArray, offset: FloatArray) -> float:
+        """Sum of squares of a residual on the whitened training rows, as its bench's `squares`.
+
+        Parameters
+        ----------
+        noise : Noise
+        residual : (N,) array
+        offset : (m,) array
+            As `offset`.
+        """
+        white = noise.whitened(self.layout, residual[self.mask])[noise.settled(self.layout)]
+        values = np.concatenate([white, offset])
+        return float(values @ values)
+
     def bench(
         self,
         noise: Noise,

@@ -1,0 +1,151 @@
+"""A model on the rows, and the slopes of everything in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hydro_ident.mismatch.prediction import Model, Predictor, shapes
+from hydro_ident.mismatch.stepping import is_free
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+#: Step of a derivative as a share of a parameter's size.
+_STEP = 1.0e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """A model as it is, before any slope of it is asked for.
+
+    Attributes
+    ----------
+    model : Model
+    residual : (N,) array
+        Measured less predicted.
+    base : (N, p) array
+        Base columns.
+    own : tuple of (N,) array
+        What each of the model's terms contributes.
+    """
+
+    model: Model
+    residual: FloatArray
+    base: FloatArray
+    own: tuple[FloatArray, ...]
+
+
+def start_at(predictor: Predictor, model: Model) -> Start:
+    """A model on a predictor's rows.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+
+    Returns
+    -------
+    Start
+    """
+    y, x = predictor.base(model)
+    residual = y - x @ predictor.parameters(model)
+    own = tuple(predictor.contribution(model, term) for term in model.terms)
+    for term, values in zip(model.terms, own, strict=True):
+        if term.effect.reading is None and not shapes(term):
+            residual = residual - values
+    return Start(model, residual, x, own)
+
+
+def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str, ...]]:
+    """Slopes of everything in a model.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    start : Start
+
+    Returns
+    -------
+    columns : (N, p) array
+        Slopes of the prediction: base parameters, then every effect's.
+    names : tuple of str
+    """
+    columns, names = [start.base], list(predictor.names)
+    for term, own in zip(start.model.terms, start.own, strict=True):
+        slopes, own_names = slopes_of(predictor, start.model, term, own)
+        columns += slopes
+        names += own_names
+    return np.concatenate(columns, axis=1), tuple(names)
+
+
+def linearised(
+    predictor: Predictor, model: Model
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Residual of a model and the slopes of everything in it.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+
+    Returns
+    -------
+    residual : (N,) array
+    columns : (N, p) array
+        As `slopes_at`.
+    names : tuple of str
+    """
+    start = start_at(predictor, model)
+    return (start.residual, *slopes_at(predictor, start))
+
+
+def slopes_of(
+    predictor: Predictor, model: Model, term: ActiveEffect, own: FloatArray
+) -> tuple[list[FloatArray], list[str]]:
+    """Slopes of a term's contribution in its free parameters.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    model : Model
+        With or without the term.
+    term : ActiveEffect
+    own : (N,) array
+        Its contribution.
+
+    Returns
+    -------
+    slopes : list of (N, 1) array
+    names : list of str
+    """
+    slopes, names = [], []
+    for i, spec in enumerate(term.effect.parameters):
+        if is_free(term, i) and _grows_with(term, i):
+            slopes.append((own / term.parameters[i])[:, None])
+            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+        elif is_free(term, i):
+            step, moved = _step(term, i), term.parameters.copy()
+            moved[i] += step
+            change = predictor.contribution(model, term, moved) - own
+            slopes.append((change / step)[:, None])
+            names.append(f"{term.target}.{term.effect.name}.{spec.name}")
+    return slopes, names
+
+
+def _grows_with(term: ActiveEffect, index: int) -> bool:
+    """Whether all of a contribution is in proportion to a parameter, which is not near zero."""
+    effect, spec = term.effect, term.effect.parameters[index]
+    alone = effect.linear == (index,) and effect.reading is None and effect.change is None
+    told = abs(term.parameters[index]) > _STEP * abs(spec.typical)
+    return alone and told and not shapes(term)
+
+
+def _step(term: ActiveEffect, index: int) -> float:
+    """Step of a derivative, inwards from a bound."""
+    spec = term.effect.parameters[index]
+    size = abs(term.parameters[index]) or abs(spec.typical) or 1.0
+    step = size * (1.0 if spec.linear else _STEP)
+    if term.parameters[index] + step > spec.upper:
+        return -step
+    return step
