@@ -106,5 +106,5 @@ def test_a_step_that_leads_nowhere_is_taken_nearer(
 
     least = left(known)
     assert left(start) < 1.02 * least
-    monkeypatch.setattr("hydro_ident.mismatch.fitting._NEARER", ())
+    monkeypatch.setattr("hydro_ident.mismatch.fitting._SHARES", (1.0,))
     assert left(start) > 1.1 * least
