@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.confirmation import _better_answers, _variable, withdrawn
+from hydro_ident.mismatch import confirmation
+from hydro_ident.mismatch.confirmation import (
+    _better_answers,
+    _made_worse,
+    _variable,
+    withdrawn,
+)
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.named import Contender, named_of
@@ -77,3 +83,31 @@ def test_a_silent_name_is_not_taken_from_a_channel_that_it_describes(rubbing: Re
     whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
     _, findings, taken, _ = withdrawn(rubbing, whole, [finding])
     assert (findings, taken) == ([finding], [])
+
+
+@pytest.mark.parametrize(
+    ("sides", "silent", "goes"),
+    [
+        ({"lift/force": (10.0, 10.3)}, False, True),
+        ({"lift/force": (10.0, 10.1)}, False, False),
+        ({"lift/force": (10.0, 10.3)}, True, False),
+        ({"lift/force": (10.0, 10.3), "lift/flow_a": (1.0, 0.5)}, False, False),
+        ({"lift/force": (10.0, 12.1), "lift/flow_a": (1.0, 0.5)}, False, True),
+    ],
+)
+def test_a_name_that_leaves_no_channel_better_than_none_would_goes(
+    rubbing: Residuals,
+    monkeypatch: pytest.MonkeyPatch,
+    sides: dict[str, tuple[float, float]],
+    silent: bool,
+    goes: bool,
+) -> None:
+    whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
+    verification = replace(finding.verification, silent=silent)
+    finding = replace(finding, verification=verification, channels=tuple(sides))
+    monkeypatch.setattr(confirmation, "_sides", lambda work, whole: sides)
+    failed = _made_worse(rubbing, whole, [finding])
+    assert [f.verification.stands for f in failed] == ([False] if goes else [])
+    assert not failed or "lift/force are predicted worse (RMSE 10 to 1" in (
+        failed[0].verification.reason
+    )

@@ -34,6 +34,8 @@ _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 _BESIDE_SILENT = 0.1
 #: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
 _CLEARLY_WORSE = 1.2
+#: The same for what acts in no channel that it leaves better.
+_NOWHERE_BETTER = 1.02
 #: The same from which a name that nothing replaces stays, or share of its rows' variance.
 _HALVED, _MOSTLY = 0.5, 0.5
 #: Searches, each without what the ones before named and held-out rows did not confirm.
@@ -202,15 +204,23 @@ def _significant(
 def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> list[Finding]:
     """The weakest of those with which, all together, a channel is predicted clearly worse.
 
-    Behind a refit each may have gained: what is handed over is the model as it is.
+    Behind a refit each may have gained: what is handed over is the model as it is. A name that
+    leaves no channel of its own better than no name would has mended what another one spoilt.
     """
-    worse = {n: sides for n, sides in _sides(work, whole).items() if _clearly(*sides)}
-    acting = [f for f in findings if any(n in worse for n in f.channels)]
+    sides = _sides(work, whole)
+    worse = {n for n, (before, after) in sides.items() if after > _NOWHERE_BETTER * before}
+    clearly = {n for n in worse if sides[n][1] > _CLEARLY_WORSE * sides[n][0]}
+    acting = [
+        f
+        for f in findings
+        if clearly.intersection(f.channels)
+        or (worse.issuperset(f.channels) and not f.verification.silent)
+    ]
     if not acting:
         return []
     weakest = min(acting, key=lambda f: f.named.gain)
     channel = next(n for n in weakest.channels if n in worse)
-    before, after = worse[channel]
+    before, after = sides[channel]
     reason = (
         f"with all findings together held-out rows of {channel} are predicted worse (RMSE"
         f" {before:.3g} to {after:.3g})"
@@ -231,10 +241,6 @@ def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
     return {
         name: (rms(both[0][own]), rms(both[1][own])) for name, own in rows.items() if own.any()
     }
-
-
-def _clearly(before: float, after: float) -> bool:
-    return after > _CLEARLY_WORSE * before
 
 
 def _explain_less(
