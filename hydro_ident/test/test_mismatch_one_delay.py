@@ -16,6 +16,7 @@ from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.revision import Revision
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.worth import OF_VALVES
 from hydro_ident.sources import sources_of
@@ -119,7 +120,7 @@ def test_what_was_named_is_weighed_again_whatever_another_gained_in_training(
     bent = replace(lag, gain=2.5 * delay.gain, held_out=0.1 * delay.held_out)
     named = named_of([delay, bent], 0.0005, 1.0)
     assert named.names == ("command_delay",)
-    _, again = Searcher(late.training, late.base)._again(named, whole)
+    _, again = Revision(Searcher(late.training, late.base).contest).again(named, whole)
     assert again is not None
     assert again.names[0] == "command_delay"
 

@@ -17,6 +17,7 @@ from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.skew import least_skew
@@ -243,10 +244,65 @@ def test_what_a_late_pressure_takes_over_is_its_own_chambers(
     skews_s = (1e-4, 2e-4, 3e-4, 4e-4)
     spec = EffectSpec("pressure_delay", "tilt_cylinder/a", {"delay": 0.004})
     (late,) = resolve(replace(model.robot, effects=(spec,)))
-    later = handed_over(predictor, replace(model, terms=(late,), skews_s=skews_s), 0.002)
+    later = handed_over(predictor, replace(model, terms=(late,), skews_s=skews_s), 0.002, {})
     assert later.skews_s == (1e-4, 2e-4, 0.0, 4e-4)
     assert later.terms[0].parameters[0] == pytest.approx(0.0043)
     assert least_skew(late, predictor.skew_columns, skews_s) == 3e-4
     # Where the first cylinder was not recorded, the chamber is still the same one.
     assert least_skew(late, (2, 3), skews_s) == 3e-4
     assert least_skew(late, (2, 3), ()) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("delays_s", "handed_s", "late_s"),
+    [
+        ((0.0030, 0.0026), (0.0024, 0.0020), 0.0046),
+        # A valve that another law has made quick makes no other later than a step may.
+        ((0.0025, 0.0011), (0.0025, 0.0011), 0.0040),
+        ((0.0022, 0.0011), (0.0025, 0.0014), 0.0037),
+    ],
+)
+def test_no_valve_is_handed_more_than_a_base_may_have(
+    true_model: tuple[Predictor, Model],
+    delays_s: tuple[float, float],
+    handed_s: tuple[float, float],
+    late_s: float,
+) -> None:
+    predictor, model = true_model
+    spec = EffectSpec("command_delay", "xs031", {"delay": 0.004})
+    (late,) = resolve(replace(model.robot, effects=(spec,)))
+    longest_s = dict.fromkeys(predictor.delay_columns, 0.0025)
+    given = replace(model, terms=(late,), delays_s=delays_s)
+    handed = handed_over(predictor, given, 0.002, longest_s)
+    assert handed.delays_s == pytest.approx(handed_s)
+    assert handed.terms[0].parameters[0] == pytest.approx(late_s)
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "parameters"),
+    [
+        ("encoder_offset", "lift", {"offset": 0.01}),
+        ("pressure_sensor_gain", "tilt_cylinder/b", {"error": 0.02}),
+        ("valve_spool_lag", "lift_valve", {"frequency": 40.0, "damping": 0.7}),
+        ("supply_droop", "xs031", {"resistance": 2e9, "time_constant": 0.05}),
+    ],
+)
+def test_a_change_of_what_is_in_the_signals_is_that_of_its_contribution(
+    true_model: tuple[Predictor, Model], name: str, target: str, parameters: dict[str, float]
+) -> None:
+    """Beside a sensor and a spool that are off as well."""
+    predictor, model = true_model
+    specs = (
+        EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 5.0e4}),
+        EffectSpec("valve_deadband", "tilt_valve", {"width": 0.02}),
+        EffectSpec(name, target, parameters),
+    )
+    *others, one = resolve(replace(model.robot, effects=specs))
+    whole = replace(model, terms=(*model.terms, *others, one))
+    moved = one.parameters * 1.2
+    expected = predictor.contribution(whole, one, moved) - predictor.contribution(whole, one)
+    assert np.abs(expected).max() > 0.0
+    found = predictor.change(whole, one, moved)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+    assert on_signals(one)
+    assert not on_signals(model.terms[0])

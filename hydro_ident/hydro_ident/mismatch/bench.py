@@ -15,6 +15,7 @@ from scipy.linalg import solve_triangular
 
 from hydro_ident.mismatch.tall import factored
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
+from hydro_ident.mismatch.whitening_kernels import add_blocks
 from hydro_model.robot import FloatArray
 
 #: Base columns within this share of each other's span count once.
@@ -138,7 +139,7 @@ class Bench:
         """Covariance of the coefficients, robust against what is left of dependence in blocks."""
         inverse = np.zeros((self._x.shape[1], self.rank))
         inverse[self._pivot] = np.linalg.inv(self._r)
-        scores = self.by_block(self.basis * self.residual[:, None])
+        scores = self.by_block(self.basis, self.residual)
         meat = scores.T @ scores
         # Never below what independent rows would give.
         meat = np.where(np.eye(self.rank) > 0.0, np.maximum(meat, np.eye(self.rank)), meat)
@@ -161,8 +162,8 @@ class Bench:
         """
         white = self._whitened(columns)
         left = white - self.basis @ (self.basis.T @ white)
-        scores = self.by_block(left * self.residual[:, None])
-        chance = scores if left_over is None else self.by_block(left * left_over[:, None])
+        scores = self.by_block(left, self.residual)
+        chance = scores if left_over is None else self.by_block(left, left_over)
         return Partial(left.T @ left, scores, np.sum(white**2, axis=0), chance)
 
     def held_out(
@@ -224,9 +225,9 @@ class Bench:
         squares = float(np.sum(energy**2))
         return float(np.sum(energy)) ** 2 / squares if squares > 0.0 else 0.0
 
-    def by_block(self, values: FloatArray) -> FloatArray:
-        """Sums (B, k) of rows by block of time."""
+    def by_block(self, values: FloatArray, weights: FloatArray | None = None) -> FloatArray:
+        """Sums (B, k) of rows, which may be weighed, by block of time."""
         result = np.zeros((self.blocks, values.shape[1]))
-        for k in range(values.shape[1]):
-            result[:, k] = np.bincount(self.block, weights=values[:, k], minlength=self.blocks)
+        weights = np.ones(len(values)) if weights is None else weights
+        add_blocks(self.block, np.ascontiguousarray(values), weights, result)
         return result

@@ -58,7 +58,30 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
     if stages & _BALANCE:
         _add_balance(signals, without, one, result)
     if shapes(one):
-        _add_shaping(signals, without, one, result)
+        _add_edges(signals, one, (without, without.with_term(one)), result)
+    return result
+
+
+def changed(signals: Signals, model: Model, one: ActiveEffect, moved: ActiveEffect) -> FloatArray:
+    """What the prediction gains where an effect of a model is another of its name, (N,).
+
+    The difference of their contributions, without what both have in common.
+
+    Parameters
+    ----------
+    signals : Signals
+    model : Model
+        With the effect.
+    one, moved : ActiveEffect
+        A reading, or what acts through the edges and in no other way.
+    """
+    terms = tuple(moved if t is one else t for t in model.terms)
+    if one.effect.reading is not None:
+        readings = [tuple(t for t in own if t.effect.reading) for own in (model.terms, terms)]
+        now, then = (replace(model, terms=own) for own in readings)
+        return signals.kept_plain(now, _plain_residual) - _plain_residual(signals, then)
+    result = np.zeros(signals.material.size)
+    _add_edges(signals, one, (model, replace(model, terms=terms)), result)
     return result
 
 
@@ -180,15 +203,17 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
         into[place.rows] += signals.material.windowed(stretch, index, steps)
 
 
-def _add_shaping(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
-    whole = model.with_term(one)
-    for place, stretch, chamber in _balances(signals, model, one):
-        without, with_it = (
+def _add_edges(
+    signals: Signals, one: ActiveEffect, models: tuple[Model, Model], into: FloatArray
+) -> None:
+    """What flows through the edges more in the second of two models, where an effect acts."""
+    for place, stretch, chamber in _balances(signals, models[0], one):
+        first, second = (
             _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delays_s[chamber.index])
-            for m in (model, whole)
+            for m in models
         )
         index = signals.material.chamber_index(place.channel)
-        into[place.rows] += signals.material.windowed(stretch, index, with_it - without)
+        into[place.rows] += signals.material.windowed(stretch, index, second - first)
 
 
 def _balances(

@@ -15,6 +15,7 @@ from hydro_ident.mismatch.stepping import (
     given_steps,
     held_columns,
     is_free,
+    longest_delay,
     moved,
     stepped,
 )
@@ -168,7 +169,9 @@ def _promised(one: Fitted) -> float:
 
 def _owned(training: Training, model: Model) -> Model:
     """A model in which what base and effect both say is the effect's."""
-    return handed_over(training.predictor, model, training.own_delay_s)
+    columns = training.predictor.delay_columns
+    longest_s = {index: longest_delay(training, index) for index in columns}
+    return handed_over(training.predictor, model, training.own_delay_s, longest_s)
 
 
 def settled(training: Training, current: Fitted) -> Fitted:

@@ -11,7 +11,7 @@ them, so that no step towards it would be taken, and the effect would lack what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,9 @@ from hydro_ident.mismatch.skew import PRESSURE_DELAY, is_listed
 from hydro_model.effects.targets import ActiveEffect
 
 
-def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model:
+def handed_over(
+    predictor: Predictor, model: Model, own_delay_s: float, longest_s: Mapping[int, float]
+) -> Model:
     """A model whose delays beyond the base's own, and whose skews, are in their effects.
 
     Parameters
@@ -30,6 +32,9 @@ def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model
     model : Model
     own_delay_s : float
         Of the base: the recordings' interval, or what the robot file states beyond it, s.
+    longest_s : mapping of int to float
+        What steps may make of a cylinder's valve: none is handed more, where one that has become
+        quick would have all others be later.
 
     Returns
     -------
@@ -47,7 +52,8 @@ def handed_over(predictor: Predictor, model: Model, own_delay_s: float) -> Model
                 # One valve is later than the others are.
                 least_s = delays_s[term.cylinder]
                 later = float(np.mean([delays_s[i] for i in others]))
-            own = [least_s - later]
+            most = [delays_s[i] - longest_s[i] for i in late_valves(term, predictor.delay_columns)]
+            own = [max(least_s - later, *most)]
             for index in late_valves(term, predictor.delay_columns):
                 delays_s[index] -= own[0]
         elif term.effect.name == PRESSURE_DELAY:

@@ -66,6 +66,11 @@ def shapes(one: ActiveEffect) -> bool:
     return any(term.stage in _EDGES for term in one.effect.terms)
 
 
+def on_signals(one: ActiveEffect) -> bool:
+    """Whether an effect acts by what the model's signals are, and in no other way."""
+    return one.effect.reading is not None or all(t.stage in _EDGES for t in one.effect.terms)
+
+
 def reading_key(model: Model) -> tuple[object, ...]:
     """What tells models apart whose sensors err differently."""
     return tuple(

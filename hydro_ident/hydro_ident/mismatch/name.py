@@ -17,12 +17,13 @@ from hydro_ident.mismatch.chance import (
     signs,
     used_columns,
 )
-from hydro_ident.mismatch.contest import CLOSE_SHARE, PASSES, Contest, firsts
+from hydro_ident.mismatch.contest import PASSES, Contest, firsts
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
-from hydro_ident.mismatch.named import Named, at_a_bound, exclude, named_of
+from hydro_ident.mismatch.modelled import Model, same
+from hydro_ident.mismatch.named import Named, at_a_bound, exclude
 from hydro_ident.mismatch.one_delay import as_one_delay
 from hydro_ident.mismatch.pairs import best_pair
-from hydro_ident.mismatch.prediction import Model
+from hydro_ident.mismatch.revision import Revision
 from hydro_ident.mismatch.scoring import Bank, Score, score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
@@ -37,7 +38,6 @@ from hydro_ident.mismatch.worth import worth, worthy
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
-_SWAPS = 3
 #: Contests of a step whose winners do not pay on held-out blocks before nothing more is sought.
 _CONTESTS = 3
 
@@ -126,12 +126,19 @@ class Searcher:
         motions = max(material.motions, 1)
         self.few = base.bench.blocks / motions if motions < FEW_MOTIONS else 1.0
         self.contest = Contest(training, self.few)
+        # Tried in earlier steps, and not worth what they cost.
+        self._refuted = set[tuple[str, str]]()
 
     def run(self) -> Search:
         """Forward, then every finding again with the others in place."""
         current, named, impossible = self.base, list[Named](), list[tuple[str, str, str]]()
         while len(named) < MOST_EFFECTS:
+            known = bool(self._refuted)
             step = self._next(current, named)
+            if step.found is None and known:
+                # With the others in place they may be.
+                self._refuted.clear()
+                step = self._next(current, named)
             found = step.found
             if found is None:
                 both, current = self._pair(current, step.quiet)
@@ -147,7 +154,7 @@ class Searcher:
             each = self.contest.at_each(current, step.noise, found, step.scores)
             named += each.named
             current = fit(self.training, each.fitted.model, passes=2)
-        named, current = self._revised(named, current)
+        named, current = Revision(self.contest).revised(named, current)
         named, current = as_one_delay(self.contest, named, current)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
 
@@ -164,7 +171,10 @@ class Searcher:
         for candidate, p in leading:
             if contests == _CONTESTS:
                 break
-            if p > FAMILY_ERROR or any(_is(candidate.entry.trial.active, one) for one in weighed):
+            active = candidate.entry.trial.active
+            if p > FAMILY_ERROR or any(same(active, one) for one in weighed):
+                continue
+            if (active.effect.name, active.target) in self._refuted:
                 continue
             if effective_blocks(scan.bench, candidate, self.training.mask) < LEAST_EFFECTIVE:
                 continue
@@ -172,12 +182,13 @@ class Searcher:
                 small = small or candidate
             else:
                 fresh = [
-                    s for s in scores if not any(_is(s.entry.trial.active, o) for o in weighed)
+                    s for s in scores if not any(same(s.entry.trial.active, o) for o in weighed)
                 ]
                 found, told = self.contest.between(current, scan.bench.noise, fresh, candidate, p)
                 if found.pays and told:
                     return _Step(found, scores, quiet, scan.bench.noise)
                 weighed += [c.term for c in found.tried]
+                self._refuted |= {(c.term.effect.name, c.term.target) for c in found.tried}
                 contests += 1
         return _Step(None, scores, quiet, small=small)
 
@@ -215,7 +226,7 @@ class Searcher:
             return [], current
         named: list[Named] = []
         for one in pair.effects:
-            others = tuple(t for t in both.model.terms if not _is(t, one))
+            others = tuple(t for t in both.model.terms if not same(t, one))
             found, told = self._beside(replace(both.model, terms=others), both, pair.p_value)
             if found is None or not (found.pays and told):
                 return [], current
@@ -229,7 +240,7 @@ class Searcher:
 
     def _worthy(self, current: Fitted, both: Fitted, one: ActiveEffect, gain: float) -> bool:
         """Whether one of a pair that was fitted together is more than a flaw of the form."""
-        term = next(t for t in both.model.terms if _is(t, one))
+        term = next(t for t in both.model.terms if same(t, one))
         whole = self.training.predictor.contribution(both.model, term)
         bench = self.training.bench(
             both.bench.noise, current.residual, current.columns, current.offset
@@ -262,51 +273,6 @@ class Searcher:
         joined = self._joined(current, taken)
         return self.training.bench(noise, current.residual, joined, current.offset).residual
 
-    # Back again ----------------------------------------------------------------------------
-
-    def _revised(self, named: list[Named], current: Fitted) -> tuple[list[Named], Fitted]:
-        """Drop what the others explain, and name every finding with the others in place."""
-        for _ in range(_SWAPS if len(named) > 1 else 0):
-            changed = False
-            for one in list(named):
-                without, fresh = self._again(one, current)
-                if fresh is not None and fresh.pays:
-                    changed |= not _is(fresh.term, one.term)
-                    named[named.index(one)] = fresh
-                    current = fit(self.training, fresh.modelled.fitted.model, passes=2)
-                else:
-                    changed = True
-                    named.remove(one)
-                    current = without
-            if not changed:
-                break
-        return named, current
-
-    def _again(self, one: Named, current: Fitted) -> tuple[Fitted, Named | None]:
-        """The model without a finding, and its set with the other findings in place.
-
-        Two findings that have become the same effect are one: None.
-        """
-        others = tuple(t for t in current.model.terms if not _is(t, one.term))
-        rest, noise = replace(current.model, terms=others), current.bench.noise
-        without = fit(self.training, rest, noise, passes=2)
-        least = CLOSE_SHARE * max(c.gain for c in one.tried)
-        # Its own, whatever another gained on the rows that it was fitted to.
-        near = [c.term for c in one.tried if c.gain >= least or _is(c.term, one.term)]
-        terms = [t for t in near if not any(_rival(t, other) for other in others)]
-        if not terms:
-            return without, None
-        again = self.contest.members(self.contest.fitted(without, terms, noise))
-        fresh = named_of(again, one.p_value, one.spread, self.few, one.allowance)
-        if one.alike and _is(fresh.term, one.term):
-            shares = one.probability[-len(one.alike) :]
-            own = 1.0 - sum(shares)
-            odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
-            # A law's own name, near another one's limit, is the fresh set's matter.
-            odds.pop(one.modelled.border_name, None)
-            fresh = fresh.beside(odds)
-        return without, fresh
-
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
     """Whether a trial is an alternative to what was found already at its target."""
@@ -316,12 +282,3 @@ def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
         for n in named
         for c in n.contenders
     )
-
-
-def _rival(one: ActiveEffect, other: ActiveEffect) -> bool:
-    """Whether two effects cannot stand side by side."""
-    return one.target == other.target and exclude(one.effect.name, other.effect.name)
-
-
-def _is(one: ActiveEffect, other: ActiveEffect) -> bool:
-    return one.effect.name == other.effect.name and one.target == other.target

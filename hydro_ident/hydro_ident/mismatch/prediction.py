@@ -10,6 +10,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.mismatch.balance_steps import Balance, balance_steps
 from hydro_ident.mismatch.contributions import (
+    changed,
     contribution,
     measured,
     pressure_of,
@@ -62,6 +63,7 @@ class Predictor:
     delay_columns: dict[int, int] = field(init=False)
     ripple_columns: dict[int, int] = field(init=False)
     skew_columns: dict[int, int] = field(init=False)
+    _by_torques: list[int] = field(init=False)
     _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray, FloatArray]] = field(
         default_factory=dict
     )
@@ -71,6 +73,7 @@ class Predictor:
 
     def __post_init__(self) -> None:
         self.signals = Signals(self.material)
+        self._by_torques = self._read_by_torques()
         material, cylinders = self.material, self.material.robot.cylinders
         forces = any(not material.is_flow(k) for k in range(len(material.channels)))
         names = list(material.forces.names) if forces else []
@@ -84,7 +87,7 @@ class Predictor:
         read = dict.fromkeys([*self._read_by_pressures(), *(c.index for c in chambers)])
         skews = {2 * i + k: skew_name(cylinders[i].name, side)
                  for i in read for k, side in enumerate("ab")}  # fmt: skip
-        skews |= {TORQUES: TORQUE_SKEW} if self._read_by_torques() else {}
+        skews |= {TORQUES: TORQUE_SKEW} if self._by_torques else {}
         self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
         self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
         self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
@@ -103,7 +106,7 @@ class Predictor:
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
                 for one, at in self.skew_columns.items():
-                    if one == TORQUES and joint in self._read_by_torques():
+                    if one == TORQUES and joint in self._by_torques:
                         x[place.rows, at] = skew[:, 2 * len(material.robot.cylinders) + joint]
                     elif one != TORQUES and self._joint_of(one // 2) == joint:
                         x[place.rows, at] = skew[:, one]
@@ -139,6 +142,20 @@ class Predictor:
         if parameters is not None:
             one = replace(one, parameters=parameters)
         return contribution(self.signals, model, one)
+
+    def change(self, model: Model, one: ActiveEffect, parameters: FloatArray) -> FloatArray:
+        """What the prediction gains where an effect of a model has other parameters, (N,).
+
+        Parameters
+        ----------
+        model : Model
+            With the effect.
+        one : ActiveEffect
+            A reading, or what acts through the edges.
+        parameters : array
+            Instead of the effect's own.
+        """
+        return changed(self.signals, model, one, replace(one, parameters=parameters))
 
     def parameters(self, model: Model) -> FloatArray:
         """A model's numbers in the order of `names`; the delay's column is a slope: 0."""

@@ -66,6 +66,7 @@ class Signals:
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
+    _motions: dict[int, tuple[Trace, Motion]] = field(default_factory=dict)
     changes: ChangedTorques = field(default_factory=ChangedTorques)
 
     def regressor(self, stretch: Stretch, moved: Motion) -> FloatArray:
@@ -127,9 +128,21 @@ class Signals:
         )  # fmt: skip
         if stretch.moved is None or np.array_equal(fixed.q, trace.q):
             return replace(stretch, trace=fixed)
-        fixed = replace(fixed, stroke=_strokes(self.material.robot, fixed))
-        moved = Motion(*motion(fixed.q, fixed.step_s, self.material.filters))
+        fixed, moved = self._moved(stretch, fixed)
         return replace(stretch, trace=fixed, moved=moved)
+
+    def _moved(self, stretch: Stretch, fixed: Trace) -> tuple[Trace, Motion]:
+        """A trace whose positions were corrected, with strokes, and its motion.
+
+        The last one's are kept: fits move what other sensors read beside the same positions.
+        """
+        kept = self._motions.get(stretch.number)
+        if kept is None or not np.array_equal(kept[0].q, fixed.q):
+            own = replace(fixed, stroke=_strokes(self.material.robot, fixed))
+            moved = Motion(*motion(own.q, own.step_s, self.material.filters))
+            kept = self._motions[stretch.number] = own, moved
+        # The very same positions tell what follows from geometry that it may stay.
+        return replace(fixed, q=kept[0].q, stroke=kept[0].stroke), kept[1]
 
     def of(self, model: Model, stretch: Stretch, one: ActiveEffect) -> FloatArray:
         """What a law may look at over a stretch, (N, SIGNAL_COUNT)."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.prediction import Model, Predictor, shapes
+from hydro_ident.mismatch.modelled import Model, on_signals, shapes
+from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.stepping import is_free
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -26,14 +27,14 @@ class Start:
         Measured less predicted.
     base : (N, p) array
         Base columns.
-    own : tuple of (N,) array
-        What each of the model's terms contributes.
+    own : tuple of (N,) array or None
+        What each of the model's terms contributes; None of those that are in its signals.
     """
 
     model: Model
     residual: FloatArray
     base: FloatArray
-    own: tuple[FloatArray, ...]
+    own: tuple[FloatArray | None, ...]
 
 
 def start_at(predictor: Predictor, model: Model) -> Start:
@@ -50,9 +51,9 @@ def start_at(predictor: Predictor, model: Model) -> Start:
     """
     y, x = predictor.base(model)
     residual = y - x @ predictor.parameters(model)
-    own = tuple(predictor.contribution(model, term) for term in model.terms)
+    own = tuple(None if on_signals(t) else predictor.contribution(model, t) for t in model.terms)
     for term, values in zip(model.terms, own, strict=True):
-        if term.effect.reading is None and not shapes(term):
+        if values is not None and not shapes(term):
             residual = residual - values
     return Start(model, residual, x, own)
 
@@ -101,7 +102,7 @@ def linearised(
 
 
 def slopes_of(
-    predictor: Predictor, model: Model, term: ActiveEffect, own: FloatArray
+    predictor: Predictor, model: Model, term: ActiveEffect, own: FloatArray | None
 ) -> tuple[list[FloatArray], list[str]]:
     """Slopes of a term's contribution in its free parameters.
 
@@ -111,8 +112,8 @@ def slopes_of(
     model : Model
         With or without the term.
     term : ActiveEffect
-    own : (N,) array
-        Its contribution.
+    own : (N,) array or None
+        Its contribution; None of what is in the model's signals.
 
     Returns
     -------
@@ -121,13 +122,17 @@ def slopes_of(
     """
     slopes, names = [], []
     for i, spec in enumerate(term.effect.parameters):
-        if is_free(term, i) and _grows_with(term, i):
+        if is_free(term, i) and own is not None and _grows_with(term, i):
             slopes.append((own / term.parameters[i])[:, None])
             names.append(f"{term.target}.{term.effect.name}.{spec.name}")
         elif is_free(term, i):
             step, moved = _step(term, i), term.parameters.copy()
             moved[i] += step
-            change = predictor.contribution(model, term, moved) - own
+            change = (
+                predictor.change(model, term, moved)
+                if own is None
+                else predictor.contribution(model, term, moved) - own
+            )
             slopes.append((change / step)[:, None])
             names.append(f"{term.target}.{term.effect.name}.{spec.name}")
     return slopes, names

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.mismatch.whitening_kernels import whiten
 from hydro_model.robot import FloatArray
 
 IndexArray = NDArray[np.intp]
@@ -94,16 +95,13 @@ class Noise:
 
         Rows are sorted by channel.
         """
-        result = values.copy()
-        ends = np.searchsorted(layout.channel, np.arange(len(self.phi) + 1))
+        result = np.array(values, dtype=float, order="C")
+        rows = result.reshape(len(result), -1)
+        ends = np.searchsorted(layout.channel, np.arange(len(self.phi) + 1)).tolist()
         for k, phi in enumerate(self.phi):
-            own = slice(int(ends[k]), int(ends[k + 1]))
-            plain, mine = values[own], result[own]
-            if not plain.any():
-                continue  # an effect acts on few of the channels
-            for lag, weight in enumerate(phi, 1):
-                mine[lag:] -= weight * plain[:-lag]
-            mine /= self.std[k]
+            # An effect acts on few of the channels.
+            if rows[ends[k] : ends[k + 1]].any():
+                whiten(rows, ends[k], ends[k + 1], phi, float(self.std[k]))
         return result
 
     def adjoint(self, layout: Layout, rows: BoolArray, values: FloatArray) -> FloatArray:
