@@ -64,8 +64,12 @@ _WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
 _OF_COMMAND = tuple(0.5 * 1.35**k for k in range(8))
 #: Torques over which a gear's flanks come to bear, of the largest that the drive had.
 _CONTACT_SHARES = (0.02, 0.05, 0.1, 0.25)
-#: A mode that is hardly damped answers to a few percent around its own frequency alone.
-_FINE = {("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7))}
+#: A mode that is hardly damped answers to a few percent around its own frequency alone; one whose
+#: frequency goes with the posture is, over a recording, like one that is damped more.
+_FINE = {
+    ("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7)),
+    ("structural_flexibility", "damping"): (1.0, 6.0),
+}
 #: Of late pressures: what lateness does to quick reversals is no multiple of a shorter one.
 _LATE_FACTORS = (1.0, 2.0, 4.0)
 #: Most shapes of one effect at one target.
