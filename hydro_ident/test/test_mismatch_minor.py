@@ -45,8 +45,14 @@ def _push(robot: Robot) -> float:
         ),
         ("valve_null_bias", "lift_valve", {"bias": -2e-4}, {"bias": 5e-4}),
         ("valve_hysteresis", "lift_valve", {"half_width": 2e-4}, {"half_width": 1e-3}),
-        ("valve_deadband", "lift_valve", {"width": 4e-4}, {"width": 1e-3}),
-        ("valve_underlap", "lift_valve", {"width": 4e-4}, {"width": 1e-3}),
+        ("valve_deadband", "lift_valve", {"width": 7e-4}, {"width": 1e-3}),
+        ("valve_underlap", "lift_valve", {"width": 7e-4}, {"width": 1e-3}),
+        (
+            "valve_gain_nonlinearity",
+            "lift_valve",
+            {"progression": -0.07, "knee": 0.008},
+            {"progression": -0.07, "knee": 0.02},
+        ),
     ],
 )
 def test_sizes_within_data_sheets_are_minor(
@@ -54,6 +60,11 @@ def test_sizes_within_data_sheets_are_minor(
 ) -> None:
     assert is_minor(robot, _term(robot, name, target, small))
     assert not is_minor(robot, _term(robot, name, target, large))
+
+
+def test_a_gain_that_changes_evenly_is_none_of_edges(robot: Robot) -> None:
+    even = {"progression": 0.005, "knee": 0.0}
+    assert not is_minor(robot, _term(robot, "valve_gain_nonlinearity", "lift_valve", even))
 
 
 def test_small_machines_are_held_to_less(robot: Robot) -> None:
@@ -154,13 +165,14 @@ def test_the_page_says_these_sizes() -> None:
     page = (Path(__file__).parents[2] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
     paragraph = page.partition("* **Minor.**")[2].partition("* **Limits.**")[0]
     gain, bias, offset, volume, null, *others = (most for _, most in minor._TOLERATED.values())
-    assert others == [null, 2.0 * null, 2.0 * null]
+    assert others == [null, minor._EDGE, minor._EDGE]
     for told in (
         f"gains of transducers below {1e2 * gain:g} %",
         f"{1e-3 * bias:g} kPa",
         f"{1e3 * offset:g} mrad",
         f"{1e6 * volume:g} ml",
-        f"12-bit converter ({1e2 * null:.2g} % of the signal), overlaps and underlaps below one",
+        f"12-bit converter ({1e2 * null:.2g} % of the signal), overlaps, underlaps",
+        f"come to less than {1e2 * minor._EDGE:g} % of the signal",
         f"{1e2 * minor._FRICTION_SHARE:g} % of what the cylinder can push",
         f"no name is below {1e2 * minor.UNKNOWN_SHARE:g} %",
     ):

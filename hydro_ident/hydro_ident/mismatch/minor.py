@@ -16,10 +16,13 @@ import numpy as np
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.valve_effects import KNEE
 from hydro_model.robot import Robot
 
 #: Step of a converter of twelve bits, as a share of the valve's signal either way.
 _STEP = 2.0**-11
+#: What rounded edges, and flow that is laminar where a valve hardly opens, take of its signal.
+_EDGE = 8.0e-4
 #: Largest sizes that are within what sensors, drawings, seals and converters are good for: the
 #: accuracy of a good transducer and of setting a joint's zero, a fitting's oil, what rounding and
 #: cutting off of a valve's signal leave. A balance tells the gains of a cylinder's two transducers
@@ -31,8 +34,8 @@ _TOLERATED = {
     "dead_volume": ("volume", 1.0e-5),
     "valve_null_bias": ("bias", 0.5 * _STEP),
     "valve_hysteresis": ("half_width", 0.5 * _STEP),
-    "valve_deadband": ("width", _STEP),
-    "valve_underlap": ("width", _STEP),
+    "valve_deadband": ("width", _EDGE),
+    "valve_underlap": ("width", _EDGE),
 }
 #: Of these what a set holds beside others counts: what valves have, a base's delay swallows.
 _OF_ALL = frozenset(
@@ -48,6 +51,7 @@ _FRICTION = frozenset(
     {"coulomb_friction", "presliding_friction", "stribeck_friction", "asymmetric_friction"}
 )
 _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
+_BENT = "valve_gain_nonlinearity"
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
@@ -77,6 +81,10 @@ def is_minor(
         sizes = [(n, abs(v)) for n, v in _values(term) if n.startswith(begin)]
         doubts = [min(_SURE * deviations.get(own + n, 0.0), _DOUBT * v) for n, v in sizes]
         return all(v - d < most for (_, v), d in zip(sizes, doubts, strict=True))
+    if name == _BENT:
+        # A corner next to closed is an offset of the signal further on.
+        values = dict(_values(term))
+        return 0.0 < abs(values["progression"]) * values[KNEE.name] < _EDGE
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
         values = dict(_values(term))
