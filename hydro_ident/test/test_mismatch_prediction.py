@@ -21,10 +21,12 @@ from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.skew import least_skew
+from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
 
 EFFECTS = (
@@ -305,4 +307,20 @@ def test_a_change_of_what_is_in_the_signals_is_that_of_its_contribution(
     found = predictor.change(whole, one, moved)
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
     assert on_signals(one)
-    assert not on_signals(model.terms[0])
+
+
+@pytest.mark.parametrize("name", [n for n, e in CATALOGUE.items() if e.change and not e.reading])
+def test_a_change_of_the_robot_is_in_no_signal(name: str) -> None:
+    effect = CATALOGUE[name]
+    values = np.array([spec.typical for spec in effect.parameters])
+    assert not on_signals(ActiveEffect(effect, "xs031", values))
+
+
+def test_a_start_has_what_all_terms_contribute(true_model: tuple[Predictor, Model]) -> None:
+    """Friction, a null bias, a leak, a volume and a load: what is left is the residual."""
+    predictor, model = true_model
+    spec = EffectSpec("payload_change", "xs031", {"mass": 40.0, "start_s": 5.0})
+    whole = model.with_term(resolve(replace(model.robot, effects=(spec,)))[0])
+    start = start_at(predictor, whole)
+    assert np.array_equal(start.residual, predictor.residual(whole))
+    assert not np.allclose(start.residual, predictor.residual(model))

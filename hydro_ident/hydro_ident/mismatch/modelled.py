@@ -68,7 +68,11 @@ def shapes(one: ActiveEffect) -> bool:
 
 def on_signals(one: ActiveEffect) -> bool:
     """Whether an effect acts by what the model's signals are, and in no other way."""
-    return one.effect.reading is not None or all(t.stage in _EDGES for t in one.effect.terms)
+    effect = one.effect
+    if effect.reading is not None:
+        return True
+    # A change of the robot has no terms at all.
+    return shapes(one) and effect.change is None and all(t.stage in _EDGES for t in effect.terms)
 
 
 def reading_key(model: Model) -> tuple[object, ...]:
