@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hydro_ident.mismatch.answering import _distance, _far
+from hydro_ident.mismatch.channel_results import channels_of
+from hydro_ident.mismatch.notes import apart_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_model.robot import Robot
+from hydro_model.robot import EffectSpec, Robot
 
 TIMES = np.arange(4000.0) * 0.05
 FORCE = 20e3 + 1000.0 * np.sqrt(2.0) * np.sin(0.8 * TIMES)
@@ -66,3 +69,20 @@ def test_that_is_a_share_of_the_range_on_both_areas(
     expected = 1.25e-3 * robot.sensors.pressure_range_pa * np.hypot(lift.area_a_m2, lift.area_b_m2)
     assert accuracy_of(material, material.channels.index("lift/force")) == pytest.approx(expected)
     assert accuracy_of(material, material.channels.index("lift/flow_a")) == 0.0
+
+
+def test_what_another_motion_knows_better_is_noted(
+    make_run: tuple, lay_out: Callable[..., Residuals]
+) -> None:
+    """A load that was picked up before the second recording: no step of either tells it."""
+    true_crane, simulated_run = make_run
+    plain, crane = simulated_run(true_crane(), 10.0), true_crane()
+    spec = EffectSpec("payload_change", crane.name, {"mass": 60.0, "start_s": -10.0})
+    loaded = simulated_run(replace(crane, effects=(spec,)), 10.0)
+    for given, apart in ((loaded, ["lift/force", "tilt/force"]), (plain, [])):
+        work = lay_out(plain, [given])
+        channels = channels_of(work, work.base, work.check)
+        notes = apart_notes(work, work.base, channels, ())
+        assert [note.partition(":")[0] for note in notes] == apart
+        assert not apart_notes(work, work.base, channels, apart)
+        assert all("diagnose the other way round" in note for note in notes)

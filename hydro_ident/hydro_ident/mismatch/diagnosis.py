@@ -18,6 +18,7 @@ from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import (
+    apart_notes,
     data_notes,
     instant_notes,
     left_notes,
@@ -163,7 +164,10 @@ def _diagnosed(
     unknown, small = parted_unknown(unknown, channels)
     notes += small
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
-    notes += left_notes(channels) + instant_notes(work, whole)
+    told = {name for f in (*findings, *minor) for name in f.channels}
+    told |= {one.channel for one in unknown}
+    notes += left_notes(channels) + apart_notes(work, whole, channels, told)
+    notes += instant_notes(work, whole)
     doubtful = few or _hardly_better(findings, channels)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants
@@ -22,6 +23,8 @@ _FEW = (
 
 #: What is left in a channel over its sensors' noise from which a note says so.
 _MUCH = 3.0
+#: The same of the error with which rows to verify on are predicted, over that of a fit to them.
+_APART = 2.0
 
 
 def data_notes(work: Residuals) -> list[str]:
@@ -73,6 +76,43 @@ def left_notes(channels: Sequence[ChannelResult]) -> list[str]:
         "left on held-out rows, rest included, in units of what the sensors' noise alone leaves:"
         f" {', '.join(much)}"
     ]
+
+
+def apart_notes(
+    work: Residuals, whole: Fitted, channels: Sequence[ChannelResult], told: Collection[str]
+) -> list[str]:
+    """Channels of which the recordings to verify on know what those to fit did not show.
+
+    A base takes up what its own recordings show in one motion alone, as a slow one does a mode;
+    another motion is then predicted far worse than the same model could.
+
+    Parameters
+    ----------
+    work : Residuals
+    whole : Fitted
+        The final model.
+    channels : sequence of ChannelResult
+        On the rows to verify on.
+    told : collection of str
+        Channels in which something was found or is unexplained.
+    """
+    far = [c.name for c in channels if rms(c.measured - c.after) > _MUCH * c.noise_floor]
+    far = [name for name in far if name not in told]
+    there = fitted_there(work.training, work.check, whole) if far else None
+    if there is None:
+        return []
+    check, notes = work.check, list[str]()
+    now = check.residual(at_own_instants(work.training, check, whole.model)[0])
+    own = there.residual - there.columns @ there.bench.solve()
+    for k, name in enumerate(check.predictor.material.channels):
+        rows = check.rows(k, name) & check.moving
+        if name in far and rms(now[rows]) > _APART * rms(own[rows]):
+            notes.append(
+                f"{name}: rows to verify on are predicted {rms(now[rows]) / rms(own[rows]):.2g}"
+                " times worse than by the same model fitted to them: what is missing shows in"
+                " their motion; diagnose the other way round, or with more of such motion to fit"
+            )
+    return notes
 
 
 def silent_notes(findings: Sequence[Finding]) -> list[str]:
