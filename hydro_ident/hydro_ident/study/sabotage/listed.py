@@ -144,8 +144,8 @@ SABOTAGES = (
         "whitening_left_out",
         "rows count as independent whatever they owe to the rows before them",
         "mismatch/whitening.py",
-        "mine[lag:] -= weight * plain[:-lag]",
-        "mine[lag:] -= 0.0 * weight * plain[:-lag]",
+        "whiten(rows, ends[k], ends[k + 1], phi, float(self.std[k]))",
+        "whiten(rows, ends[k], ends[k + 1], 0.0 * phi, float(self.std[k]))",
         f"{_STATISTICS}::test_the_noise_model_finds_an_autoregression_and_whitens_with_it",
     ),
     Sabotage(
