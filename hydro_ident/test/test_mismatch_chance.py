@@ -173,3 +173,21 @@ def test_a_friction_that_lost_its_dip_bears_the_name_of_what_is_left(
     spec = EffectSpec("stribeck_friction", "lift_cylinder", parameters)
     (law,) = resolve(replace(robot, effects=(spec,)))
     assert named_of([_contender(law, 380.0)], 0.001, 1.0).names == names
+
+
+@pytest.mark.parametrize(
+    ("name", "further", "names"),
+    [
+        ("presliding_friction", {"distance": 1e-3}, ("presliding_friction",)),
+        ("presliding_friction", {"distance": 1.5e-4}, ("coulomb_friction",)),
+        ("stribeck_friction", {"stribeck_velocity": 0.15}, ("stribeck_friction",)),
+    ],
+)
+def test_what_turns_has_the_limits_of_a_piston_at_a_lever(
+    robot: Robot, name: str, further: dict[str, float], names: tuple[str, ...]
+) -> None:
+    """A bristle of 0.2 mrad at a quarter of a metre is one of 0.05 mm."""
+    spec = EffectSpec(name, "lift_cylinder", {"force": 15.0} | further)
+    (law,) = resolve(replace(robot, effects=(spec,)))
+    turning = replace(law, cylinder=None, joint=1)
+    assert named_of([_contender(turning, 380.0)], 0.001, 1.0).names == names

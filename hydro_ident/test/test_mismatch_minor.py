@@ -45,8 +45,8 @@ def _push(robot: Robot) -> float:
         ),
         ("valve_null_bias", "lift_valve", {"bias": -2e-4}, {"bias": 5e-4}),
         ("valve_hysteresis", "lift_valve", {"half_width": 2e-4}, {"half_width": 1e-3}),
-        ("valve_deadband", "lift_valve", {"width": 7e-4}, {"width": 1e-3}),
-        ("valve_underlap", "lift_valve", {"width": 7e-4}, {"width": 1e-3}),
+        ("valve_deadband", "lift_valve", {"width": 9e-4}, {"width": 1.2e-3}),
+        ("valve_underlap", "lift_valve", {"width": 9e-4}, {"width": 1.2e-3}),
         (
             "valve_gain_nonlinearity",
             "lift_valve",

@@ -22,7 +22,7 @@ from hydro_model.robot import Robot
 #: Step of a converter of twelve bits, as a share of the valve's signal either way.
 _STEP = 2.0**-11
 #: What rounded edges, and flow that is laminar where a valve hardly opens, take of its signal.
-_EDGE = 8.0e-4
+_EDGE = 1.0e-3
 #: Largest sizes that are within what sensors, drawings, seals and converters are good for: the
 #: accuracy of a good transducer and of setting a joint's zero, a fitting's oil, what rounding and
 #: cutting off of a valve's signal leave. A balance tells the gains of a cylinder's two transducers

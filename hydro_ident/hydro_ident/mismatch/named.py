@@ -26,8 +26,11 @@ _BORDER = 2.0
 #: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
-#: What turns is slow below the speed of a slow piston at a lever of a quarter of a metre.
-_TURNING = {"stribeck_friction": ("stribeck_velocity", 0.0, 0.2, _DRY)}
+#: What turns is slow, and bends, by what a piston does at a lever of a quarter of a metre.
+_TURNING = {
+    _PRESLIDING: ("distance", 4.0e-4, np.inf, _DRY),
+    "stribeck_friction": ("stribeck_velocity", 0.0, 0.2, _DRY),
+}
 SPOOL = "valve_spool_lag"
 #: Laws that each hold the whole dry friction of a cylinder, or how much later than the others a
 #: valve is: one of them at a target.
@@ -85,15 +88,19 @@ class Contender:
         """The law's own name where it has run to another one's limit but not far; else that."""
         return self._named_within(_BORDER)
 
+    @property
+    def _limits(self) -> Mapping[str, tuple[str, float, float, str]]:
+        """Ranges outside which its law is another one's."""
+        if self.term.joint is None:
+            return LIMITS
+        # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
+        return LIMITS | (DRIVE_LIMITS if self.term.joint else {}) | _TURNING
+
     def _named_within(self, factor: float) -> str:
         """The name with limits this much wider."""
         effect = self.term.effect
-        # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
-        limits = LIMITS | DRIVE_LIMITS if self.term.joint else LIMITS
-        if self.term.joint is not None:
-            limits = limits | _TURNING
-        if effect.name in limits:
-            parameter, least, most, other = limits[effect.name]
+        if effect.name in self._limits:
+            parameter, least, most, other = self._limits[effect.name]
             at = [p.name for p in effect.parameters].index(parameter)
             if not least / factor <= self.term.parameters[at] <= factor * most:
                 return _PRESLIDING if other == _DRY and self._bends_within(factor) else other
@@ -102,7 +109,7 @@ class Contender:
     def _bends_within(self, factor: float) -> bool:
         """Whether a dry friction that has lost its dip gives way as far as bristles do."""
         names = [p.name for p in self.term.effect.parameters]
-        parameter, least, _, _ = LIMITS[_PRESLIDING]
+        parameter, least, _, _ = self._limits[_PRESLIDING]
         return parameter in names and bool(
             self.term.parameters[names.index(parameter)] >= least / factor
         )
