@@ -48,6 +48,12 @@ def _push(robot: Robot) -> float:
         ("valve_deadband", "lift_valve", {"width": 9e-4}, {"width": 1.2e-3}),
         ("valve_underlap", "lift_valve", {"width": 9e-4}, {"width": 1.2e-3}),
         (
+            "pressure_compensation",
+            "lift_valve",
+            {"share": 0.01, "margin": 7e5, "outflow": 0.008},
+            {"share": 0.01, "margin": 7e5, "outflow": 0.03},
+        ),
+        (
             "valve_gain_nonlinearity",
             "lift_valve",
             {"progression": -0.07, "knee": 0.008},
@@ -165,7 +171,8 @@ def test_the_page_says_these_sizes() -> None:
     page = (Path(__file__).parents[2] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
     paragraph = page.partition("* **Minor.**")[2].partition("* **Limits.**")[0]
     gain, bias, offset, volume, null, *others = (most for _, most in minor._TOLERATED.values())
-    assert others == [null, minor._EDGE, minor._EDGE]
+    *edges, share = others
+    assert edges == [null, minor._EDGE, minor._EDGE]
     for told in (
         f"gains of transducers below {1e2 * gain:g} %",
         f"{1e-3 * bias:g} kPa",
@@ -173,6 +180,7 @@ def test_the_page_says_these_sizes() -> None:
         f"{1e6 * volume:g} ml",
         f"12-bit converter ({1e2 * null:.2g} % of the signal), overlaps, underlaps",
         f"come to less than {1e2 * minor._EDGE:g} % of the signal",
+        f"shares of a flow below {1e2 * share:g} % that do not follow the pressure",
         f"{1e2 * minor._FRICTION_SHARE:g} % of what the cylinder can push",
         f"no name is below {1e2 * minor.UNKNOWN_SHARE:g} %",
     ):

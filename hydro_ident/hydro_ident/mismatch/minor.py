@@ -27,7 +27,7 @@ _EDGE = 1.0e-3
 #: accuracy of a good transducer and of setting a joint's zero, a fitting's oil, what rounding and
 #: cutting off of a valve's signal leave. A balance tells the gains of a cylinder's two transducers
 #: by their difference: two of 0.1 % each are up to 0.2 % apart.
-_TOLERATED = {
+_TOLERATED: Mapping[str, tuple[str | tuple[str, ...], float]] = {
     "pressure_sensor_gain": ("error", 2.0e-3),
     "pressure_sensor_bias": ("bias", 5.0e3),
     "encoder_offset": ("offset", 5.0e-4),
@@ -36,6 +36,8 @@ _TOLERATED = {
     "valve_hysteresis": ("half_width", 0.5 * _STEP),
     "valve_deadband": ("width", _EDGE),
     "valve_underlap": ("width", _EDGE),
+    # An orifice's coefficient falls where its flow turns laminar.
+    "pressure_compensation": (("share", "outflow"), 1.5e-2),
 }
 #: Of these what a set holds beside others counts: what valves have, a base's delay swallows.
 _OF_ALL = frozenset(
