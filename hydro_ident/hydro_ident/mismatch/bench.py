@@ -226,7 +226,7 @@ class Bench:
         return float(np.sum(energy)) ** 2 / squares if squares > 0.0 else 0.0
 
     def by_block(self, values: FloatArray, weights: FloatArray | None = None) -> FloatArray:
-        """Sums (B, k) of rows, which may be weighed, by block of time."""
+        """Sums (B, k) of rows by block of time; `weights` (N,) are what each row counts."""
         result = np.zeros((self.blocks, values.shape[1]))
         weights = np.ones(len(values)) if weights is None else weights
         add_blocks(self.block, np.ascontiguousarray(values), weights, result)

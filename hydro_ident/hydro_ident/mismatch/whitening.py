@@ -96,6 +96,8 @@ class Noise:
         Rows are sorted by channel.
         """
         result = np.array(values, dtype=float, order="C")
+        if not result.size:
+            return result
         rows = result.reshape(len(result), -1)
         ends = np.searchsorted(layout.channel, np.arange(len(self.phi) + 1)).tolist()
         for k, phi in enumerate(self.phi):
