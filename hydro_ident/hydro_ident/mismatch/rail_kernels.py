@@ -36,7 +36,7 @@ class Valves(NamedTuple):
 
 
 @kernel
-def _drawn(valves: Any, k: int, supply: float, tank: float) -> float:
+def _drawn(valves: Any, k: int, supply: float) -> float:
     total = 0.0
     for i in range(valves.edges.shape[0]):
         u = valves.signal[k, i]
@@ -48,7 +48,7 @@ def _drawn(valves: Any, k: int, supply: float, tank: float) -> float:
 
 
 @kernel
-def _returned(valves: Any, k: int, supply: float, tank: float) -> float:
+def _returned(valves: Any, k: int, tank: float) -> float:
     total = 0.0
     for i in range(valves.edges.shape[0]):
         u = valves.signal[k, i]
@@ -70,7 +70,7 @@ def _rail(laws: Any, rows: FloatArray, on_tank: bool, recorded: float) -> float:
 
 @kernel
 def _set_flows(rows: FloatArray, valves: Any, k: int, supply: float, tank: float) -> None:
-    drawn, returned = _drawn(valves, k, supply, tank), _returned(valves, k, supply, tank)
+    drawn, returned = _drawn(valves, k, supply), _returned(valves, k, tank)
     for j in range(rows.shape[0]):
         rows[j, SUPPLY_FLOW], rows[j, RETURN_FLOW] = drawn, returned
 
