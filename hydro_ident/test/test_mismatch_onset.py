@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.onset import beginning, begins, settled
+from hydro_ident.mismatch.onset import Sight, beginning, begins, ending, ends, settled, standing
 from hydro_model.effects.catalogue import acting_share, resolve
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import EffectSpec
+from hydro_model.robot import EffectSpec, FloatArray
 from hydro_model.robot_files import load_robot
 
 TIMES_S, SPACING_S = np.arange(0.0, 60.0, 0.002), 2.0
@@ -32,13 +32,14 @@ def test_a_ramp_is_found_from_the_nearest_instant(start_s: float, duration_s: fl
     truth = acting_share(_load(start_s=start_s, duration_s=duration_s), TIMES_S)
     calls = []
 
-    def left(of: ActiveEffect) -> float:
-        calls.append(_times(of))
+    def left(at_s: float, over_s: float) -> float:
+        calls.append((at_s, over_s))
+        of = beginning(_load(), at_s, over_s)
         return float(np.sum((acting_share(of, TIMES_S) - truth) ** 2))
 
-    found = settled(_load(start_s=31.0), SPACING_S, left)
-    assert _times(found)[0] == pytest.approx(start_s, abs=0.02)
-    assert _times(found)[1] == pytest.approx(duration_s, abs=0.05 + 0.1 * duration_s)
+    at_s, over_s = settled(31.0, SPACING_S, left)
+    assert at_s == pytest.approx(start_s, abs=0.02)
+    assert over_s == pytest.approx(duration_s, abs=0.05 + 0.1 * duration_s)
     assert len(calls) == len(set(calls)) <= 60
 
 
@@ -52,11 +53,8 @@ def test_a_mistimed_step_costs_mass_and_a_timed_ramp_does_not() -> None:
 
     step = _load(start_s=31.0)
     assert size(step) < 0.1
-    timed = settled(
-        step,
-        SPACING_S,
-        lambda of: float(np.sum((truth - size(of) * np.diff(acting_share(of, TIMES_S))) ** 2)),
-    )
+    sight = Sight(lambda of: np.diff(acting_share(of, TIMES_S)), truth, sized=False)
+    timed = sight.comes(step, SPACING_S)
     assert size(timed) == pytest.approx(1.0, abs=0.1)
 
 
@@ -78,3 +76,36 @@ def test_half_of_a_ramp_is_there_at_its_instant() -> None:
     one = beginning(_load(), 4.0, 2.0)
     at = acting_share(one, np.array([2.9, 3.0, 3.5, 4.0, 5.0, 6.0]))
     assert at == pytest.approx([0.0, 0.0, 0.25, 0.5, 1.0, 1.0])
+
+
+def _shown(of: ActiveEffect) -> FloatArray:
+    """A column that a load adds: what it weighs in a posture that changes, and noise of it."""
+    return of.parameters[0] * acting_share(of, TIMES_S) * (1.0 + 0.3 * np.sin(TIMES_S))
+
+
+@pytest.mark.parametrize("sized", [True, False])
+@pytest.mark.parametrize(
+    ("start_s", "end_s"), [(12.3, 31.9), (40.1, 46.2), (-1e9, 22.7), (18.8, 1e9), (-1e9, 1e9)]
+)
+def test_a_load_is_placed_where_it_is_taken_up_and_let_go(
+    sized: bool, start_s: float, end_s: float
+) -> None:
+    truth = _load(start_s=start_s, duration_s=0.3, end_s=end_s, end_duration_s=0.2)
+    noise = np.random.default_rng(3).normal(0.0, 5.0, TIMES_S.size)
+    sight = Sight(_shown, _shown(truth) + noise, sized)
+    instants_s = np.linspace(0.0, 60.0, 30)[1:-1].tolist()
+    single = sight.first(_load(), instants_s)
+    found = sight.placed(single, instants_s[1] - instants_s[0], np.linspace(0, 60, 9)[1:-1])
+    assert begins(found) == begins(truth)
+    assert ends(found) == ends(truth)
+    share = np.abs(acting_share(found, TIMES_S) - acting_share(truth, TIMES_S))
+    assert share.mean() < 2e-3
+
+
+def test_what_goes_is_gone() -> None:
+    one = ending(beginning(_load(), 4.0, 2.0), 10.0, 1.0)
+    at = acting_share(one, np.array([2.9, 4.0, 6.0, 9.0, 10.0, 10.6]))
+    assert at == pytest.approx([0.0, 0.5, 1.0, 1.0, 0.5, 0.0])
+    assert acting_share(standing(one), TIMES_S).min() == 1.0
+    # What goes before it comes was never there.
+    assert acting_share(ending(beginning(_load(), 9.0, 0.0), 4.0, 0.0), TIMES_S).max() == 0.0

@@ -243,6 +243,9 @@ def _grid(
         # From before the recording on, too: a refit of the base swallows that, a fixed one not.
         always = [] if spec.default is None else [spec.default]
         return always + instants_of(material)
+    if spec.name == effect.end:
+        # When it goes again is looked for once it is known when it comes.
+        return [spec.upper]
     if spec.name == effect.duration:
         # Over what lies between two instants: whenever it begins, one of them is near.
         return [instant_spacing(material)]

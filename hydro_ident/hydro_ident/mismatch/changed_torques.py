@@ -57,12 +57,11 @@ def _torques(robot: Robot, moved: Motion) -> FloatArray:
 
 
 def _whenever(one: ActiveEffect) -> tuple[object, ...]:
-    """What tells changes apart, but for when they set in."""
+    """What tells changes apart, but for when they come and go."""
     effect = one.effect
-    when = {effect.start, effect.duration}
     values = [
         float(value)
         for spec, value in zip(effect.parameters, one.parameters, strict=True)
-        if spec.name not in when
+        if spec.name not in effect.edges
     ]
     return effect.change, one.target, *values

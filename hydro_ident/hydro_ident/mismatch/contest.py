@@ -12,8 +12,8 @@ from hydro_ident.mismatch.chance import overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.onset import begins, settled
-from hydro_ident.mismatch.places import instant_spacing
+from hydro_ident.mismatch.onset import Sight
+from hydro_ident.mismatch.places import instant_spacing, instants_of
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
@@ -31,6 +31,8 @@ CONTENDERS, CONTENDER_SHARE = 8, 0.4
 _ROUGH, PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
 #: Shapes of a trial from which its fit may begin, and how many it does begin from.
 _SHAPES, _HOLLOWS = 4, 2
+#: What has begun ends again where that explains so much more, in squares of whitened noise.
+_END = 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,27 +132,25 @@ class Contest:
             Of the trial beside it.
         """
         starts = one.entry.trial.around(one.coefficients)
-        if begins(starts[0]):
-            return self._settled(without, starts[0])
+        if starts[0].effect.start:
+            return self._timed(without, starts[0])
         if len(starts) == 1:
             return starts[0]
         return starts[int(np.argmin(self._left(without, starts)))]
 
-    def _settled(self, without: Fitted, one: ActiveEffect) -> ActiveEffect:
-        """An effect that begins within the recording, when it does, and its size with that."""
-        mask, bench, unit = self.training.mask, without.bench, one.effect.sizes[0]
+    def _timed(self, without: Fitted, one: ActiveEffect) -> ActiveEffect:
+        """An effect that may come and go within the recording, when it does, and its size then."""
+        predictor, mask, bench = self.training.predictor, self.training.mask, without.bench
 
-        def size(of: ActiveEffect) -> tuple[float, float]:
-            column = self.training.predictor.contribution(without.model, of)[mask]
-            left = bench.beyond(column[:, None])[:, 0]
-            squares = max(float(left @ left), 1e-300)
-            share = float(left @ bench.residual) / squares
-            return share, share**2 * squares
+        def column(of: ActiveEffect) -> FloatArray:
+            return bench.beyond(predictor.contribution(without.model, of)[mask][:, None])[:, 0]
 
-        spacing_s = instant_spacing(self.training.predictor.material)
-        found = settled(one, spacing_s, lambda of: -size(of)[1])
-        values = found.parameters.copy()
-        values[unit] *= size(found)[0]
+        sight = Sight(column, bench.residual, sized=False, least=_END)
+        spacing_s = instant_spacing(predictor.material)
+        found = sight.placed(one, spacing_s, instants_of(predictor.material))
+        values, shown = found.parameters.copy(), column(found)
+        share = float(shown @ bench.residual) / max(float(shown @ shown), 1e-300)
+        values[one.effect.sizes[0]] *= share
         return replace(found, parameters=values)
 
     def _left(self, without: Fitted, terms: Sequence[ActiveEffect]) -> FloatArray:

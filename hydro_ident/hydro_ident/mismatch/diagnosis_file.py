@@ -13,6 +13,7 @@ from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.modelled import same
+from hydro_ident.mismatch.onset import idle_edges
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
@@ -177,9 +178,9 @@ def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
     idealisation, is off by.
     """
     std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
-    result = []
+    result, idle = [], idle_edges(term)
     rows = zip(term.effect.parameters, term.parameters, term.units, strict=True)
-    for spec, value, unit in rows:
+    for spec, value, unit in (row for row in rows if row[0].name not in idle):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
         size = _deviation(fitted, std, name)
         result.append(

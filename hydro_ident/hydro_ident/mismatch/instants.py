@@ -1,24 +1,21 @@
-"""What begins at an instant begins at another one in other recordings."""
+"""What comes or goes at an instant does so at another one in other recordings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.modelled import Model, same
-from hydro_ident.mismatch.onset import beginning, begins, settled
-from hydro_ident.mismatch.places import instant_spacing, instants_of
+from hydro_ident.mismatch.onset import Sight, ends
+from hydro_ident.mismatch.places import ends_of, instant_spacing, instants_of
 from hydro_ident.mismatch.training import Training
-from hydro_model.effects.catalogue import start_s
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import Robot
+from hydro_model.robot import FloatArray, Robot
 
 
 def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Model, int]:
-    """A model as other recordings have it: what begins there begins when it predicts them best.
+    """A model as other recordings have it: what comes and goes does when it predicts them best.
 
     Parameters
     ----------
@@ -43,26 +40,27 @@ def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Mod
 
 
 def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
-    """The model with one effect's instant that predicts the check best, of how many."""
+    """The model with one effect's instants that predict the check best, of how many."""
     used, material = check.mask & check.moving, check.predictor.material
-    spacing_s = instant_spacing(material)
 
-    def with_it(one: ActiveEffect) -> Model:
-        return replace(model, terms=tuple(one if same(t, mine) else t for t in model.terms))
+    beside = replace(model, terms=tuple(t for t in model.terms if not same(t, mine)))
 
-    def left(one: ActiveEffect) -> float:
-        return float(np.sum(check.residual(with_it(one))[used] ** 2))
+    def column(one: ActiveEffect) -> FloatArray:
+        return check.predictor.contribution(beside, one)[used]
 
-    instants = [start_s(mine), 0.0, *instants_of(material)]
-    tried = [mine, *(beginning(mine, instant, spacing_s) for instant in instants[1:])]
-    best = min(tried, key=left)
-    if begins(best):
-        best = settled(best, spacing_s, left)
-    return with_it(best), len(instants)
+    sight = Sight(column, check.residual(beside)[used], sized=True)
+    instants_s, ends_s = instants_of(material), ends_of(material)
+    single = sight.first(mine, instants_s)
+    found = sight.placed(single, instant_spacing(material), ends_s)
+    best = max(mine, found, key=sight.gain)
+    # Half of what chance may do is left to either kind.
+    pairs, alone = len(ends_s) * (len(ends_s) + 1) // 2, 2 + len(instants_s)
+    terms = tuple(best if same(t, mine) else t for t in model.terms)
+    return replace(model, terms=terms), 2 * (pairs if ends(best) else alone)
 
 
 def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
-    """A robot whose effects begin when those of a model do.
+    """A robot whose effects come and go when those of a model do.
 
     Parameters
     ----------
@@ -70,14 +68,15 @@ def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
         With effects of the same names and targets.
     terms : sequence of ActiveEffect
     """
-    starts: dict[tuple[str, str], dict[str, float]] = {}
+    times: dict[tuple[str, str], dict[str, float]] = {}
     for term in terms:
-        names = [p.name for p in term.effect.parameters]
         if term.effect.start:
-            value = float(term.parameters[names.index(term.effect.start)])
-            starts[term.effect.name, term.target] = {term.effect.start: value}
+            names = [p.name for p in term.effect.parameters]
+            values = dict(zip(names, term.parameters.tolist(), strict=True))
+            own = {name: values[name] for name in term.effect.edges}
+            times[term.effect.name, term.target] = own
     effects = tuple(
-        replace(e, parameters={**e.parameters, **starts.get((e.name, e.target), {})})
+        replace(e, parameters={**e.parameters, **times.get((e.name, e.target), {})})
         for e in robot.effects
     )
-    return replace(robot, effects=effects) if starts else robot
+    return replace(robot, effects=effects) if times else robot

@@ -12,9 +12,12 @@ from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.model import summary_of
 from hydro_ident.mismatch.name import Search
+from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FEW_MOTIONS
+from hydro_model.effects.catalogue import end_s, start_s
+from hydro_model.effects.targets import ActiveEffect
 
 _FEW = (
     "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
@@ -135,14 +138,14 @@ def instant_notes(work: Residuals, whole: Fitted) -> list[str]:
         The final model.
     """
     there, _ = at_own_instants(work.training, work.check, whole.model)
-    notes = []
-    for here, other in zip(whole.model.terms, there.terms, strict=True):
-        start = here.effect.start
-        if start and not np.array_equal(here.parameters, other.parameters):
-            at = [p.name for p in here.effect.parameters].index(start)
-            notes.append(
-                f"{here.effect.name} of {here.target} begins at {here.parameters[at]:.4g} s where"
-                f" it was fitted, and at {other.parameters[at]:.4g} s (looked for) where it is"
-                " verified"
-            )
-    return notes
+    return [
+        f"{here.effect.name} of {here.target} {_when(here)} where it was fitted, and"
+        f" {_when(other)} (looked for) where it is verified"
+        for here, other in zip(whole.model.terms, there.terms, strict=True)
+        if here.effect.start and not np.array_equal(here.parameters, other.parameters)
+    ]
+
+
+def _when(one: ActiveEffect) -> str:
+    since = f"begins at {start_s(one):.4g} s" if begins(one) else "is there from the start"
+    return f"{since} and ends at {end_s(one):.4g} s" if ends(one) else since

@@ -32,6 +32,8 @@ QUANTILES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 _PILOT_RATIOS = (0.25, 0.5, 1.0, 2.0)
 #: Instants tried for something that begins within a recording: one every so often, in s.
 INSTANT_S, MOST_INSTANTS = 2.0, 60
+#: Fewer of them, two of which are tried together: every pair of them is paid for.
+_MOST_ENDS = 8
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
 #: two tilts from which one shows.
 _POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
@@ -131,10 +133,19 @@ def tilts(one: ActiveEffect) -> list[tuple[float, ...]]:
 
 def instants_of(material: Material) -> list[float]:
     """Instants at which something may begin within recordings, in s."""
+    return _spread(material, MOST_INSTANTS)
+
+
+def ends_of(material: Material) -> list[float]:
+    """Fewer instants, at two of which something may begin and end; in s."""
+    return _spread(material, _MOST_ENDS)
+
+
+def _spread(material: Material, most: int) -> list[float]:
     if not material.size:
         return []
     end = float(material.time_s.max())
-    count = int(min(MOST_INSTANTS, max(1, end / INSTANT_S - 1)))
+    count = int(min(most, max(1, end / INSTANT_S - 1)))
     return [float(t) for t in np.linspace(0.0, end, count + 2)[1:-1]]
 
 

@@ -34,7 +34,6 @@ HELD = {
     ("backlash", "contact_force"),
     ("backlash", "drag"),
     ("external_contact", "way"),
-    ("payload_change", "duration_s"),
     ("temperature_drift", "halving_temperature"),
     ("temperature_drift", "rise"),
     ("temperature_drift", "reference"),
@@ -240,4 +239,4 @@ def is_free(term: ActiveEffect, index: int) -> bool:
     if spec is TRAVEL or spec is KNEE:
         # A play stays one, and a parabola: other branches start from theirs.
         return bool(term.parameters[index] > 0.0)
-    return name != term.effect.start and (term.effect.name, name) not in HELD
+    return name not in term.effect.edges and (term.effect.name, name) not in HELD

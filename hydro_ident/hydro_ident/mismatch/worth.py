@@ -10,6 +10,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
@@ -105,7 +106,7 @@ def worthy(
         for k in acting
     ):
         return False
-    if _begins(active):
+    if begins(active) or ends(active):
         # No other recording has the same instant, and sensors that drift step a little, too.
         left = current.residual[mask]
         if not any(
@@ -134,13 +135,6 @@ def _opens_beside(one: ActiveEffect, terms: Sequence[ActiveEffect]) -> bool:
     return one.effect.name in _OPENINGS and any(
         t.effect.name in _OPENINGS and t.cylinder == one.cylinder for t in terms
     )
-
-
-def _begins(one: ActiveEffect) -> bool:
-    """Whether an effect begins at an instant within the recording."""
-    specs = one.effect.parameters
-    at = [k for k, spec in enumerate(specs) if spec.name == one.effect.start]
-    return any(one.parameters[k] != specs[k].default for k in at)
 
 
 def resolved(training: Training, without: Fitted, one: Contender) -> bool:

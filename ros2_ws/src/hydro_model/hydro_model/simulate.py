@@ -10,7 +10,7 @@ volumes, compliances, friction and supply as `hydro_model.effects` says. Pressur
 above vapour pressure: laws are finite for any pressure, and cavitation is not part of the base.
 
 Effects that change the robot (payload, tilt, delay) are applied to it before the roll-out; one
-that starts within it (`payload_change.start_s`) is taken up at the first sample at or after its
+that starts or ends within it (`payload_change`) does so at the first sample at or after its
 time. Effects of instruments act on no machine: `hydro_model.effects.read_with` applies them to
 what was simulated.
 """
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from hydro_model import cylinder as geometry
 from hydro_model.effects import resolve
-from hydro_model.effects.catalogue import start_s
+from hydro_model.effects.catalogue import end_s, start_s
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.simulate_model import Model, equilibrium_pressures, shaped
@@ -160,9 +160,9 @@ def _late(robot: Robot, times: FloatArray, commands: FloatArray) -> FloatArray:
 
 
 def _beginnings(robot: Robot, times: FloatArray) -> list[int]:
-    """Samples whose step another robot makes: the first, and those after a change started."""
-    starts = [start_s(one) for one in resolve(robot)]
-    firsts = np.searchsorted(times, [t for t in starts if times[0] < t < times[-1]])
+    """Samples whose step another robot makes: the first, and those after a change came or went."""
+    instants = [instant for one in resolve(robot) for instant in (start_s(one), end_s(one))]
+    firsts = np.searchsorted(times, [t for t in instants if times[0] < t < times[-1]])
     return sorted({0, *(int(first) + 1 for first in firsts if first + 1 < len(times))})
 
 

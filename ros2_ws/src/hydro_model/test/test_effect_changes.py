@@ -127,6 +127,22 @@ def test_changes_before_during_and_after_a_roll_out(make_slider) -> None:
     assert len({end(), end(0.05), end(0.1), end(0.05, 0.1), end(-1.0)}) == 5
 
 
+def test_a_load_that_is_let_go_is_two_changes(make_slider) -> None:
+    """Taken up and let go: as a load of the same size and one of minus that from then on."""
+    times, volts = np.arange(201) * 0.002, np.full((201, 1), 2.0)
+    plain = make_slider(viscous_friction=2e4)
+
+    def run(*loads: dict[str, float]) -> np.ndarray:
+        listing = [("payload_change", "slider", {"mass": 400.0, **load}) for load in loads]
+        return simulate(listed(plain, *listing), times, volts, [0.2]).q[:, 0]
+
+    let_go = run({"start_s": 0.1, "end_s": 0.2})
+    np.testing.assert_array_equal(let_go, run({"start_s": 0.1}, {"start_s": 0.2, "mass": -400.0}))
+    assert np.abs(let_go - run({"start_s": 0.1})).max() > 1e-6
+    np.testing.assert_array_equal(run({"end_s": -1.0}), run({"start_s": 5.0}))
+    assert np.abs(run({"end_s": 0.1}) - run({"start_s": 5.0})).max() > 1e-6
+
+
 def test_later_changes_stay_listed_until_their_time() -> None:
     robot = listed(
         CRANE,

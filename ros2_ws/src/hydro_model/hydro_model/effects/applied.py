@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hydro_model.effects.catalogue import resolve, start_s
+from hydro_model.effects.catalogue import acts_at, resolve
 from hydro_model.effects.readings import Readings
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import Robot
@@ -22,7 +22,7 @@ def with_changes(robot: Robot, time_s: float = float("inf")) -> Robot:
     ----------
     robot : Robot
     time_s : float
-        Changes that start later are left out, and stay listed.
+        Changes that start later are left out, and stay listed, as are those that are over.
 
     Returns
     -------
@@ -36,7 +36,7 @@ def with_changes(robot: Robot, time_s: float = float("inf")) -> Robot:
     done = [
         one
         for one in resolve(robot)
-        if one.effect.change is not None and not one.terms and start_s(one) <= time_s
+        if one.effect.change is not None and not one.terms and acts_at(one, time_s)
     ]
     if not done:
         return robot
@@ -44,12 +44,12 @@ def with_changes(robot: Robot, time_s: float = float("inf")) -> Robot:
     for one in done:
         robot = _applied(robot, one)
     names = {one.effect.name for one in done}
-    later = tuple(
+    others = tuple(
         spec
         for spec in listed
-        if spec.name not in names or _starts_after(replace(robot, effects=(spec,)), time_s)
+        if spec.name not in names or _not_at(replace(robot, effects=(spec,)), time_s)
     )
-    return replace(robot, effects=later)
+    return replace(robot, effects=others)
 
 
 def changed_for_laws(robot: Robot, active: Sequence[ActiveEffect]) -> Robot:
@@ -60,8 +60,8 @@ def changed_for_laws(robot: Robot, active: Sequence[ActiveEffect]) -> Robot:
     return robot
 
 
-def _starts_after(robot: Robot, time_s: float) -> bool:
-    return all(start_s(one) > time_s for one in resolve(robot))
+def _not_at(robot: Robot, time_s: float) -> bool:
+    return not any(acts_at(one, time_s) for one in resolve(robot))
 
 
 def _applied(robot: Robot, one: ActiveEffect) -> Robot:

@@ -68,8 +68,8 @@ def _tilted(robot: Robot, target: str, parameters: FloatArray) -> Robot:
 PAYLOAD_CHANGE = Effect(
     name="payload_change",
     channel="force",
-    equation="the last link carries a point mass m clip((t - t0) / T + 1/2, 0, 1) at the"
-    " tip; T = 0: from t0 on",
+    equation="the last link carries a point mass m (s(t - t0, T) - s(t - t1, T1)) at the tip;"
+    " s(t, T) = clip(t / T + 1/2, 0, 1), a step where T = 0",
     source="rigid-body dynamics; Khalil, Gautier and Lemoine, IEEE ICRA (2007)",
     parameters=(
         ParameterSpec("mass", "kg", "m; negative: less than described", -1e5, 1e5, 50.0, True),
@@ -81,17 +81,26 @@ PAYLOAD_CHANGE = Effect(
             "duration_s", "s", "T, over which it is taken up, t0 in the middle", 0.0, 100.0, 0.0,
             False, True,
         ),
+        ParameterSpec(
+            "end_s", "s", "t1, when it is let go; the largest: never", -1e9, 1e9, 1e9, False, True,
+        ),
+        ParameterSpec(
+            "end_duration_s", "s", "T1, over which it is let go, t1 in the middle", 0.0, 100.0,
+            0.0, False, True,
+        ),
     ),
     terms=(),
     acts_on="robot",
     change=_with_payload,
     start="start_s",
     duration="duration_s",
+    end="end_s",
+    end_duration="end_duration_s",
     looks_like=("base inertial parameters", "pressure_sensor_bias", "temperature_drift"),
     separating_experiment="rest at several poses with and without the load",
     limits="a point at the tip; a roll-out takes it up as a whole at the first sample at or after"
-    " t0, at unchanged joint velocities; with the base refitted only a change within the"
-    " recording, or against a frozen base, can be told",
+    " t0 and lets it go so at t1, at unchanged joint velocities; with the base refitted only a"
+    " change within the recording, or against a frozen base, can be told",
 )  # fmt: skip
 
 CYLINDER_INERTIA = Effect(

@@ -111,10 +111,21 @@ def parameters_of(name: str, where: str) -> str:
 
 def start_s(one: ActiveEffect) -> float:
     """Time from which an effect's change holds; minus infinity where it always does."""
-    if not one.effect.start:
-        return -float("inf")
-    names = [parameter.name for parameter in one.effect.parameters]
-    return float(one.parameters[names.index(one.effect.start)])
+    return _value(one, one.effect.start, -float("inf"))
+
+
+def end_s(one: ActiveEffect) -> float:
+    """Time from which an effect's change is gone; infinity where it stays."""
+    if not one.effect.end:
+        return float("inf")
+    [spec] = [p for p in one.effect.parameters if p.name == one.effect.end]
+    value = _value(one, spec.name, spec.upper)
+    return value if value < spec.upper else float("inf")
+
+
+def acts_at(one: ActiveEffect, time_s: float) -> bool:
+    """Whether an effect's change holds at a time, which may be infinity."""
+    return start_s(one) <= time_s and (time_s < end_s(one) or end_s(one) == float("inf"))
 
 
 def acting_share(one: ActiveEffect, time_s: FloatArray) -> FloatArray:
@@ -126,12 +137,22 @@ def acting_share(one: ActiveEffect, time_s: FloatArray) -> FloatArray:
     time_s : (N,) array
         On the recording's time axis.
     """
-    names = [parameter.name for parameter in one.effect.parameters]
-    over_s = one.parameters[names.index(one.effect.duration)] if one.effect.duration else 0.0
-    since_s = np.asarray(time_s) - start_s(one)
+    effect, times = one.effect, np.asarray(time_s)
+    come = _ramp(times - start_s(one), _value(one, effect.duration, 0.0))
+    gone = _ramp(times - end_s(one), _value(one, effect.end_duration, 0.0))
+    return np.maximum(come - gone, 0.0)
+
+
+def _ramp(since_s: FloatArray, over_s: float) -> FloatArray:
+    """From 0 to 1 over a time whose middle is at 0; at once from 0 on where it takes none."""
     if over_s <= 0.0:
         return np.where(since_s >= 0.0, 1.0, 0.0)
     return np.asarray(np.clip(since_s / over_s + 0.5, 0.0, 1.0))
+
+
+def _value(one: ActiveEffect, name: str, otherwise: float) -> float:
+    names = [parameter.name for parameter in one.effect.parameters]
+    return float(one.parameters[names.index(name)]) if name else otherwise
 
 
 def _resolve_one(robot: Robot, spec: EffectSpec) -> list[ActiveEffect]:

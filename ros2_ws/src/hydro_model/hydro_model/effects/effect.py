@@ -100,6 +100,8 @@ class Effect:
         recording's time axis; empty where it always does.
     duration : str
         Name of the parameter over which it comes about, evenly, its start in the middle.
+    end, end_duration : str
+        As `start` and `duration`, of when the `change` goes again.
     needs_other_joint : bool
         Looks at another joint: not for a robot with a single one.
     shared : bool
@@ -136,6 +138,8 @@ class Effect:
     reading: ReadingChange | None = None
     start: str = ""
     duration: str = ""
+    end: str = ""
+    end_duration: str = ""
     needs_other_joint: bool = False
     shared: bool = False
     needs_valve: bool = False
@@ -153,6 +157,12 @@ class Effect:
     def forms(self) -> tuple[Effect, ...]:
         """All that goes by this name: at cylinders, and at drives where that differs."""
         return (self,) if self.elsewhere is None else (self, self.elsewhere)
+
+    @property
+    def edges(self) -> tuple[str, ...]:
+        """Names of the parameters that say when it comes and goes, and over what times."""
+        names = (self.start, self.duration, self.end, self.end_duration)
+        return tuple(name for name in names if name)
 
     @property
     def sizes(self) -> tuple[int, ...]:
