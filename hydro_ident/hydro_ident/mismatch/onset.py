@@ -46,12 +46,30 @@ def idle_edges(one: ActiveEffect) -> set[str]:
 
 
 def beginning(one: ActiveEffect, at_s: float, over_s: float) -> ActiveEffect:
-    """An effect that begins at another time."""
+    """An effect that begins at another time.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+    at_s : float
+        The middle of the time over which it comes about.
+    over_s : float
+        That time; 0 for at once.
+    """
     return _edged(one, (one.effect.start, one.effect.duration), (at_s, over_s))
 
 
 def ending(one: ActiveEffect, at_s: float, over_s: float) -> ActiveEffect:
-    """An effect that goes at another time."""
+    """An effect that goes at another time.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+    at_s : float
+        The middle of the time over which it goes.
+    over_s : float
+        That time; 0 for at once.
+    """
     return _edged(one, (one.effect.end, one.effect.end_duration), (at_s, over_s))
 
 
@@ -120,12 +138,26 @@ class Sight:
         return passes if self.gain(passes) > alone + max(_GOES * alone, self.least) else stays
 
     def comes(self, one: ActiveEffect, spacing_s: float) -> ActiveEffect:
-        """An effect that comes when it explains most, from near by."""
+        """An effect that comes when it explains most, from near by.
+
+        Parameters
+        ----------
+        one : ActiveEffect
+        spacing_s : float
+            Its own instant is less than that away from the best.
+        """
         at = settled(start_s(one), spacing_s, lambda *at: -self.gain(beginning(one, *at)))
         return beginning(one, *at)
 
     def goes(self, one: ActiveEffect, spacing_s: float) -> ActiveEffect:
-        """An effect that goes when it explains most, from near by."""
+        """An effect that goes when it explains most, from near by.
+
+        Parameters
+        ----------
+        one : ActiveEffect
+        spacing_s : float
+            Its own instant is less than that away from the best.
+        """
         at = settled(end_s(one), spacing_s, lambda *at: -self.gain(ending(one, *at)))
         return ending(one, *at)
 
