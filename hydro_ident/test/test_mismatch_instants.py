@@ -11,12 +11,13 @@ import pytest
 
 from hydro_ident.mismatch.channel_results import channels_of
 from hydro_ident.mismatch.confirmation import _sides
+from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.notes import instant_notes
-from hydro_ident.mismatch.onset import begins
+from hydro_ident.mismatch.onset import beginning, begins
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_model.effects.catalogue import end_s, resolve
+from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -112,7 +113,53 @@ def test_a_robot_is_rolled_out_with_the_load_at_its_own_instant(
     assert begun(robot, ()) is robot
 
 
+def test_two_loads_of_one_tip_keep_their_own_instants(loaded: Residuals) -> None:
+    loads = tuple(
+        EffectSpec("payload_change", "xs031", {"mass": m, "start_s": s})
+        for m, s in ((5.0, 9.0), (7.0, 2.0))
+    )
+    robot = replace(loaded.robot, effects=loads)
+    later = [beginning(one, start_s(one) + 1.0, 0.0) for one in resolve(robot)]
+    seen = begun(robot, later)
+    assert [(e.parameters["mass"], e.parameters["start_s"]) for e in seen.effects] == [
+        (5.0, 10.0),
+        (7.0, 3.0),
+    ]
+    model = replace(loaded.base.model, terms=tuple(resolve(robot)))
+    there, _ = at_own_instants(loaded.training, loaded.check, model)
+    assert [float(t.parameters[0]) for t in there.terms] == [7.0, 5.0]
+
+
 def test_the_other_instant_is_told(loaded: Residuals, whole: Fitted) -> None:
     [note] = instant_notes(loaded, whole)
     assert note.startswith("payload_change of xs031 begins at 11 s where it was fitted, and")
     assert instant_notes(loaded, loaded.base) == []
+
+
+def test_a_load_is_picked_up_and_put_down(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]],
+) -> None:
+    """With the base refitted; the other recording carries it from its start and lets it go."""
+    true_crane, simulated_run = make_run
+    passages = ({"start_s": 8.3, "end_s": 19.6}, {"end_s": 11.0})
+    train, check = (
+        simulated_run(
+            replace(
+                true_crane(),
+                effects=(EffectSpec("payload_change", "xs031", {"mass": 60.0, **when}),),
+            ),
+            seconds,
+            seed=seed,
+        ).recording(name)
+        for when, name, seconds, seed in zip(
+            passages, ("run", "check"), (30.0, 24.0), (2, 4), strict=True
+        )
+    )
+    diagnosis = diagnose(load_robot("xs031"), [train], [check])
+    assert diagnosis.verdict == "explained"
+    (finding,) = diagnosis.findings
+    assert finding.named.names == ("payload_change",)
+    mass, start, _, end, _ = finding.named.term.parameters
+    assert mass == pytest.approx(60.0, rel=0.01)
+    assert (start, end) == pytest.approx((8.3, 19.6), abs=0.05)
+    assert any("is there from the start and ends at 11" in note for note in diagnosis.notes)

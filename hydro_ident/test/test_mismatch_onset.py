@@ -54,7 +54,7 @@ def test_a_mistimed_step_costs_mass_and_a_timed_ramp_does_not() -> None:
     step = _load(start_s=31.0)
     assert size(step) < 0.1
     sight = Sight(lambda of: np.diff(acting_share(of, TIMES_S)), truth, sized=False)
-    timed = sight.comes(step, SPACING_S)
+    timed = sight.placed(step, SPACING_S, ())
     assert size(timed) == pytest.approx(1.0, abs=0.1)
 
 

@@ -23,6 +23,7 @@ from hydro_ident.mismatch.places import (
     instant_spacing,
     instants_of,
     mean_oil_c,
+    passages,
     pilots,
     quantiles,
     rubbing,
@@ -201,6 +202,8 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
     chosen = _one_way(effect, shape, chosen)
     if len(chosen) > MOST_SHAPES:
         chosen = [chosen[k * len(chosen) // MOST_SHAPES] for k in range(MOST_SHAPES)]
+    if effect.end:
+        chosen += passages(predictor.material)
     for values in chosen:
         parameters = effect.typical.copy()
         parameters[shape] = values
@@ -244,7 +247,7 @@ def _grid(
         always = [] if spec.default is None else [spec.default]
         return always + instants_of(material)
     if spec.name == effect.end:
-        # When it goes again is looked for once it is known when it comes.
+        # With the instants at which it comes it stays; `passages` go again.
         return [spec.upper]
     if spec.name == effect.duration:
         # Over what lies between two instants: whenever it begins, one of them is near.

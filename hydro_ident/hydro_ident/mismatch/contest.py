@@ -12,7 +12,7 @@ from hydro_ident.mismatch.chance import overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.onset import Sight
+from hydro_ident.mismatch.onset import Sight, ends
 from hydro_ident.mismatch.places import instant_spacing, instants_of
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
@@ -146,8 +146,9 @@ class Contest:
             return bench.beyond(predictor.contribution(without.model, of)[mask][:, None])[:, 0]
 
         sight = Sight(column, bench.residual, sized=False, least=_END)
-        spacing_s = instant_spacing(predictor.material)
-        found = sight.placed(one, spacing_s, instants_of(predictor.material))
+        instants_s = instants_of(predictor.material)
+        single = sight.first(one, instants_s) if ends(one) else one
+        found = sight.placed(single, instant_spacing(predictor.material), instants_s)
         values, shown = found.parameters.copy(), column(found)
         share = float(shown @ bench.residual) / max(float(shown @ shown), 1e-300)
         values[one.effect.sizes[0]] *= share

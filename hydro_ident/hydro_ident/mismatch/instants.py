@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.modelled import Model, same
+from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.onset import Sight, ends
 from hydro_ident.mismatch.places import ends_of, instant_spacing, instants_of
 from hydro_ident.mismatch.training import Training
+from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import EffectSpec, FloatArray, Robot
 
 
 def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Model, int]:
@@ -42,8 +45,7 @@ def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Mod
 def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
     """The model with one effect's instants that predict the check best, of how many."""
     used, material = check.mask & check.moving, check.predictor.material
-
-    beside = replace(model, terms=tuple(t for t in model.terms if not same(t, mine)))
+    beside = replace(model, terms=tuple(t for t in model.terms if t is not mine))
 
     def column(one: ActiveEffect) -> FloatArray:
         return check.predictor.contribution(beside, one)[used]
@@ -55,7 +57,7 @@ def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]
     best = max(mine, found, key=sight.gain)
     # Half of what chance may do is left to either kind.
     pairs, alone = len(ends_s) * (len(ends_s) + 1) // 2, 2 + len(instants_s)
-    terms = tuple(best if same(t, mine) else t for t in model.terms)
+    terms = tuple(best if t is mine else t for t in model.terms)
     return replace(model, terms=terms), 2 * (pairs if ends(best) else alone)
 
 
@@ -68,15 +70,23 @@ def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
         With effects of the same names and targets.
     terms : sequence of ActiveEffect
     """
-    times: dict[tuple[str, str], dict[str, float]] = {}
-    for term in terms:
-        if term.effect.start:
-            names = [p.name for p in term.effect.parameters]
-            values = dict(zip(names, term.parameters.tolist(), strict=True))
-            own = {name: values[name] for name in term.effect.edges}
-            times[term.effect.name, term.target] = own
-    effects = tuple(
-        replace(e, parameters={**e.parameters, **times.get((e.name, e.target), {})})
-        for e in robot.effects
-    )
-    return replace(robot, effects=effects) if times else robot
+    waiting = sorted(robot.effects, key=_listed_start)
+    own: dict[int, EffectSpec] = {}
+    for term in (t for t in terms if t.effect.start):
+        # Two loads of one tip are told apart by which comes first.
+        mine = (e for e in waiting if (e.name, e.target) == (term.effect.name, term.target))
+        if one := next(mine, None):
+            waiting.remove(one)
+            own[id(one)] = replace(one, parameters={**one.parameters, **_edges(term)})
+    if not own:
+        return robot
+    return replace(robot, effects=tuple(own.get(id(e), e) for e in robot.effects))
+
+
+def _listed_start(spec: EffectSpec) -> float:
+    return float(spec.parameters.get(CATALOGUE[spec.name].start, -np.inf))
+
+
+def _edges(one: ActiveEffect) -> dict[str, float]:
+    names = [parameter.name for parameter in one.effect.parameters]
+    return {name: float(one.parameters[names.index(name)]) for name in one.effect.edges}

@@ -26,6 +26,9 @@ _TURNS = 2
 #: It goes again where that explains so much more: a share of what it explains by coming alone.
 _GOES = 0.05
 
+#: An effect with an edge at an instant, over a time.
+_Move = Callable[[ActiveEffect, float, float], ActiveEffect]
+
 
 def begins(one: ActiveEffect) -> bool:
     """Whether an effect begins at an instant of the recording."""
@@ -112,7 +115,7 @@ class Sight:
 
     def first(self, one: ActiveEffect, instants_s: Sequence[float]) -> ActiveEffect:
         """An effect that stays from before the recording, or from one of some instants on."""
-        one, spacing_s = lasting(one), _spacing(instants_s)
+        one, spacing_s = lasting(one), spacing(instants_s)
         tried = [standing(one), *(beginning(one, at, spacing_s) for at in instants_s)]
         return max(tried, key=self.gain)
 
@@ -128,42 +131,28 @@ class Sight:
         ends_s : sequence of float
             At two of which it may come and go; it may have come before the recording.
         """
-        stays = self.comes(one, spacing_s) if begins(one) else one
+        stays = one
+        if begins(one):
+            stays = self._settled(one, beginning, start_s(one), spacing_s)
         if not (one.effect.end and len(ends_s)):
             return stays
-        passes, wide_s = self._passing(one, ends_s), _spacing(ends_s)
+        passes, wide_s = self._passing(one, ends_s), spacing(ends_s)
         for _ in range(_TURNS):
-            passes = self.goes(self.comes(passes, wide_s) if begins(passes) else passes, wide_s)
+            if begins(passes):
+                passes = self._settled(passes, beginning, start_s(passes), wide_s)
+            passes = self._settled(passes, ending, end_s(passes), wide_s)
         alone = self.gain(stays)
         return passes if self.gain(passes) > alone + max(_GOES * alone, self.least) else stays
 
-    def comes(self, one: ActiveEffect, spacing_s: float) -> ActiveEffect:
-        """An effect that comes when it explains most, from near by.
-
-        Parameters
-        ----------
-        one : ActiveEffect
-        spacing_s : float
-            Its own instant is less than that away from the best.
-        """
-        at = settled(start_s(one), spacing_s, lambda *at: -self.gain(beginning(one, *at)))
-        return beginning(one, *at)
-
-    def goes(self, one: ActiveEffect, spacing_s: float) -> ActiveEffect:
-        """An effect that goes when it explains most, from near by.
-
-        Parameters
-        ----------
-        one : ActiveEffect
-        spacing_s : float
-            Its own instant is less than that away from the best.
-        """
-        at = settled(end_s(one), spacing_s, lambda *at: -self.gain(ending(one, *at)))
-        return ending(one, *at)
+    def _settled(
+        self, one: ActiveEffect, moved: _Move, at_s: float, near_s: float
+    ) -> ActiveEffect:
+        """An effect with one edge where it explains most, less than `near_s` from where it is."""
+        return moved(one, *settled(at_s, near_s, lambda *at: -self.gain(moved(one, *at))))
 
     def _passing(self, one: ActiveEffect, ends_s: Sequence[float]) -> ActiveEffect:
         """The best of those that come before or at one instant and go at a later one."""
-        wide_s, lasts = _spacing(ends_s), lasting(one)
+        wide_s, lasts = spacing(ends_s), lasting(one)
         came = [standing(one), *(beginning(lasts, at, wide_s) for at in ends_s)]
         columns = np.stack([self.column(of) for of in came], axis=1)
         along, products = columns.T @ self.left, columns.T @ columns
@@ -222,7 +211,8 @@ def settled(
     return at_s, over_s if over_s >= _LEAST_S else 0.0
 
 
-def _spacing(instants_s: Sequence[float]) -> float:
+def spacing(instants_s: Sequence[float]) -> float:
+    """What lies between two instants of an even row, in s; 0 where there is a single one."""
     return float(instants_s[1] - instants_s[0]) if len(instants_s) > 1 else 0.0
 
 

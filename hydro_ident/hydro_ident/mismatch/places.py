@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import numpy as np
 from hydro_ident.estimate.closed_chain import LARGEST_SHARE, steel_masses
 from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.onset import spacing
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
 from hydro_model.rigid_body import inverse_dynamics
@@ -141,6 +143,21 @@ def ends_of(material: Material) -> list[float]:
     return _spread(material, _MOST_ENDS)
 
 
+def passages(material: Material) -> list[tuple[float, float, float, float]]:
+    """Shapes of what begins at one of those and ends at a later one.
+
+    A step alone explains little of what comes and goes, and not the same in every block.
+
+    Returns
+    -------
+    list of (float, float, float, float)
+        When it comes, over what time, when it goes, over what time; in s.
+    """
+    instants = ends_of(material)
+    wide_s = spacing(instants)
+    return [(come, wide_s, go, wide_s) for come, go in itertools.combinations(instants, 2)]
+
+
 def _spread(material: Material, most: int) -> list[float]:
     if not material.size:
         return []
@@ -151,8 +168,7 @@ def _spread(material: Material, most: int) -> list[float]:
 
 def instant_spacing(material: Material) -> float:
     """What lies between two of `instants_of`, in s; 0 where there is a single one."""
-    instants = instants_of(material)
-    return instants[1] - instants[0] if len(instants) > 1 else 0.0
+    return spacing(instants_of(material))
 
 
 def mean_oil_c(material: Material) -> float | None:
