@@ -77,7 +77,9 @@ def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     found = diagnosed(EffectSpec("external_contact", "xs031", ground))
     assert [f.named.names[0] for f in found.findings] == ["external_contact"]
     assert set(found.findings[0].channels) == {"lift/force", "tilt/force"}
-    assert found.findings[0].named.term.parameters == pytest.approx([6.0e3, -1.4, 0.0], rel=0.1)
+    assert found.findings[0].named.term.parameters == pytest.approx(
+        [6.0e3, -1.4, 0.0, 1.0, 0.0], rel=0.1
+    )
 
 
 def test_what_a_joint_runs_against_is_a_contact_at_it(
@@ -91,7 +93,9 @@ def test_what_a_joint_runs_against_is_a_contact_at_it(
     (finding,) = found.findings
     assert finding.named.names == ("external_contact",)
     assert finding.channels[0] == "tilt/force"
-    assert finding.named.term.parameters == pytest.approx([2.0e4, way * place, way], rel=0.1)
+    assert finding.named.term.parameters == pytest.approx(
+        [2.0e4, way * place, way, 1.0, 0.0], rel=0.1
+    )
 
 
 def test_a_back_pressure_behind_the_transducer_is_told(

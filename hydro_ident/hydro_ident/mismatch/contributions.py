@@ -23,7 +23,7 @@ from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
-from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.targets import ActiveEffect, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import LEVER
 
@@ -167,14 +167,15 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
 
 def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
     material = signals.material
-    joint = _joint_of(material.robot, one)
+    own = {_joint_of(material.robot, part): part for part in parts(material.robot, one)}
     for place in material.places:
-        if material.is_flow(place.channel) or material.joint_of(place.channel) != joint:
+        if material.is_flow(place.channel) or material.joint_of(place.channel) not in own:
             continue
+        part = own[material.joint_of(place.channel)]
         stretch = signals.stretches(model)[place.stretch]
-        rows = signals.of(model, stretch, one)
+        rows = signals.of(model, stretch, part)
         force = one.effect.evaluate(rows, one.parameters, Stage.FRICTION, stretch.trace.step_s)
-        if material.forces.torque and one.joint is None:
+        if material.forces.torque and part.joint is None:
             force = force * rows[:, LEVER]
         into[place.rows] += material.filtered(stretch, force)
 

@@ -10,7 +10,6 @@ from hydro_ident.continuity import broken_up
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import free_run
 from hydro_ident.mismatch.answering import STAGES, answered, base_to_search
-from hydro_ident.mismatch.causes import one_per_cause
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
@@ -173,7 +172,7 @@ def _diagnosed(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
         modelled.robot,
-        tuple(one_per_cause(findings)),
+        tuple(findings),
         tuple(rejected),
         unknown,
         not_testable(work.scan, search.scanned, names),

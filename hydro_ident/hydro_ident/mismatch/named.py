@@ -47,8 +47,9 @@ def exclude(one: str, other: str) -> bool:
 
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
-#: Sizes below which a finding is none: what gives way by a metre under a hand's push is no ground.
-_LEAST = {("external_contact", "stiffness"): 200.0}
+#: Sizes below which a finding is none, under the tip and at a joint: what gives way by a metre
+#: under a hand's push is no ground, and none at the end of an arm of three metres.
+_LEAST = {("external_contact", "stiffness"): (200.0, 2000.0)}
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
@@ -245,8 +246,8 @@ def at_a_bound(term: ActiveEffect) -> str:
         ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
         if any(abs(value - end) <= _BOUND * abs(end) for end in ends):
             return f"its {spec.name} ran to the end of what is possible ({told})"
-        least = _LEAST.get((term.effect.name, spec.name), -np.inf)
-        if value < least:
+        under, at_joint = _LEAST.get((term.effect.name, spec.name), (-np.inf, -np.inf))
+        if value < (under if term.everywhere else at_joint):
             return f"its {spec.name} is below any that bears the name ({told})"
     return ""
 

@@ -36,6 +36,8 @@ _PILOT_RATIOS = (0.25, 0.5, 1.0, 2.0)
 INSTANT_S, MOST_INSTANTS = 2.0, 60
 #: Fewer of them, two of which are tried together: every pair of them is paid for.
 _MOST_ENDS = 8
+#: Exponents of a ground: a spring's, and that of a body which is pressed in (Hertz).
+_EXPONENTS = (1.0, 1.5)
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
 #: two tilts from which one shows.
 _POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
@@ -206,20 +208,22 @@ def quantiles(
 
 
 def grounds(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[float, ...]]:
-    """Heights of a ground under the tip, and places that a joint runs against from either side.
+    """Heights of a ground under the tip, or places that a joint runs against from either side.
 
     Parameters
     ----------
     predictor : Predictor
     model : Model
     one : ActiveEffect
+        Of the whole robot, on all of whose joints a ground presses at once, or of one joint.
 
     Returns
     -------
-    list of (float, float)
-        Height (or place) and way.
+    list of (float, float, float, float)
+        Height (or place), way, exponent and damping.
     """
-    under = quantiles(predictor, model, one, (TIP_HEIGHT,))
+    if one.everywhere:
+        under = quantiles(predictor, model, one, (TIP_HEIGHT,))
+        return [(z, 0.0, exponent, 0.0) for z in under for exponent in _EXPONENTS]
     at = quantiles(predictor, model, one, (JOINT_POSITION,))
-    against = [(way * q, way) for way in (1.0, -1.0) for q in at]
-    return [*((z, 0.0) for z in under), *against]
+    return [(way * q, way, 1.0, 0.0) for way in (1.0, -1.0) for q in at]

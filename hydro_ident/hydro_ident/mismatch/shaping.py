@@ -30,7 +30,7 @@ from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.readings import Readings
-from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.targets import ActiveEffect, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import VALVE_SIGNAL
 
@@ -145,10 +145,14 @@ class Signals:
         return replace(fixed, q=kept[0].q, stroke=kept[0].stroke), kept[1]
 
     def of(self, model: Model, stretch: Stretch, one: ActiveEffect) -> FloatArray:
-        """What a law may look at over a stretch, (N, SIGNAL_COUNT)."""
-        if one.joint is not None and one.cylinder is None:
-            return self.dry(stretch, one.joint)
-        return self.wet(model, stretch, one.cylinder or 0)
+        """What a law may look at over a stretch, (N, SIGNAL_COUNT).
+
+        Of the whole robot: what is the same at all its targets, as the first of them has it.
+        """
+        first = parts(self.material.robot, one)[0]
+        if first.joint is not None and first.cylinder is None:
+            return self.dry(stretch, first.joint)
+        return self.wet(model, stretch, first.cylinder or 0)
 
     def dry(self, stretch: Stretch, joint: int) -> FloatArray:
         """Signals of a joint whose torque is measured; its piston is the joint itself."""

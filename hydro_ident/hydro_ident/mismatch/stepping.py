@@ -34,6 +34,7 @@ HELD = {
     ("backlash", "contact_force"),
     ("backlash", "drag"),
     ("external_contact", "way"),
+    ("external_contact", "exponent"),
     ("temperature_drift", "halving_temperature"),
     ("temperature_drift", "rise"),
     ("temperature_drift", "reference"),

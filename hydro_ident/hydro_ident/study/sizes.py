@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hydro_ident.study.hidden import FLOW_M3_S, LOAD_N, PRESSURE_PA, RATE_RAD_S, SPEED_M_S
+from hydro_model.effects.mechanics import PRESSED_M
 
 Numbers = Mapping[str, float]
 Reading = Callable[[Numbers, Numbers], float]
@@ -61,7 +62,8 @@ def _coupling(p: Numbers, at: Numbers) -> float:
 def _contact(p: Numbers, at: Numbers) -> float:
     if p.get("way", 0.0) != 0.0:
         return math.nan  # what one joint runs against has no height
-    return p["stiffness"] * max(p["height"] - at["lowest_tip_m"], 0.0)
+    deep = max(p["height"] - at["lowest_tip_m"], 0.0)
+    return p["stiffness"] * deep * math.pow(deep / PRESSED_M, p.get("exponent", 1.0) - 1.0)
 
 
 def _air(p: Numbers, at: Numbers) -> float:

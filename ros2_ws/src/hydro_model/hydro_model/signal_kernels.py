@@ -25,6 +25,7 @@ from hydro_model.signals import (
     TANK_PRESSURE,
     TIME,
     TIP_HEIGHT,
+    TIP_RATE,
     TIP_SLOPE,
     VALVE_SIGNAL,
 )
@@ -36,7 +37,7 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 
 @kernel
 def look_at_tip(model: Any, work: Any, y: Array) -> None:
-    """Height of the tip into the robot's signals, and how much it rises with every joint.
+    """Height of the tip and its rate into the robot's signals, and its slope with every joint.
 
     The direction against gravity is carried outwards into each joint's frame, the tip inwards; a
     revolute joint moves it by ``axis x tip``.
@@ -48,14 +49,16 @@ def look_at_tip(model: Any, work: Any, y: Array) -> None:
     for i in range(n):
         up = to_child(s, i, up)
         s[i, VEL], s[i, VEL + 1], s[i, VEL + 2] = up
-    tip = (model.tip[0], model.tip[1], model.tip[2])
+    tip, rate = (model.tip[0], model.tip[1], model.tip[2]), 0.0
     for i in range(n - 1, -1, -1):
         axis = triple(model.axis, i, 0)
         motion = axis if model.prismatic[i] else cross(axis, tip)
         work.tip_slope[i] = dot(triple(s, i, VEL), motion)
+        rate += work.tip_slope[i] * y[n + i]
         tip = plus(triple(s, i, SHIFT), 1.0, to_parent(s, i, tip))
     height = model.up[0] * tip[0] + model.up[1] * tip[1] + model.up[2] * tip[2]
-    work.signals[model.joint.shape[0], TIP_HEIGHT] = height
+    m = model.joint.shape[0]
+    work.signals[m, TIP_HEIGHT], work.signals[m, TIP_RATE] = height, rate
 
 
 @kernel
@@ -65,7 +68,8 @@ def look_aside(model: Any, work: Any, s: Array, y: Array, joint: int) -> None:
     if other >= 0:
         s[OTHER_POSITION], s[OTHER_VELOCITY] = y[other], y[model.axis.shape[0] + other]
     if model.tip_used[0]:
-        s[TIP_HEIGHT] = work.signals[model.joint.shape[0], TIP_HEIGHT]
+        m = model.joint.shape[0]
+        s[TIP_HEIGHT], s[TIP_RATE] = work.signals[m, TIP_HEIGHT], work.signals[m, TIP_RATE]
         s[TIP_SLOPE] = work.tip_slope[joint]
 
 

@@ -51,8 +51,9 @@ VALVE_FLOW_A = 33  # m^3/s, into chamber A through the edges at the shaped valve
 VALVE_FLOW_B = 34  # m^3/s, into chamber B
 TIP_HEIGHT = 35  # m, of the tip over the base's origin, against gravity
 TIP_SLOPE = 36  # m/rad (1 where it slides), how much it rises as this joint moves
+TIP_RATE = 37  # m/s, of the tip's height
 
-SIGNAL_COUNT = 37
+SIGNAL_COUNT = 38
 MAX_STATES = 4
 
 #: Names of the signals in index order, for tables and reports.
@@ -94,4 +95,5 @@ SIGNAL_NAMES = (
     "valve_flow_b",
     "tip_height",
     "tip_slope",
+    "tip_rate",
 )

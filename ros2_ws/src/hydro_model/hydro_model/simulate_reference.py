@@ -149,7 +149,8 @@ def _look_around(
     for index, value in constant_signals(robot, cylinder, joint).items():
         s[index] = value
     own = robot.joint_index(robot.cylinders[cylinder].joint) if cylinder is not None else joint
-    set_tip(s[None, :], robot, own or 0, state[None, : robot.dof])
+    q, qd = state[None, : robot.dof], state[None, robot.dof : 2 * robot.dof]
+    set_tip(s[None, :], robot, own or 0, q, qd)
     other = other_joint(robot, own or 0)
     if other >= 0:
         s[[sig.OTHER_POSITION, sig.OTHER_VELOCITY]] = state[other], state[robot.dof + other]

@@ -150,21 +150,31 @@ EQUATIONS = [
     ("counterbalance_spring", [-2e3, 5e3], Stage.FRICTION, -2e3 + 5e3 * X),
     (
         "external_contact",
-        [1e5, 0.05, 0.0],
+        [1e5, 0.05, 0.0, 1.0, 0.0],
         Stage.FRICTION,
         -1e5 * np.maximum(0.05 - S[:, sig.TIP_HEIGHT], 0.0) * S[:, sig.TIP_SLOPE] / LEVER,
     ),
     (
         "external_contact",
-        [2e4, 0.1, 1.0],
+        [2e4, 0.1, 1.0, 1.0, 0.0],
         Stage.FRICTION,
         -2e4 * np.maximum(0.1 - S[:, sig.JOINT_POSITION], 0.0) / LEVER,
     ),
     (
         "external_contact",
-        [2e4, 0.1, -1.0],
+        [2e4, 0.1, -1.0, 1.0, 0.0],
         Stage.FRICTION,
         2e4 * np.maximum(0.1 + S[:, sig.JOINT_POSITION], 0.0) / LEVER,
+    ),
+    (
+        "external_contact",
+        [2e4, 0.1, -1.0, 1.5, 0.4],
+        Stage.FRICTION,
+        2e4
+        / np.sqrt(0.1)
+        * np.maximum(0.1 + S[:, sig.JOINT_POSITION], 0.0) ** 1.5
+        * np.maximum(1.0 + 0.4 * S[:, sig.JOINT_VELOCITY], 0.0)
+        / LEVER,
     ),
     (
         "valve_underlap",
@@ -317,7 +327,7 @@ def test_evaluation_of_states_starts_at_rest_and_keeps_the_input() -> None:
 
 def test_wrong_shapes_and_stages_are_said() -> None:
     coulomb = CATALOGUE["coulomb_friction"]
-    with pytest.raises(RobotError, match=r"signals of shape \(N, 37\), found \(5,\)"):
+    with pytest.raises(RobotError, match=r"signals of shape \(N, 38\), found \(5,\)"):
         coulomb.evaluate(np.zeros(5), [1.0, 1.0])
     with pytest.raises(RobotError, match="expected 2 parameters"):
         coulomb.evaluate(S, [1.0])

@@ -26,6 +26,7 @@ from hydro_model.signals import (
     STATE_0,
     STATE_1,
     TIP_HEIGHT,
+    TIP_RATE,
     TIP_SLOPE,
 )
 
@@ -37,6 +38,8 @@ WAY = ParameterSpec(
     "way", "1", "z: 0 the tip's height, 1 the joint's position, -1 its negative", -2.0, 2.0, 0.0,
     optional=True,
 )  # fmt: skip
+#: How deep in a contact's stiffness is stated, m (rad of a joint).
+PRESSED_M = 0.1
 #: Time in which a pin comes to lie where the load has turned, s.
 PLAY_TIME_S = 0.004
 
@@ -159,10 +162,17 @@ def _coupling(s: Row, p: Row) -> float:
 
 def _contact(s: Row, p: Row) -> float:
     if p[2] == 0.0:
-        at, slope = s[TIP_HEIGHT], s[TIP_SLOPE]
+        at, rate, slope = s[TIP_HEIGHT], s[TIP_RATE], s[TIP_SLOPE]
     else:
-        at, slope = p[2] * s[JOINT_POSITION], p[2]
-    return -p[0] * max(p[1] - at, 0.0) * slope / s[LEVER]
+        at, rate, slope = p[2] * s[JOINT_POSITION], p[2] * s[JOINT_VELOCITY], p[2]
+    deep = max(p[1] - at, 0.0)
+    if deep == 0.0:
+        return 0.0
+    push = p[0] * deep * (deep / PRESSED_M) ** (p[3] - 1.0)
+    if p[4] > 0.0:
+        # Where it lets go quicker than the surface follows there is no pull.
+        push *= max(1.0 - p[4] * rate, 0.0)
+    return -push * slope / s[LEVER]
 
 
 STRUCTURAL_FLEXIBILITY = Effect(
@@ -265,24 +275,34 @@ JOINT_COUPLING = Effect(
 EXTERNAL_CONTACT = Effect(
     name="external_contact",
     channel="force",
-    equation="F = -k max(z0 - z, 0) (dz/dq) / (dx/dq),  z: height of the tip, q or -q",
-    source="unilateral spring under the tip or at a joint; Gilardi and Sharf, Mechanism and"
-    " Machine Theory 37 (2002)",
+    equation=f"F = -k d (d / {PRESSED_M:g})^(n - 1) max(1 - c z', 0) (dz/dq) / (dx/dq),"
+    "  d = max(z0 - z, 0),  z: height of the tip, q or -q",
+    source="unilateral spring under the tip or at a joint, or a body pressed in (Hertz), that"
+    " gives back less; Hunt and Crossley, J. Applied Mechanics 42 (1975); Gilardi and Sharf,"
+    " Mechanism and Machine Theory 37 (2002)",
     parameters=(
         ParameterSpec(
-            "stiffness", "N/m", "k, upwards at the tip (N m/rad of a joint)", 0.0, 1e9, 1e5,
-            linear=True,
+            "stiffness", "N/m", f"k, upwards at the tip (N m/rad of a joint), {PRESSED_M:g} deep",
+            0.0, 1e9, 1e5, linear=True,
         ),
         ParameterSpec(
             "height", "m", "z0, over the base's origin (rad of a joint)", -100.0, 100.0, 0.0
         ),
         WAY,
+        ParameterSpec(
+            "exponent", "1", "n: 1 a spring, 1.5 a body pressed in", 1.0, 2.0, 1.0, optional=True
+        ),
+        ParameterSpec(
+            "damping", "s/m", "c: how much less it gives back (s/rad of a joint)", 0.0, 10.0, 0.5,
+            optional=True, default=0.0,
+        ),
     ),
     terms=(Term(Stage.FRICTION, _contact),),
     looks_like=("payload_change", "counterbalance_spring", "end_cushion"),
     separating_experiment="the same motion away from everything the tip could touch",
     needs_cylinder=False,
     needs_tip=True,
+    shared=True,
     limits="a level ground without friction: list it for the robot, it acts on all joints; or what"
     " one joint runs against: list it there",
 )  # fmt: skip

@@ -109,7 +109,7 @@ def signal_rows(
     if oil_c is not None:
         s[:, sig.OIL_TEMPERATURE] = oil_c
     _fill_motion(s, robot, cylinder, joint, position, qd, qdd)
-    set_tip(s, robot, joint, position)
+    set_tip(s, robot, joint, position, None if qd is None else np.asarray(qd, float))
     if cylinder is None:
         return s
     if pressures is not None:
@@ -149,8 +149,10 @@ def upwards(robot: Robot) -> FloatArray:
     return -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-def set_tip(s: FloatArray, robot: Robot, joint: int, q: FloatArray) -> None:
-    """Write the tip's height, and how much it rises as a joint moves, into rows of signals.
+def set_tip(
+    s: FloatArray, robot: Robot, joint: int, q: FloatArray, qd: FloatArray | None = None
+) -> None:
+    """Write the tip's height, its rate and its rise as a joint moves into rows of signals.
 
     Parameters
     ----------
@@ -159,6 +161,8 @@ def set_tip(s: FloatArray, robot: Robot, joint: int, q: FloatArray) -> None:
     robot : Robot
     joint : int
     q : (N, n) array
+    qd : (N, n) array, optional
+        The rate stays as it is without.
     """
     from hydro_model.kinematics import tip_state
 
@@ -167,7 +171,10 @@ def set_tip(s: FloatArray, robot: Robot, joint: int, q: FloatArray) -> None:
     up = upwards(robot)
     position, jacobian, _ = tip_state(robot, q, np.zeros_like(q))
     s[:, sig.TIP_HEIGHT] = position @ up
-    s[:, sig.TIP_SLOPE] = np.einsum("k,nkj->nj", up, jacobian)[:, joint]
+    slopes = np.einsum("k,nkj->nj", up, jacobian)
+    s[:, sig.TIP_SLOPE] = slopes[:, joint]
+    if qd is not None:
+        s[:, sig.TIP_RATE] = np.sum(slopes * qd, axis=1)
 
 
 def _fill_motion(

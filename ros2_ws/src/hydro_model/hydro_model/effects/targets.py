@@ -77,6 +77,11 @@ class ActiveEffect:
     prismatic: bool | None = None
 
     @property
+    def everywhere(self) -> bool:
+        """Whether it acts on the whole robot, and on no joint or cylinder alone."""
+        return self.cylinder is None and self.joint is None
+
+    @property
     def units(self) -> tuple[str, ...]:
         """Units of its parameters at this target: at a joint without cylinder those of the joint.
 
@@ -106,6 +111,25 @@ def at_work(robot: Robot, effect: Effect, place: Place, parameters: FloatArray) 
     own = place.cylinder, parameters, place.joint, place.name, place.index, place.side
     prismatic = None if place.joint is None else robot.joints[place.joint].prismatic
     return ActiveEffect(effect, *own, prismatic)
+
+
+def parts(robot: Robot, one: ActiveEffect) -> list[ActiveEffect]:
+    """An effect at each of its targets, by the same numbers, where it acts on the whole robot.
+
+    Parameters
+    ----------
+    robot : Robot
+    one : ActiveEffect
+
+    Returns
+    -------
+    list of ActiveEffect
+        Itself alone where it acts on a single target.
+    """
+    if not one.everywhere or one.effect.acts_on == "robot":
+        return [one]
+    own = places(robot, one.effect, robot.name, robot.name)
+    return [at_work(robot, one.effect, place, one.parameters) for place in own]
 
 
 def targets(robot: Robot, effect: Effect) -> tuple[str, ...]:
