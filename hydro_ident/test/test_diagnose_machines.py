@@ -74,12 +74,23 @@ def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
 
 def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     ground = {"stiffness": 6.0e3, "height": -1.4}
-    found = diagnosed(EffectSpec("external_contact", "xs031", ground))
-    assert [f.named.names[0] for f in found.findings] == ["external_contact"]
-    assert set(found.findings[0].channels) == {"lift/force", "tilt/force"}
-    assert found.findings[0].named.term.parameters == pytest.approx(
-        [6.0e3, -1.4, 0.0, 1.0, 0.0], rel=0.1
-    )
+    _told_as_ground(diagnosed(EffectSpec("external_contact", "xs031", ground)), 1.0, 0.0)
+
+
+def test_a_ground_that_takes_up_energy_is_no_friction(diagnosed: Diagnosed) -> None:
+    """Pressed in as bodies are; the law looks at the tip's rate, to which both joints add."""
+    ground = {"stiffness": 6.0e3, "height": -1.4, "exponent": 1.5, "damping": 0.8}
+    _told_as_ground(diagnosed(EffectSpec("external_contact", "xs031", ground)), 1.5, 0.8)
+
+
+def _told_as_ground(found: Any, exponent: float, damping: float) -> None:
+    (finding,) = found.findings
+    assert finding.named.names == ("external_contact",)
+    assert finding.named.term.target == "xs031"
+    assert set(finding.channels) == {"lift/force", "tilt/force"}
+    *law, drag = finding.named.term.parameters
+    assert law == pytest.approx([6.0e3, -1.4, 0.0, exponent], rel=0.1)
+    assert drag == pytest.approx(damping, rel=0.1, abs=0.01)
 
 
 def test_what_a_joint_runs_against_is_a_contact_at_it(
@@ -93,9 +104,9 @@ def test_what_a_joint_runs_against_is_a_contact_at_it(
     (finding,) = found.findings
     assert finding.named.names == ("external_contact",)
     assert finding.channels[0] == "tilt/force"
-    assert finding.named.term.parameters == pytest.approx(
-        [2.0e4, way * place, way, 1.0, 0.0], rel=0.1
-    )
+    *law, drag = finding.named.term.parameters
+    assert law == pytest.approx([2.0e4, way * place, way, 1.0], rel=0.1)
+    assert drag == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_back_pressure_behind_the_transducer_is_told(

@@ -17,7 +17,7 @@ from hydro_ident.mismatch.places import instant_spacing, instants_of
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
-from hydro_ident.mismatch.stepping import WAYS, is_free
+from hydro_ident.mismatch.stepping import WAYS, form_of, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.mismatch.worth import OF_VALVES, base_delay, resolved, sized
@@ -110,14 +110,17 @@ class Contest:
         """Where fits of a trial begin: of what does not grow like its size, in further shapes.
 
         What opens or shuts somewhere, or rings at some frequency, has as many hollows as shapes: a
-        column tells which is the deepest no better than roughly.
+        column tells which is the deepest no better than roughly. What fits leave as it is has no
+        way from one of its values to another: each is begun from.
         """
         trial = best.entry.trial
-        if trial.free != (-1,):
-            return [self.start(without, best)]
         same = [s for s in scores if s.entry.trial.active.effect is trial.active.effect]
         same = [s for s in same if s.entry.trial.target == trial.target]
         same.sort(key=lambda s: -s.value)
+        if trial.free != (-1,):
+            forms = {form_of(s.entry.trial.active): s for s in reversed(same)}
+            deepest = sorted(forms.values(), key=lambda s: -s.value)
+            return [self.start(without, s) for s in deepest[:_HOLLOWS]]
         starts = [self.start(without, s) for s in same[:_SHAPES]]
         left = self._left(without, starts)
         return [starts[k] for k in np.argsort(left)[:_HOLLOWS]]

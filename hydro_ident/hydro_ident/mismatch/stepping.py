@@ -228,6 +228,12 @@ def _is_quickest(training: Training, model: Model, index: int) -> bool:
     return index == min(columns, key=lambda one: model.delays_s[one])
 
 
+def form_of(term: ActiveEffect) -> tuple[float, ...]:
+    """The values of an effect that every fit leaves as they are."""
+    held = [(term.effect.name, spec.name) in HELD for spec in term.effect.parameters]
+    return tuple(term.parameters[held].tolist())
+
+
 def is_free(term: ActiveEffect, index: int) -> bool:
     """Whether a parameter is fitted; instants are scanned, corners stay as they are."""
     spec = term.effect.parameters[index]

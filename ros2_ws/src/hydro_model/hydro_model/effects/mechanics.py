@@ -168,7 +168,7 @@ def _contact(s: Row, p: Row) -> float:
     deep = max(p[1] - at, 0.0)
     if deep == 0.0:
         return 0.0
-    push = p[0] * deep * (deep / PRESSED_M) ** (p[3] - 1.0)
+    push = p[0] * deep * math.pow(deep / PRESSED_M, p[3] - 1.0)
     if p[4] > 0.0:
         # Where it lets go quicker than the surface follows there is no pull.
         push *= max(1.0 - p[4] * rate, 0.0)
