@@ -109,6 +109,21 @@ def test_a_cylinder_whose_position_is_unknown_has_no_cushions_to_try(
     assert {t.target for t in tried} == {"lift_cylinder"}
 
 
+def test_rails_that_give_way_take_no_rows_where_a_transducer_is_lost(make_run: tuple) -> None:
+    """One of another cylinder: with a law on a rail as many rows count as without."""
+    true_crane, simulated_run = make_run
+    given = simulated_run(true_crane(), 6.0).recording()
+    assert given.p_a is not None
+    lost = replace(given, p_a=np.where([True, False], np.nan, given.p_a))
+    predictor = Predictor(_material(given.robot, lost))
+    model = start_model(given.robot, predictor, ())
+    droop = EffectSpec("supply_droop", "xs031", {"resistance": 2e9, "time_constant": 0.05})
+    (one,) = resolve(replace(given.robot, effects=(droop,)))
+    swept, _ = predictor.base(model)
+    assert np.count_nonzero(swept) > 0.9 * swept.size
+    assert np.array_equal(predictor.base(model.with_term(one))[0], swept)
+
+
 def test_a_load_adds_the_same_whatever_was_asked_before(
     true_model: tuple[Predictor, Model],
 ) -> None:

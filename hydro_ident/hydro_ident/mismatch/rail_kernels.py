@@ -27,7 +27,10 @@ class RailLaws(NamedTuple):
 
 
 class Valves(NamedTuple):
-    """What the valves' flows follow from, beside the rails; unknown signals are closed valves."""
+    """What the valves' flows follow from, beside the rails; unknown signals are closed valves.
+
+    An edge to a chamber whose pressure is unknown (NaN) counts as closed, too.
+    """
 
     signal: FloatArray  # (N, c)
     p_a: FloatArray  # (N, c)
@@ -36,14 +39,20 @@ class Valves(NamedTuple):
 
 
 @kernel
+def _through(edge: float, drop: float, opening: float) -> float:
+    """Flow through an edge; none by a drop that is unknown."""
+    return 0.0 if math.isnan(drop) else edge * root(drop) * opening
+
+
+@kernel
 def _drawn(valves: Any, k: int, supply: float) -> float:
     total = 0.0
     for i in range(valves.edges.shape[0]):
         u = valves.signal[k, i]
         if u > 0.0:
-            total += valves.edges[i, 0] * root(supply - valves.p_a[k, i]) * u
+            total += _through(valves.edges[i, 0], supply - valves.p_a[k, i], u)
         elif u < 0.0:
-            total -= valves.edges[i, 2] * root(supply - valves.p_b[k, i]) * u
+            total -= _through(valves.edges[i, 2], supply - valves.p_b[k, i], u)
     return total
 
 
@@ -53,9 +62,9 @@ def _returned(valves: Any, k: int, tank: float) -> float:
     for i in range(valves.edges.shape[0]):
         u = valves.signal[k, i]
         if u > 0.0:
-            total += valves.edges[i, 3] * root(valves.p_b[k, i] - tank) * u
+            total += _through(valves.edges[i, 3], valves.p_b[k, i] - tank, u)
         elif u < 0.0:
-            total -= valves.edges[i, 1] * root(valves.p_a[k, i] - tank) * u
+            total -= _through(valves.edges[i, 1], valves.p_a[k, i] - tank, u)
     return total
 
 
@@ -125,7 +134,7 @@ def follow_rails(
     supply, tank : (N,) array
         As recorded, Pa.
     out : (2, N) array
-        Filled: supply and tank in Pa. Where flows are unknown the states stay as they were.
+        Filled: supply and tank in Pa.
     """
     for k in range(supply.shape[0]):
         some = False

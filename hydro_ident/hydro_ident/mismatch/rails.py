@@ -25,7 +25,9 @@ def railed(robot: Robot, trace: Trace, terms: Sequence[ActiveEffect]) -> Trace:
     """The trace with the rails that its valves' flows and some laws agree on.
 
     A rail that gives way lets less flow, and less flow lets it give way less. The laws follow the
-    flow with a lag, so both are found sample by sample.
+    flow with a lag, so both are found sample by sample. Flows that nothing tells are none: a valve
+    whose signal is unknown counts as closed, and so does an edge to a chamber whose pressure is.
+    The rails of all other chambers would be unknown with it.
 
     Parameters
     ----------
