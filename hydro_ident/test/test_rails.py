@@ -105,6 +105,21 @@ def test_a_lost_transducer_closes_no_edge_of_other_chambers(robot: Robot, trace:
         assert np.abs(rail - recorded).max() > 2e5
 
 
+@pytest.mark.parametrize("left", [0, 1])
+def test_a_cylinder_that_no_valve_feeds_draws_nothing(
+    robot: Robot, trace: Trace, left: int
+) -> None:
+    """As one whose valve stays closed."""
+    terms, signal = _effects(robot, DROOP, BACK), np.zeros_like(trace.valve_signal)
+    signal[:, left] = trace.valve_signal[:, left]
+    shut = railed(robot, replace(trace, valve_signal=signal), terms)
+    one_fed = replace(robot, valves=(robot.valve_of(robot.cylinders[left].name),))
+    found = railed(one_fed, trace, terms)
+    assert np.array_equal(found.supply, shut.supply)
+    assert np.array_equal(found.tank, shut.tank)
+    assert np.abs(found.supply - trace.supply).max() > 2e5
+
+
 def test_closed_valves_leave_the_rails_as_recorded(robot: Robot, trace: Trace) -> None:
     shut = replace(trace, valve_signal=np.full_like(trace.valve_signal, np.nan))
     found = railed(robot, shut, _effects(robot, DROOP, BACK))

@@ -32,7 +32,7 @@ def railed(robot: Robot, trace: Trace, terms: Sequence[ActiveEffect]) -> Trace:
     Parameters
     ----------
     robot : Robot
-        With current edges.
+        With current edges; a cylinder that no valve feeds draws nothing.
     trace : Trace
         Valve signals as other laws have shaped them; rails as recorded.
     terms : sequence of ActiveEffect
@@ -52,12 +52,15 @@ def railed(robot: Robot, trace: Trace, terms: Sequence[ActiveEffect]) -> Trace:
 
 
 def _valves(robot: Robot, trace: Trace) -> Valves:
-    own = [robot.valve_of(c.name) for c in robot.cylinders]
+    at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
+    fed = [at[valve.cylinder] for valve in robot.valves]
+    signal = np.ascontiguousarray(trace.valve_signal[:, fed])
+    edges = [[v.c_pa, v.c_at, v.c_pb, v.c_bt] for v in robot.valves]
     return Valves(
-        signal=np.where(np.isfinite(trace.valve_signal), trace.valve_signal, 0.0),
-        p_a=np.ascontiguousarray(trace.p_a),
-        p_b=np.ascontiguousarray(trace.p_b),
-        edges=np.array([[v.c_pa, v.c_at, v.c_pb, v.c_bt] for v in own]),
+        signal=np.where(np.isfinite(signal), signal, 0.0),
+        p_a=np.ascontiguousarray(trace.p_a[:, fed]),
+        p_b=np.ascontiguousarray(trace.p_b[:, fed]),
+        edges=np.array(edges).reshape(-1, 4),
     )
 
 
