@@ -19,6 +19,8 @@ from hydro_model.valve import edge_flows
 
 DROOP = EffectSpec("supply_droop", "", {"resistance": 6e9, "time_constant": 0.02})
 BACK = EffectSpec("tank_back_pressure", "", {"resistance": 8e12, "time_constant": 0.004})
+#: Delays of valves that have none.
+PROMPT = (0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -46,16 +48,23 @@ def _flows(robot: Robot, trace: Trace) -> tuple[FloatArray, FloatArray]:
     return drawn, returned
 
 
-def _solved(robot: Robot, trace: Trace, specs: tuple[EffectSpec, ...]) -> FloatArray:
+def _solved(
+    robot: Robot,
+    trace: Trace,
+    specs: tuple[EffectSpec, ...],
+    delays_s: tuple[float, ...] = PROMPT,
+) -> FloatArray:
     """Supply and tank, (2, N), as scipy solves the states' equations from rest.
 
-    Signals are held from sample to sample, pressures and recorded rails straight between them.
+    Signals are held from sample to sample and come late, pressures and recorded rails are straight
+    between samples.
     """
+    late = np.array(delays_s) / trace.step_s
     given = {spec.name: spec.parameters for spec in specs}
     droop, back = (given.get(n) for n in ("supply_droop", "tank_back_pressure"))
 
     def wanted(k: int, part: float, x: FloatArray) -> FloatArray:
-        now = _between(trace, k, part, x)
+        now = _between(trace, k, part, x, late)
         drawn, returned = (float(flow[0]) for flow in _flows(robot, now))
         return np.array([
             droop["resistance"] * drawn if droop else 0.0,
@@ -68,16 +77,17 @@ def _solved(robot: Robot, trace: Trace, specs: tuple[EffectSpec, ...]) -> FloatA
     for k in range(trace.samples - 1):
         run = solve_ivp(
             lambda t, x, k=k: (wanted(k, t / h, x) - x) / lags,
-            (0.0, h), states[-1], method="LSODA", rtol=1e-8, atol=1e-2,
+            (0.0, h), states[-1], method="LSODA", rtol=1e-8, atol=1e-2, max_step=h / 8,
         )  # fmt: skip
         states.append(run.y[:, -1])
     lowered = np.array(states).T
     return np.stack([trace.supply - lowered[0], trace.tank + lowered[1]])
 
 
-def _between(trace: Trace, k: int, part: float, x: FloatArray) -> Trace:
+def _between(trace: Trace, k: int, part: float, x: FloatArray, late: FloatArray) -> Trace:
     """The trace's one sample at a part of the interval behind a sample, at lowered rails."""
     at = min(k + 1, trace.samples - 1)
+    told = np.maximum(np.floor(k + part - late + 1e-9).astype(int), 0)
 
     def straight(name: str) -> FloatArray:
         values = getattr(trace, name)
@@ -86,7 +96,7 @@ def _between(trace: Trace, k: int, part: float, x: FloatArray) -> Trace:
     return replace(
         trace, time_s=np.zeros(1), p_a=straight("p_a"), p_b=straight("p_b"),
         supply=straight("supply") - x[0], tank=straight("tank") + x[1],
-        valve_signal=trace.valve_signal[k][None],
+        valve_signal=trace.valve_signal[told, np.arange(told.size)][None],
     )  # fmt: skip
 
 
@@ -127,9 +137,26 @@ def test_rails_are_those_of_their_equations(
 ) -> None:
     """At 500 Hz and at 50 Hz, where lags are a cycle and a fifth of one."""
     own = _cut(trace, rows)
-    found, expected = railed(robot, own, _effects(robot, *specs)), _solved(robot, own, specs)
+    found, expected = (
+        railed(robot, own, _effects(robot, *specs), PROMPT),
+        _solved(robot, own, specs),
+    )
     moved = np.abs(expected - [own.supply, own.tank]).max(axis=1)
     assert moved.max() > 2e5
+    assert np.abs(found.supply - expected[0]).max() <= 0.01 * moved[0]
+    assert np.abs(found.tank - expected[1]).max() <= 0.01 * moved[1]
+
+
+@pytest.mark.parametrize("delays_s", [(0.0013, 0.0094), (0.004, 0.0), (0.03, 0.0301)])
+@pytest.mark.parametrize("rows", [slice(1000, 1300), slice(0, None, 10)])
+def test_valves_draw_as_late_as_they_open(
+    robot: Robot, trace: Trace, rows: slice, delays_s: tuple[float, float]
+) -> None:
+    """By whole cycles and parts of them, each by its own."""
+    own, specs = _cut(trace, rows), (DROOP, BACK)
+    found = railed(robot, own, _effects(robot, *specs), delays_s)
+    expected = _solved(robot, own, specs, delays_s)
+    moved = np.abs(expected - [own.supply, own.tank]).max(axis=1)
     assert np.abs(found.supply - expected[0]).max() <= 0.01 * moved[0]
     assert np.abs(found.tank - expected[1]).max() <= 0.01 * moved[1]
 
@@ -142,8 +169,8 @@ def test_rails_on_a_coarse_grid_are_those_on_a_fine_one(
     """However much a line gives way: nothing rings."""
     droop = replace(DROOP, parameters={"resistance": resistance, "time_constant": lag_s})
     terms, coarse = _effects(robot, droop), _cut(trace, slice(0, None, 10))
-    fine = railed(robot, _finer(coarse, 100), terms).supply[::100]
-    found = railed(robot, coarse, terms).supply
+    fine = railed(robot, _finer(coarse, 100), terms, PROMPT).supply[::100]
+    found = railed(robot, coarse, terms, PROMPT).supply
     assert np.abs(found - fine).max() < 0.02 * np.abs(fine - coarse.supply).max()
 
 
@@ -155,8 +182,8 @@ def test_edges_to_pressures_that_nobody_read_count_as_closed(
     terms = _effects(robot, DROOP, BACK)
     signal = trace.valve_signal.copy()
     signal[rows] = signal[max((rows.start or 0) - 1, 0)] = 0.0
-    shut = railed(robot, replace(trace, valve_signal=signal), terms)
-    found = railed(robot, _unread(trace, rows), terms)
+    shut = railed(robot, replace(trace, valve_signal=signal), terms, PROMPT)
+    found = railed(robot, _unread(trace, rows), terms, PROMPT)
     assert np.array_equal(found.supply, shut.supply)
     assert np.array_equal(found.tank, shut.tank)
     assert np.isfinite(found.supply).all()
@@ -168,7 +195,7 @@ def test_a_lost_transducer_closes_no_edge_of_other_chambers(robot: Robot, trace:
     terms, p_a = _effects(robot, DROOP, BACK), trace.p_a.copy()
     p_a[:, 0] = np.nan
     lost = _cut(replace(trace, p_a=p_a), slice(1000, 1300))
-    found = railed(robot, lost, terms)
+    found = railed(robot, lost, terms, PROMPT)
     expected = _solved(robot, lost, (DROOP, BACK))
     moved = np.abs(expected - [lost.supply, lost.tank]).max(axis=1)
     assert moved.min() > 2e5
@@ -183,9 +210,9 @@ def test_a_cylinder_that_no_valve_feeds_draws_nothing(
     """As one whose valve stays closed."""
     terms, signal = _effects(robot, DROOP, BACK), np.zeros_like(trace.valve_signal)
     signal[:, left] = trace.valve_signal[:, left]
-    shut = railed(robot, replace(trace, valve_signal=signal), terms)
+    shut = railed(robot, replace(trace, valve_signal=signal), terms, PROMPT)
     one_fed = replace(robot, valves=(robot.valve_of(robot.cylinders[left].name),))
-    found = railed(one_fed, trace, terms)
+    found = railed(one_fed, trace, terms, PROMPT)
     assert np.array_equal(found.supply, shut.supply)
     assert np.array_equal(found.tank, shut.tank)
     assert np.abs(found.supply - trace.supply).max() > 2e5
@@ -193,7 +220,7 @@ def test_a_cylinder_that_no_valve_feeds_draws_nothing(
 
 def test_closed_valves_leave_the_rails_as_recorded(robot: Robot, trace: Trace) -> None:
     shut = replace(trace, valve_signal=np.full_like(trace.valve_signal, np.nan))
-    found = railed(robot, shut, _effects(robot, DROOP, BACK))
+    found = railed(robot, shut, _effects(robot, DROOP, BACK), PROMPT)
     assert np.array_equal(found.supply, trace.supply)
     assert np.array_equal(found.tank, trace.tank)
 
@@ -202,4 +229,4 @@ def test_a_law_of_another_form_is_refused(robot: Robot, trace: Trace) -> None:
     (droop,) = _effects(robot, DROOP)
     still = replace(droop, effect=replace(CATALOGUE["supply_droop"], states=()))
     with pytest.raises(IdentError, match="follows the flow by one linear state"):
-        railed(robot, trace, (still,))
+        railed(robot, trace, (still,), PROMPT)

@@ -44,7 +44,9 @@ class Lines(NamedTuple):
 
     supply: FloatArray  # (N,) as recorded, Pa
     tank: FloatArray  # (N,)
-    signal: FloatArray  # (N, c) of valves, held until the next sample
+    before: FloatArray  # (N, c) signals of valves from a sample on
+    after: FloatArray  # (N, c) and from their change on until the next
+    change: FloatArray  # (c,) when that is, in parts of the interval
     p_a: FloatArray  # (N, c)
     p_b: FloatArray  # (N, c)
     edges: FloatArray  # (c, 4): c_pa, c_at, c_pb, c_bt
@@ -56,10 +58,21 @@ class Instant(NamedTuple):
     rows: FloatArray  # (k, SIGNAL_COUNT) each law's signals, with its state
     start: FloatArray  # (k,) states that a stage starts from
     begin: FloatArray  # (k,) states that a step began with
-    signal: FloatArray  # (c,)
+    up: FloatArray  # (c,) openings of valves by positive signals
+    down: FloatArray  # (c,) and by negative ones
     p_a: FloatArray  # (c,)
     p_b: FloatArray  # (c,)
     rails: FloatArray  # (2,) supply and tank as recorded
+
+
+@kernel
+def _open(lines: Any, now: Any, k: int, begin: float, length: float) -> None:
+    """Mean openings over a step that begins at a part of an interval, in parts of it."""
+    for i in range(lines.change.shape[0]):
+        early = min(max((lines.change[i] - begin) / length, 0.0), 1.0)
+        before, after = lines.before[k, i], lines.after[k, i]
+        now.up[i] = early * max(before, 0.0) + (1.0 - early) * max(after, 0.0)
+        now.down[i] = early * max(-before, 0.0) + (1.0 - early) * max(-after, 0.0)
 
 
 @kernel
@@ -68,8 +81,7 @@ def _look(lines: Any, now: Any, k: int, part: float) -> None:
     after = min(k + 1, lines.supply.shape[0] - 1)
     now.rails[0] = lines.supply[k] + part * (lines.supply[after] - lines.supply[k])
     now.rails[1] = lines.tank[k] + part * (lines.tank[after] - lines.tank[k])
-    for i in range(now.signal.shape[0]):
-        now.signal[i] = lines.signal[k, i]
+    for i in range(now.p_a.shape[0]):
         now.p_a[i] = lines.p_a[k, i] + part * (lines.p_a[after, i] - lines.p_a[k, i])
         now.p_b[i] = lines.p_b[k, i] + part * (lines.p_b[after, i] - lines.p_b[k, i])
 
@@ -85,15 +97,13 @@ def _flow(edges: FloatArray, now: Any, on_tank: bool, rail: float) -> float:
     """Drawn from the supply or returned to the tank by all valves."""
     total = 0.0
     for i in range(edges.shape[0]):
-        u, p_a, p_b = now.signal[i], now.p_a[i], now.p_b[i]
-        if on_tank and u > 0.0:
-            total += _through(edges[i, 3], p_b - rail, u)
-        elif on_tank and u < 0.0:
-            total -= _through(edges[i, 1], p_a - rail, u)
-        elif u > 0.0:
-            total += _through(edges[i, 0], rail - p_a, u)
-        elif u < 0.0:
-            total -= _through(edges[i, 2], rail - p_b, u)
+        up, down, p_a, p_b = now.up[i], now.down[i], now.p_a[i], now.p_b[i]
+        if up > 0.0:
+            drop = p_b - rail if on_tank else rail - p_a
+            total += _through(edges[i, 3 if on_tank else 0], drop, up)
+        if down > 0.0:
+            drop = p_a - rail if on_tank else rail - p_b
+            total += _through(edges[i, 1 if on_tank else 2], drop, down)
     return total
 
 
@@ -169,6 +179,7 @@ def _step(
     """States over a step that begins at a part of an interval and has a length in parts of it."""
     for j in range(now.begin.shape[0]):
         now.begin[j] = now.start[j] = now.rows[j, STATE_0]
+    _open(lines, now, k, begin, length)
     _look(lines, now, k, begin + _STAGE * length)
     _settle_both(lines, laws, now, _STAGE * step_s)
     for j in range(now.begin.shape[0]):
@@ -183,7 +194,8 @@ def follow_rails(lines: Any, laws: Any, now: Any, sample_s: float, out: FloatArr
     """Supply and tank that the valves' flows and the laws agree on.
 
     At rest with the first sample's flows; from there on the laws' states follow the flows, and
-    these the rails. Valves are held from sample to sample, pressures are straight between them.
+    these the rails. A step within which a valve changes has its mean opening, and pressures are
+    straight from sample to sample.
 
     Parameters
     ----------
@@ -199,11 +211,11 @@ def follow_rails(lines: Any, laws: Any, now: Any, sample_s: float, out: FloatArr
     for j in range(laws.slope.shape[0]):
         quickest = max(quickest, abs(laws.slope[j]))
     count = max(1, math.ceil(sample_s * quickest / _LONGEST))
-    length = 1.0 / count
-    last = lines.supply.shape[0] - 1
+    length, last = 1.0 / count, lines.supply.shape[0] - 1
     for k in range(last + 1):
         _look(lines, now, k, 0.0)
         if k == 0:
+            _open(lines, now, k, 0.0, 1.0)
             for j in range(now.begin.shape[0]):
                 now.rows[j, STATE_0] = 0.0
             _settle_both(lines, laws, now, 0.0)

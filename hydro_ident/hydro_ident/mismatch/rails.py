@@ -16,12 +16,15 @@ from hydro_model.effects.law import ROBOT_STAGES, InternalState, Term
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import RETURN_FLOW, SIGNAL_COUNT, STATE_0, SUPPLY_FLOW
+from hydro_msgs_docs.cdr import IntArray
 
 #: The flow that each line's laws follow.
 _FLOW = {Stage.SUPPLY: SUPPLY_FLOW, Stage.TANK: RETURN_FLOW}
 
 
-def railed(robot: Robot, trace: Trace, terms: Sequence[ActiveEffect]) -> Trace:
+def railed(
+    robot: Robot, trace: Trace, terms: Sequence[ActiveEffect], delays_s: Sequence[float]
+) -> Trace:
     """The trace with the rails that its valves' flows and some laws agree on.
 
     A rail that gives way lets less flow, and less flow lets it give way less. The laws follow the
@@ -38,30 +41,43 @@ def railed(robot: Robot, trace: Trace, terms: Sequence[ActiveEffect]) -> Trace:
         Valve signals as other laws have shaped them; rails as recorded.
     terms : sequence of ActiveEffect
         Effects with a law on the supply or the tank.
+    delays_s : sequence of float
+        Command delay of each cylinder's valve: it draws that much later.
 
     Raises
     ------
     IdentError
         A law does not follow the flow of its line by one linear state.
     """
-    laws, lines, out = _laws(terms), _lines(robot, trace), np.empty((2, trace.samples))
+    laws, lines, out = _laws(terms), _lines(robot, trace, delays_s), np.empty((2, trace.samples))
     follow_rails(lines, laws, _instant(laws, lines), float(trace.step_s), out)
     return replace(trace, supply=out[0], tank=out[1])
 
 
-def _lines(robot: Robot, trace: Trace) -> Lines:
+def _lines(robot: Robot, trace: Trace, delays_s: Sequence[float]) -> Lines:
     at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
     fed = [at[valve.cylinder] for valve in robot.valves]
-    signal = np.ascontiguousarray(trace.valve_signal[:, fed])
+    cycles = np.array(delays_s, dtype=float)[fed] / trace.step_s
+    # As `edge_integrals` has it: within an interval the signal changes from that before it.
+    whole = np.floor(cycles + 1e-9).astype(np.int64)
+    signal = np.where(np.isfinite(trace.valve_signal), trace.valve_signal, 0.0)[:, fed]
     edges = [[v.c_pa, v.c_at, v.c_pb, v.c_bt] for v in robot.valves]
     return Lines(
         supply=np.ascontiguousarray(trace.supply),
         tank=np.ascontiguousarray(trace.tank),
-        signal=np.where(np.isfinite(signal), signal, 0.0),
+        before=_later(signal, whole + 1),
+        after=_later(signal, whole),
+        change=cycles - whole,
         p_a=np.ascontiguousarray(trace.p_a[:, fed]),
         p_b=np.ascontiguousarray(trace.p_b[:, fed]),
         edges=np.array(edges).reshape(-1, 4),
     )
+
+
+def _later(signal: FloatArray, samples: IntArray) -> FloatArray:
+    """Signals (N, c), each so many samples later, and as the first one before."""
+    row = np.arange(len(signal))[:, None] - samples
+    return np.ascontiguousarray(np.take_along_axis(signal, np.maximum(row, 0), axis=0))
 
 
 def _instant(laws: RailLaws, lines: Lines) -> Instant:
@@ -69,7 +85,8 @@ def _instant(laws: RailLaws, lines: Lines) -> Instant:
     return Instant(
         rows=np.full((count, SIGNAL_COUNT), np.nan),
         start=np.empty(count), begin=np.empty(count),
-        signal=np.empty(valves), p_a=np.empty(valves), p_b=np.empty(valves), rails=np.empty(2),
+        up=np.empty(valves), down=np.empty(valves),
+        p_a=np.empty(valves), p_b=np.empty(valves), rails=np.empty(2),
     )  # fmt: skip
 
 
