@@ -34,7 +34,7 @@ class Model:
     shaping : bool
         Whether an effect enters through the edges.
     shape : tuple
-        What the rows of a balance depend on beside the delay.
+        What the rows of a balance depend on beside the delay of its own valve.
     """
 
     robot: Robot
@@ -108,4 +108,4 @@ def _shape_of(model: Model) -> tuple[object, ...]:
         for t in model.terms
         if shapes(t) or t.effect.reading is not None
     ]
-    return (tuple(terms), tuple(edges) if rails else ())
+    return (tuple(terms), (*edges, *model.delays_s) if rails else ())

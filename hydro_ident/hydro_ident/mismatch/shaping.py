@@ -200,7 +200,13 @@ class Signals:
     def _keep(self, model: Model) -> None:
         """Forget what was kept for another model."""
         kept = self._kept
-        if kept is None or kept.robot is not model.robot or not identical(kept, model):
+        if (
+            kept is None
+            or kept.robot is not model.robot
+            or not identical(kept, model)
+            # Rails follow valves as late as these are.
+            or kept.shape != model.shape
+        ):
             self._kept = model
             self._rows.clear()
 
@@ -229,7 +235,7 @@ class Signals:
             trace = replace(trace, valve_signal=result)
         rails = [t for t in model.terms if {Stage.SUPPLY, Stage.TANK} & set(t.effect.stages)]
         if rails:
-            trace = railed(model.robot, trace, rails)
+            trace = railed(model.robot, trace, rails, model.delays_s)
         return trace
 
     def _spool(
