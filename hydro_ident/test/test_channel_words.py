@@ -78,6 +78,15 @@ def test_a_size_at_its_end_is_told_in_the_units_of_its_joint() -> None:
         assert at_a_bound(one).endswith(f"(1e+05 {unit})")
 
 
+def test_what_gives_way_under_a_hand_is_no_contact() -> None:
+    """200 N at the end of three metres turn a joint by that much; under the tip it is a ground."""
+    soft = EffectSpec("external_contact", "lift_cylinder", {"stiffness": 500.0, "height": 0.0})
+    (at_joint,) = resolve(replace(load_robot("xs031"), effects=(soft,)))
+    under_tip = replace(at_joint, cylinder=None, target="xs031")
+    assert "below any that bears the name" in at_a_bound(at_joint)
+    assert not at_a_bound(under_tip)
+
+
 def test_the_report_speaks_of_the_joint() -> None:
     none = np.zeros(2)
     curve = Dependence(

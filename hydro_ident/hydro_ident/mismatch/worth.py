@@ -53,6 +53,9 @@ _NEXT_TO_ALL = 0.95
 _COMPRESSED = frozenset({"dead_volume", "entrained_air"})
 #: Share of itself that a size's deviation is at most where the rows tell it.
 _TOLD = 0.5
+#: What a joint runs against, the share of its largest force from which it is met, and the share of
+#: the rows in which a spring is.
+CONTACT, _TOUCHED, _MOSTLY = "external_contact", 0.01, 0.5
 #: Share of an effect's gain from which a mere delay says the same.
 SAME_AS_DELAY = 0.9
 
@@ -169,6 +172,26 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
         late_s += without.model.delays_s[term.cylinder] - training.own_delay_of(term.cylinder)
     excess_s = max(abs(shift_s), late_s)
     return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
+
+
+def in_reach(training: Training, without: Fitted, one: Contender) -> bool:
+    """Whether what a joint runs against is met in less than half of what was recorded.
+
+    What a joint rests on most of the time is a spring, or whatever else follows its position.
+
+    Parameters
+    ----------
+    training : Training
+    without : Fitted
+        The model that it was added to.
+    one : Contender
+    """
+    if one.term.effect.name != CONTACT or one.term.everywhere:
+        return True
+    column = np.abs(training.predictor.contribution(without.model, one.term))
+    acting = np.unique(training.predictor.material.channel[column > 0.0])
+    own = column[np.isin(training.predictor.material.channel, acting)]
+    return bool(own.size) and float(np.mean(own > _TOUCHED * own.max())) < _MOSTLY
 
 
 def sized(one: Contender) -> bool:
