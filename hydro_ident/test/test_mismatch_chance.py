@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.chance import chances, foremost, signs
+from hydro_ident.mismatch.chance import chances, foremost, reached, signs
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import SEED
@@ -78,6 +78,15 @@ def test_signs_are_always_the_same() -> None:
     drawn = np.random.default_rng(SEED).random((399, 30)) < 0.5
     for _ in range(2):
         np.testing.assert_array_equal(signs(30, 399), np.where(drawn, -1.0, 1.0))
+
+
+def test_flips_that_reach_a_total_are_counted_with_the_one_that_was_seen() -> None:
+    """Of four equal blocks one flip in sixteen leaves all signs as they are, five keep three."""
+    alike = np.ones(4)
+    assert reached(alike) == pytest.approx(1.0 / 16.0, abs=0.02)
+    assert reached(alike, 2.0, 4999) == pytest.approx(5.0 / 16.0, abs=0.03)
+    assert reached(alike, 5.0, 4999) == 1.0 / 5000.0
+    assert reached(-alike) == reached(np.zeros(0)) == 1.0
 
 
 def test_the_best_of_many_candidates_is_found_by_chance_as_seldom_as_said(

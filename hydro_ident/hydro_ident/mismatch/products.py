@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.constancy import SHIFTS
 from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
@@ -40,7 +40,7 @@ _SIGNS = 1.0 / (4.0 * float(norm.sf(np.sqrt(2.0))))
 
 def chance(gains: FloatArray) -> float:
     """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
-    return _reached(float(gains.sum()), gains) if gains.size and gains.sum() > 0.0 else 1.0
+    return reached(gains, flips=_FLIPS)
 
 
 def chance_beside(
@@ -75,7 +75,7 @@ def chance_beside(
     left = np.asarray(np.bincount(block, weights=change * after), dtype=np.float64)
     deviation = np.sqrt(left_variance(change, after, block, short))
     by_noise = float(student.sf(product / deviation, _freedom(change, short)))
-    by_signs = _reached(product, left[left != 0.0])
+    by_signs = reached(left[left != 0.0], product, _FLIPS)
     if by_signs <= _UNREACHED:
         by_signs = _beyond_flips(product, left, _freedom(change, block), tried)
     return max(by_signs, by_noise)
@@ -141,9 +141,3 @@ def left_variance(
     spread = max(1.0, float(np.median(spreads or [1.0])))
     together = float(np.sum(np.bincount(short, weights=change * after) ** 2))
     return max(spread * max(float(squares.sum()), float(squares @ after**2)), together)
-
-
-def _reached(total: float, sums: FloatArray) -> float:
-    """Share of sign flips of blocks' sums that reach a total, the observed one counted in."""
-    drawn = signs(sums.size, _FLIPS) @ sums
-    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))
