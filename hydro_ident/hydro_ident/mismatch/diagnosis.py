@@ -152,7 +152,8 @@ def _diagnosed(
         refined = refine(work, whole, modelled.robot, settings.refine, fixed)
         whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
     advance("rolling the models out", 6, STAGES)
-    filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
+    material = predictor.material
+    filters, few = material.filters, material.motions < FEW_MOTIONS
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(modelled.robot, there.terms)
     run = free_run(before.robot, seen, work.check_traces, work.split, filters)
@@ -168,7 +169,9 @@ def _diagnosed(
     told |= {one.channel for one in unknown}
     notes += left_notes(channels) + apart_notes(work, whole, channels, told)
     notes += instant_notes(work, whole)
-    doubtful = few or _hardly_better(findings, channels)
+    # Where one pressure is not known, another law may look like what was found.
+    unpaired = any(name in f.channels for f in findings for name in material.unpaired)
+    doubtful = few or unpaired or _hardly_better(findings, channels)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
