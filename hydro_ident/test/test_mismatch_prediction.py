@@ -280,6 +280,26 @@ def test_no_valve_is_handed_more_than_a_base_may_have(
     assert handed.terms[0].parameters[0] == pytest.approx(late_s)
 
 
+@pytest.mark.parametrize("target", ["xs031", "lift_valve"])
+@pytest.mark.parametrize(
+    ("late_s", "delays_s"),
+    [(0.004, (0.003, 0.0026)), (0.001, (0.0002, 0.0004)), (0.0999, (0.0025, 0.0024))],
+)
+def test_valves_are_as_late_after_a_handover_as_before(
+    true_model: tuple[Predictor, Model], target: str, late_s: float, delays_s: tuple[float, float]
+) -> None:
+    """Also where the effect comes to an end of its range: the base keeps what it cannot take."""
+    predictor, model = true_model
+    spec = EffectSpec("command_delay", target, {"delay": late_s})
+    (late,) = resolve(replace(model.robot, effects=(spec,)))
+    longest_s = dict.fromkeys(predictor.delay_columns, 0.0025)
+    given = replace(model, terms=(late,), delays_s=delays_s)
+    handed = handed_over(predictor, given, 0.002, longest_s)
+    for i in predictor.delay_columns if target == "xs031" else (0,):
+        before, after = (m.delays_s[i] + m.terms[0].parameters[0] for m in (given, handed))
+        assert after == pytest.approx(before, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "target", "parameters"),
     [
