@@ -20,6 +20,7 @@ from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.shaping import Signals
 from hydro_ident.mismatch.skew import least_skew
 from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
@@ -334,6 +335,24 @@ def test_a_change_of_the_robot_is_in_no_signal(name: str) -> None:
     effect = CATALOGUE[name]
     values = np.array([spec.typical for spec in effect.parameters])
     assert not on_signals(ActiveEffect(effect, "xs031", values))
+
+
+@pytest.mark.parametrize("other", ["edges", "pressures"])
+def test_signals_of_a_model_stay_its_own_beside_another_ones_valves(
+    true_model: tuple[Predictor, Model], other: str
+) -> None:
+    """What another model's laws make of a valve's signal is asked for in between."""
+    predictor, model = true_model
+    signals, [stretch] = Signals(predictor.material), predictor.material.stretches
+    before = signals.wet(model, stretch, 0).copy()
+    specs = [EffectSpec("valve_deadband", "lift_valve", {"width": 0.02})]
+    specs += [EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 5.0e4})]
+    valves = tuple(replace(v, c_pa=1.5 * v.c_pa) for v in model.robot.valves)
+    robot = replace(model.robot, valves=valves) if other == "edges" else model.robot
+    terms = resolve(replace(robot, effects=tuple(specs if other == "pressures" else specs[:1])))
+    beside = replace(model, robot=robot, terms=tuple(terms))
+    signals.shaped(beside, signals.stretches(beside)[0])
+    np.testing.assert_array_equal(signals.wet(model, stretch, 0), before)
 
 
 def test_a_start_has_what_all_terms_contribute(true_model: tuple[Predictor, Model]) -> None:
