@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.traces import traces_of
@@ -16,7 +17,10 @@ from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.outcome import EXPLAINED, PARTLY
-from hydro_ident.mismatch.residuals import own_forces
+from hydro_ident.mismatch.residuals import own_forces, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -36,6 +40,40 @@ def test_balances_start_at_the_same_samples_when_stamps_jitter(crane_run, robot:
     assert all(some.size for some in starts[0])
     for regular, jittered in zip(*starts, strict=True):
         np.testing.assert_array_equal(jittered, regular)
+
+
+@pytest.mark.parametrize("slow_first", [True, False])
+def test_recordings_of_other_rates_leave_the_rows_of_one_as_they_are(
+    crane_run, robot: Robot, slow_first: bool
+) -> None:
+    """How far a delay reaches is a time: fewer samples of a slow recording than of a quick one."""
+    quick = crane_run.recording("quick")
+    slow = crane_run.recording(
+        "slow",
+        period_s=5 * quick.period_s,
+        **{
+            name: getattr(quick, name)[::5]
+            for name in ("stamp_ns", "q", "p_a", "p_b", "supply", "tank", "valve_v", "latched")
+        },
+        command_v=None,
+    )
+
+    def starts(*recordings: Recording) -> dict[str, tuple[np.ndarray, ...]]:
+        sources = sources_of(recordings)
+        surveys = [survey_source(source, robot) for source in sources]
+        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+        assert work is not None
+        laid = work.training.predictor.material
+        for place in (p for p in laid.places if laid.is_flow(p.channel)):
+            predicted = work.training.predictor.base(work.base.model)[1][place.rows]
+            assert predicted.any(axis=1).all()
+        return {s.trace.recording: s.starts for s in laid.stretches}
+
+    mixed = starts(*((slow, quick) if slow_first else (quick, slow)))
+    for recording in (slow, quick):
+        alone = starts(recording)[recording.path.name]
+        for one, other in zip(mixed[recording.path.name], alone, strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 # Pressures that nobody read --------------------------------------------------------------------

@@ -48,7 +48,7 @@ def material_of(
         Whole recordings, in order.
     filters : FilterSettings
     windows : WindowSettings
-        With the longest delay that a candidate may have.
+        With the longest delay that a candidate may have, in intervals of the quickest trace.
     still : mapping of str to mapping of int to float
         By recording, where the joints are that stand still.
     rest_speed : (n,) array, optional
@@ -61,8 +61,8 @@ def material_of(
     """
     paired = _paired(robot, (*traces, *beside))
     stretches = tuple(
-        replace(_stretch(robot, t, filters, windows, still, paired), number=k)
-        for k, t in enumerate(traces)
+        replace(_stretch(robot, t, filters, own, still, paired), number=k)
+        for k, (t, own) in enumerate(zip(traces, _windows(windows, traces), strict=True))
     )
     kinds = [*_force_kinds(forces, stretches), *_flow_kinds(robot, stretches)]
     names = tuple(dict.fromkeys(t.recording for t in traces))
@@ -124,6 +124,15 @@ def _follows(kept: IndexArray) -> BoolArray:
     follows: BoolArray = step == (np.min(step[1:]) if kept.size > 1 else 1)
     follows[0] = False
     return follows
+
+
+def _windows(windows: WindowSettings, traces: Sequence[Trace]) -> list[WindowSettings]:
+    """Windows of every trace: so many intervals of the quickest are fewer of another one."""
+    quickest_s = min((t.step_s for t in traces), default=0.0)
+    return [
+        replace(windows, max_delay_cycles=windows.max_delay_cycles * (quickest_s / t.step_s))
+        for t in traces
+    ]
 
 
 def _stretch(

@@ -282,7 +282,7 @@ class _Laid:
     whole: tuple[Trace, ...]
 
     def material(self, traces: Sequence[Trace]) -> Material:
-        step_s = traces[0].step_s if traces else 0.002
+        step_s = min((t.step_s for t in traces), default=0.002)
         choices = self.choices
         return material_of(
             self.robot, self.forces, traces, choices.filters, choices.windows(step_s),
