@@ -279,7 +279,7 @@ class _Laid:
     forces: ForceModel
     choices: Choices
     still: Mapping[str, Mapping[int, float]]
-    whole: tuple[Trace, ...]
+    whole: tuple[Trace, ...] = ()
 
     def material(self, traces: Sequence[Trace]) -> Material:
         step_s = min((t.step_s for t in traces), default=0.002)
