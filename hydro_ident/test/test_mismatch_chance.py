@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,10 @@ from scipy.signal import lfilter
 
 from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.chance import chances, foremost, signs
+from hydro_ident.mismatch.chance import chances, foremost, reached, signs
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.scoring import Entry, Score, score
+from hydro_ident.mismatch.settings import SEED
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
@@ -58,6 +60,33 @@ def _p_value(residual: np.ndarray, candidates: np.ndarray, one: ActiveEffect) ->
 def _most(draws: int) -> float:
     """Findings by chance that are no surprise at the level."""
     return LEVEL * draws + 3.0 * float(np.sqrt(LEVEL * (1.0 - LEVEL) * draws))
+
+
+def test_signs_are_kept_as_small_as_they_are() -> None:
+    """Of minutes of recording, sets of several lengths: a byte for each sign, not eight."""
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        sizes = [signs(blocks, 4999).size for blocks in range(200, 208)]
+        kept = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert kept <= 1.1 * sum(sizes)
+
+
+def test_signs_are_always_the_same() -> None:
+    drawn = np.random.default_rng(SEED).random((399, 30)) < 0.5
+    for _ in range(2):
+        np.testing.assert_array_equal(signs(30, 399), np.where(drawn, -1.0, 1.0))
+
+
+def test_flips_that_reach_a_total_are_counted_with_the_one_that_was_seen() -> None:
+    """Of four equal blocks one flip in sixteen leaves all signs as they are, five keep three."""
+    alike = np.ones(4)
+    assert reached(alike) == pytest.approx(1.0 / 16.0, abs=0.02)
+    assert reached(alike, 2.0, 4999) == pytest.approx(5.0 / 16.0, abs=0.03)
+    assert reached(alike, 5.0, 4999) == 1.0 / 5000.0
+    assert reached(-alike) == reached(np.zeros(0)) == 1.0
 
 
 def test_the_best_of_many_candidates_is_found_by_chance_as_seldom_as_said(

@@ -14,9 +14,11 @@ from hydro_ident.mismatch.confirmation import _sides
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.instants import at_own_instants, begun
+from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.notes import instant_notes
 from hydro_ident.mismatch.onset import beginning, begins
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.verify import verify
 from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
@@ -62,6 +64,18 @@ def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole
         for m in (whole.model, there)
     ]
     assert errors[1] < 0.5 * errors[0]
+
+
+@pytest.mark.parametrize("refused", [0, 2])
+def test_an_alternative_can_pay_for_every_instant_that_was_tried(
+    loaded: Residuals, whole: Fitted, refused: int
+) -> None:
+    """Others were refused before it, and its instants are many: held-out rows may still tell."""
+    gain = loaded.base.squares - whole.squares
+    named = named_of([Contender(whole.model.terms[0], whole, gain, gain, 4.0)], 0.0005, 1.0)
+    found = verify(loaded.training, whole, replace(named, refused=refused), loaded.check)
+    assert found.stands, found.reason
+    assert not found.silent
 
 
 def test_nothing_else_moves(loaded: Residuals, whole: Fitted) -> None:

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.shaping import Signals
 from hydro_ident.mismatch.skew import least_skew
 from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
@@ -341,6 +342,26 @@ def test_no_valve_is_handed_more_than_a_base_may_have(
     assert handed.terms[0].parameters[0] == pytest.approx(late_s)
 
 
+@pytest.mark.parametrize("target", ["xs031", "lift_valve"])
+@pytest.mark.parametrize(
+    ("late_s", "delays_s"),
+    [(0.004, (0.003, 0.0026)), (0.001, (0.0002, 0.0004)), (0.0999, (0.0025, 0.0024))],
+)
+def test_valves_are_as_late_after_a_handover_as_before(
+    true_model: tuple[Predictor, Model], target: str, late_s: float, delays_s: tuple[float, float]
+) -> None:
+    """Also where the effect comes to an end of its range: the base keeps what it cannot take."""
+    predictor, model = true_model
+    spec = EffectSpec("command_delay", target, {"delay": late_s})
+    (late,) = resolve(replace(model.robot, effects=(spec,)))
+    longest_s = dict.fromkeys(predictor.delay_columns, 0.0025)
+    given = replace(model, terms=(late,), delays_s=delays_s)
+    handed = handed_over(predictor, given, 0.002, longest_s)
+    for i in predictor.delay_columns if target == "xs031" else (0,):
+        before, after = (m.delays_s[i] + m.terms[0].parameters[0] for m in (given, handed))
+        assert after == pytest.approx(before, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "target", "parameters"),
     [
@@ -375,6 +396,24 @@ def test_a_change_of_the_robot_is_in_no_signal(name: str) -> None:
     effect = CATALOGUE[name]
     values = np.array([spec.typical for spec in effect.parameters])
     assert not on_signals(ActiveEffect(effect, "xs031", values))
+
+
+@pytest.mark.parametrize("other", ["edges", "pressures"])
+def test_signals_of_a_model_stay_its_own_beside_another_ones_valves(
+    true_model: tuple[Predictor, Model], other: str
+) -> None:
+    """What another model's laws make of a valve's signal is asked for in between."""
+    predictor, model = true_model
+    signals, [stretch] = Signals(predictor.material), predictor.material.stretches
+    before = signals.wet(model, stretch, 0).copy()
+    specs = [EffectSpec("valve_deadband", "lift_valve", {"width": 0.02})]
+    specs += [EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 5.0e4})]
+    valves = tuple(replace(v, c_pa=1.5 * v.c_pa) for v in model.robot.valves)
+    robot = replace(model.robot, valves=valves) if other == "edges" else model.robot
+    terms = resolve(replace(robot, effects=tuple(specs if other == "pressures" else specs[:1])))
+    beside = replace(model, robot=robot, terms=tuple(terms))
+    signals.shaped(beside, signals.stretches(beside)[0])
+    np.testing.assert_array_equal(signals.wet(model, stretch, 0), before)
 
 
 def test_a_start_has_what_all_terms_contribute(true_model: tuple[Predictor, Model]) -> None:

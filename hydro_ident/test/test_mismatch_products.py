@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.mismatch.held_out import STANDS
-from hydro_ident.mismatch.products import chance, chance_beside, left_variance
+from hydro_ident.mismatch.products import _beyond_flips, chance, chance_beside, left_variance
 
 #: 40 s of rows, in blocks of 1 s and of 0.2 s.
 ROWS, EACH, SHORT = 2000, 50, 10
@@ -97,3 +99,73 @@ def test_the_variance_is_never_less_than_white_noise_makes() -> None:
         after = scale * rng.normal(size=ROWS)
         assert least <= left_variance(change, after, BLOCK, SHORT_BLOCK) * 1.0000001
         assert left_variance(change, after, BLOCK, SHORT_BLOCK) <= most * 1.0000001
+
+
+# What flips cannot resolve ----------------------------------------------------------------------
+
+#: Rows of a short block, and short blocks of a block.
+_FEW_ROWS, _SHORTS = 2, 5
+
+
+def _noise(rng: np.random.Generator, kind: str, draws: int, blocks: int) -> np.ndarray:
+    """Rows of noise, (draws, M): of unit size, of heavy tails, or more alike than modelled."""
+    each = _SHORTS * _FEW_ROWS
+    white = rng.normal(size=(draws, blocks * each))
+    if kind == "heavy":
+        return np.asarray(rng.standard_t(2.5, size=white.shape))
+    by_block = {
+        "uneven": np.abs(rng.standard_t(3.0, size=(draws, blocks))),
+        "alike": 0.7 * rng.normal(size=(draws, blocks)),
+    }
+    if kind not in by_block:
+        return white
+    own = np.repeat(by_block[kind], each, axis=1)
+    return np.asarray(white * own if kind == "uneven" else white + own)
+
+
+@pytest.mark.parametrize("blocks", [8, 20, 60])
+@pytest.mark.parametrize("kind", ["white", "heavy", "uneven", "alike"])
+def test_what_was_tried_often_is_confirmed_by_chance_as_seldom_as_said(
+    kind: str, blocks: int
+) -> None:
+    """Where rows go together all over a block, this is of what no flip reaches: of so few blocks
+    flips themselves are a little too rare (at 0.001, 0.002)."""
+    rng, draws = np.random.default_rng(29), 20000
+    rows = np.arange(blocks * _SHORTS * _FEW_ROWS)
+    block, short = rows // (_SHORTS * _FEW_ROWS), rows // _FEW_ROWS
+    change = np.ones(rows.size) * 4.5 / np.sqrt(rows.size)
+    noise = _noise(rng, kind, draws, blocks)
+    # Nothing below three deviations of noise of unit size is rarer than 0.001.
+    tried = [
+        chance_beside(change, before, before - change, block, short, 1000.0)
+        for before in noise[noise @ change > 3.0 * np.linalg.norm(change)]
+    ]
+    for level in (4e-5, 1e-5) if kind == "alike" else (1e-3, 1e-4, 4e-5, 1e-5):
+        most = level * draws + 3.0 * np.sqrt(level * draws)
+        assert np.count_nonzero(np.array(tried) <= level) <= most
+
+
+@pytest.mark.parametrize("kind", ["equal", "normal", "heavy"])
+def test_what_no_flip_reaches_is_told_no_rarer_than_all_signs_make_it(kind: str) -> None:
+    """Of 18 blocks all 262144 signs can be looked at."""
+    rng = np.random.default_rng(30)
+    drawn = {"equal": np.ones(18), "normal": rng.normal(size=18), "heavy": rng.standard_t(2, 18)}
+    left = drawn[kind]
+    every = np.array(list(itertools.product((-1.0, 1.0), repeat=left.size))) @ left
+    for level in (1e-5, 2e-5, 4e-5):
+        total = float(np.quantile(every, 1.0 - level))
+        share = float(np.mean(every >= total - 1e-9))
+        assert _beyond_flips(total, left, 1e9, 1e9) >= min(share, 5e-5)
+
+
+def test_what_was_tried_often_can_still_be_rare_enough() -> None:
+    """An effect of twelve deviations in forty blocks, the best of a hundred; and no rarer."""
+    rng = np.random.default_rng(31)
+    change = _change(rng, 40, 12.0, 0.0)
+    before = rng.normal(size=ROWS) + change
+    once, often = (
+        chance_beside(change, before, before - change, BLOCK, SHORT_BLOCK, tried)
+        for tried in (1.0, 100.0)
+    )
+    assert once == pytest.approx(5e-5)
+    assert often == pytest.approx(5e-7)

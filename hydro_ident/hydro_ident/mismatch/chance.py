@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
@@ -16,19 +17,50 @@ from hydro_model.robot import FloatArray
 
 #: Trials whose columns are taken at a time, and the least share of noise that fits leave.
 _TOGETHER, _LEAST_LEFT = 40, 0.05
+#: Flips whose sums are taken at a time: so many signs lie in a processor's cache as floats.
+_AT_ONCE = 1024
 #: Gain of a block that tells an effect by itself: three deviations and a bit.
 _TELLING = 10.0
 #: Value that no chance reaches in a channel by itself, over all trials.
 _STANDS_OUT = 40.0
 
 
-@lru_cache(maxsize=32)
 def signs(blocks: int, flips: int = FLIPS) -> FloatArray:
     """Signs of `flips` draws of `blocks` whole blocks, (F, B): always the same."""
+    return _drawn(blocks, flips).astype(np.float64)
+
+
+@lru_cache(maxsize=32)
+def _drawn(blocks: int, flips: int) -> NDArray[np.int8]:
+    """Those signs as they are kept: many flips of many blocks, of all sets of rows."""
     rng = np.random.default_rng(SEED)
-    drawn = np.where(rng.random((flips, blocks)) < 0.5, -1.0, 1.0)
+    drawn = np.where(rng.random((flips, blocks)) < 0.5, np.int8(-1), np.int8(1))
     drawn.flags.writeable = False
     return drawn
+
+
+def reached(sums: FloatArray, total: float | None = None, flips: int = FLIPS) -> float:
+    """Share of sign flips of whole blocks that reach a total, the observed one counted in.
+
+    Parameters
+    ----------
+    sums : (B,) array
+        Of the blocks.
+    total : float, optional
+        By default their own.
+    flips : int
+
+    Returns
+    -------
+    float
+        1 where the total is not positive.
+    """
+    total = float(sums.sum()) if total is None else total
+    if total <= 0.0:
+        return 1.0
+    drawn = _drawn(sums.size, flips)
+    flipped = [drawn[k : k + _AT_ONCE] @ sums for k in range(0, flips, _AT_ONCE)]
+    return p_value(total, np.concatenate(flipped))
 
 
 def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:
@@ -37,7 +69,7 @@ def effective_blocks(bench: Bench, one: Score, mask: BoolArray) -> float:
     Where one block holds most of it, others may still each tell it by themselves; of those one is
     left out, since an event may lie in two.
     """
-    used = int(np.argmax(np.abs(one.coefficients) / one.std))
+    used = told_best(one)
     left = bench.beyond(one.entry.columns(mask.size)[mask][:, used : used + 1])
     scores = bench.by_block(left * bench.residual[:, None])[:, 0]
     squares = bench.by_block(left**2)[:, 0]

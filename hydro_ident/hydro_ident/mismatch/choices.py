@@ -62,7 +62,10 @@ class Choices:
     notes: tuple[str, ...] = ()
 
     def windows(self, step_s: float) -> WindowSettings:
-        """Windows whose rows are the same for every delay that is tried."""
+        """Windows whose rows are the same for every delay that is tried.
+
+        `step_s` is the sampling interval of the quickest recording.
+        """
         return WindowSettings(*self.windows_s, max_delay_cycles=LONGEST_DELAY_S / step_s)
 
 

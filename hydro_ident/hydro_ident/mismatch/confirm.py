@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, fitted
@@ -81,10 +81,4 @@ def _chance(bench: Bench, column: FloatArray) -> float | None:
     """
     white = bench.beyond(column[:, None])
     sums = bench.by_block(white * bench.residual[:, None])[:, 0]
-    if sums.size < _LEAST_BLOCKS:
-        return None
-    total = float(sums.sum())
-    if total <= 0.0:
-        return 1.0
-    drawn = signs(sums.size) @ sums
-    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))
+    return None if sums.size < _LEAST_BLOCKS else reached(sums)

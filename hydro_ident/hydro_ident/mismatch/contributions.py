@@ -17,7 +17,7 @@ from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.material import Material, Place, Stretch
+from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
@@ -112,11 +112,6 @@ def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:
     side = 0 if chamber.side == "a" else 1
     volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
     return volume, middle(volume) * np.diff(pressure_of(chamber, trace))
-
-
-def pressure_of(chamber: Chamber, trace: Trace) -> FloatArray:
-    """Pressure of a chamber, (N,)."""
-    return np.asarray((trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index])
 
 
 def _plain_residual(signals: Signals, model: Model) -> FloatArray:

@@ -8,14 +8,15 @@ from dataclasses import replace
 from hydro_ident.bag.recording import Recording
 from hydro_ident.continuity import broken_up
 from hydro_ident.errors import IdentError, NotEnoughDataError
-from hydro_ident.free_run import free_run
-from hydro_ident.mismatch.answering import STAGES, answered, base_to_search
+from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.mismatch.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.minor import minor_notes, parted, parted_unknown
-from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.model import Modelled, robot_of
 from hydro_ident.mismatch.notes import (
     apart_notes,
     data_notes,
@@ -35,7 +36,7 @@ from hydro_ident.mismatch.outcome import (
     Diagnosis,
     Finding,
 )
-from hydro_ident.mismatch.refinement import refine
+from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import (
     FAR,
@@ -136,46 +137,30 @@ def _diagnosed(
     base = base_to_search(work)
     located = dependences(work.scan, base)
     answer = answered(work, base)
-    work, search, whole, unknown = answer.work, answer.search, answer.whole, answer.unknown
-    rejected, taken = answer.rejected, answer.taken
-    findings: Sequence[Finding] = answer.findings
-    names = [n for f in findings for n in f.named.names]
-    # What was tried and not taken, or taken back, was testable.
-    names += [f.named.term.effect.name for f in (*rejected, *taken)]
-    names += [name for name, _, _ in search.impossible]
-    predictor, fixed = work.training.predictor, settings.fixed_base
-    modelled = robot_of(predictor, whole, work.robot, fixed)
-    before = robot_of(predictor, work.base, work.robot, fixed) if findings else modelled
-    refined = None
-    if settings.refine is not None:
-        refined = refine(work, whole, modelled.robot, settings.refine, fixed)
-        whole, modelled = refined.whole, replace(modelled, robot=refined.robot)
+    work, search, rejected, taken = answer.work, answer.search, answer.rejected, answer.taken
+    whole, before, modelled, refined = _modelled(answer, settings)
     advance("rolling the models out", 6, STAGES)
-    filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
-    there, _ = at_own_instants(work.training, work.check, whole.model)
-    seen = begun(modelled.robot, there.terms)
-    run = free_run(before.robot, seen, work.check_traces, work.split, filters)
-    findings, minor = parted(work.robot, findings, whole.deviations)
+    run = _rolled_out(work, whole, before, modelled.robot)
+    findings, minor = parted(work.robot, answer.findings, whole.deviations)
+    channels = channels_of(work, whole, work.check)
+    unknown, small = parted_unknown(answer.unknown, channels)
     notes = [*data_notes(work), *modelled.notes, *run.rejected]
     notes += minor_notes(work.robot, minor, whole.deviations)
     notes += [refined.note] if refined is not None else []
-    channels = channels_of(work, whole, work.check)
-    unknown, small = parted_unknown(unknown, channels)
     notes += small
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     told = {name for f in (*findings, *minor) for name in f.channels}
     told |= {one.channel for one in unknown}
     notes += left_notes(channels) + apart_notes(work, whole, channels, told)
     notes += instant_notes(work, whole)
-    doubtful = few or _hardly_better(findings, channels)
     return Diagnosis(
-        _verdict(findings, [*rejected, *taken], unknown, doubtful),
+        _verdict(findings, [*rejected, *taken], unknown, _doubtful(work, findings, channels)),
         work.robot,
         modelled.robot,
         tuple(findings),
         tuple(rejected),
         unknown,
-        not_testable(work.scan, search.scanned, names),
+        not_testable(work.scan, search.scanned, _testable(answer)),
         channels,
         tuple(located),
         run,
@@ -186,6 +171,47 @@ def _diagnosed(
         fitted=channels_of(work, whole, rows_of_training(work)),
         refinement=refined,
     )
+
+
+def _modelled(
+    answer: Answer, settings: DiagnosisSettings
+) -> tuple[Fitted, Robot, Modelled, Refinement | None]:
+    """The final fit, the robots without findings and with them, and how roll-outs moved it."""
+    work, whole, fixed = answer.work, answer.whole, settings.fixed_base
+    predictor = work.training.predictor
+    modelled = robot_of(predictor, whole, work.robot, fixed)
+    without = robot_of(predictor, work.base, work.robot, fixed) if answer.findings else modelled
+    if settings.refine is None:
+        return whole, without.robot, modelled, None
+    refined = refine(work, whole, modelled.robot, settings.refine, fixed)
+    return refined.whole, without.robot, replace(modelled, robot=refined.robot), refined
+
+
+def _testable(answer: Answer) -> list[str]:
+    """Names that these recordings can show: what was found, and tried and not taken."""
+    names = [n for f in answer.findings for n in f.named.names]
+    # What was taken back was testable as well.
+    names += [f.named.term.effect.name for f in (*answer.rejected, *answer.taken)]
+    return names + [name for name, _, _ in answer.search.impossible]
+
+
+def _rolled_out(work: Residuals, whole: Fitted, before: Robot, after: Robot) -> FreeRun:
+    """Both models along the rows to verify on, with what comes and goes when it does there."""
+    filters = work.training.predictor.material.filters
+    there, _ = at_own_instants(work.training, work.check, whole.model)
+    seen = begun(after, there.terms)
+    return free_run(before, seen, work.check_traces, work.split, filters)
+
+
+def _doubtful(
+    work: Residuals, findings: Sequence[Finding], channels: Sequence[ChannelResult]
+) -> bool:
+    """Whether what was found may be something else, whatever held-out rows say of it."""
+    material = work.training.predictor.material
+    # Where one pressure is not known, another law may look like what was found.
+    unpaired = any(name in f.channels for f in findings for name in material.unpaired)
+    few = material.motions < FEW_MOTIONS
+    return few or unpaired or _hardly_better(findings, channels)
 
 
 def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import signs
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.forms import PERIOD, PLACE, Kind, shape_values
 from hydro_ident.mismatch.lines import waves
@@ -249,12 +248,3 @@ def _slope(
     ahead = rows.columns(kind, shape + step, offset) @ theta
     behind = rows.columns(kind, shape - step, offset) @ theta
     return np.asarray((ahead - behind)[:, None] / (2.0 * step))
-
-
-def chance_of(blocks: FloatArray) -> float:
-    """Share of sign flips of whole blocks that reach their sum."""
-    total = float(blocks.sum())
-    if total <= 0.0:
-        return 1.0
-    drawn = signs(blocks.size) @ blocks
-    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))

@@ -11,7 +11,7 @@ them, so that no step towards it would be taken, and the effect would lack what 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -53,17 +53,17 @@ def handed_over(
                 least_s = delays_s[term.cylinder]
                 later = float(np.mean([delays_s[i] for i in others]))
             most = [delays_s[i] - longest_s[i] for i in late_valves(term, predictor.delay_columns)]
-            own = [max(least_s - later, *most)]
+            more_s = _taken(term, max(least_s - later, *most))
             for index in late_valves(term, predictor.delay_columns):
-                delays_s[index] -= own[0]
+                delays_s[index] -= more_s
         elif term.effect.name == PRESSURE_DELAY:
             at = [chamber for chamber in chambers if is_listed([term], chamber)]
-            own = [skews_s[i] for i in at]
+            more_s = _taken(term, float(np.mean([skews_s[i] for i in at])) if at else 0.0)
             for i in at:
                 skews_s[i] = 0.0
         else:
             continue
-        terms[k] = _later(term, own)
+        terms[k] = _later(term, more_s)
     if all(fresh is term for fresh, term in zip(terms, model.terms, strict=True)):
         return model
     return replace(model, delays_s=tuple(delays_s), skews_s=tuple(skews_s), terms=tuple(terms))
@@ -74,12 +74,23 @@ def late_valves(term: ActiveEffect, columns: Iterable[int]) -> list[int]:
     return [i for i in columns if term.cylinder in (None, i)]
 
 
-def _later(term: ActiveEffect, own: Sequence[float]) -> ActiveEffect:
-    """An effect later by the mean of what it takes over, within its bounds."""
-    more = float(np.mean(own)) if own else 0.0
-    if more == 0.0:
+def _taken(term: ActiveEffect, wanted_s: float) -> float:
+    """What an effect takes over: less than it is to at an end of its range; a base keeps that."""
+    spec, delay_s = term.effect.parameters[_at(term)], float(term.parameters[_at(term)])
+    return min(max(wanted_s, spec.lower - delay_s), spec.upper - delay_s)
+
+
+def _later(term: ActiveEffect, more_s: float) -> ActiveEffect:
+    """An effect that is so much later; the same one where it is no later."""
+    if more_s == 0.0:
         return term
-    (at,) = (i for i, spec in enumerate(term.effect.parameters) if spec.name == "delay")
-    spec, parameters = term.effect.parameters[at], term.parameters.copy()
-    parameters[at] = min(max(float(parameters[at]) + more, spec.lower), spec.upper)
+    at, parameters = _at(term), term.parameters.copy()
+    spec = term.effect.parameters[at]
+    parameters[at] = min(max(float(parameters[at]) + more_s, spec.lower), spec.upper)
     return replace(term, parameters=parameters)
+
+
+def _at(term: ActiveEffect) -> int:
+    """Which of an effect's parameters is its delay."""
+    (at,) = (i for i, spec in enumerate(term.effect.parameters) if spec.name == "delay")
+    return at

@@ -231,6 +231,7 @@ def looked(
     with_it: FloatArray,
     placebos: Sequence[FloatArray],
     acting: Sequence[str],
+    tried: float = 1.0,
 ) -> Look:
     """Look at held-out rows in one way.
 
@@ -243,6 +244,8 @@ def looked(
         With a placebo in its place.
     acting : sequence of str
         Channels that it acts on.
+    tried : float
+        As `chance_beside`.
     """
     before, after = rows.left(plain), rows.left(with_it)
     change = before - after
@@ -254,7 +257,7 @@ def looked(
     # Products with what is left without the finding: those of a false one are as often negative,
     # whereas its gain is negative by itself, and asks twice the size of a true one.
     block = rows.blocks(), rows.blocks(_SHORTEST_BLOCK_S)
-    p = chance_beside(change, before, after, *block) if real > 0.0 else 1.0
+    p = chance_beside(change, before, after, *block, tried) if real > 0.0 else 1.0
     p = max(p, _by_error(rows, before, change))
     against = [chance_beside(change - other, before, after, *block) for other in others]
     sides = rows.rmse(plain), rows.rmse(with_it)

@@ -7,12 +7,43 @@ from __future__ import annotations
 
 import numpy as np
 
+from hydro_ident.estimate.chambers import Chamber
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.material import Stretch
 from hydro_model import signals as names
 from hydro_model.cylinder import piston_force
+from hydro_model.effects.compiled import signals_read
+from hydro_model.effects.law import Stage
 from hydro_model.effects.rows import constant_signals, set_valve_signal, signal_rows
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
+
+#: What no law can look at where the pressure of chamber a, or b, is not known.
+_OF_PRESSURE = {
+    "a": frozenset({names.PRESSURE_A, names.VALVE_FLOW_A, names.PISTON_FORCE}),
+    "b": frozenset({names.PRESSURE_B, names.VALVE_FLOW_B, names.PISTON_FORCE}),
+}
+
+
+def looks_across(one: ActiveEffect, chamber: Chamber) -> bool:
+    """Whether what an effect does to a chamber's balance follows from the other's pressure, too.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+    chamber : Chamber
+    """
+    if one.cylinder not in (None, chamber.index):
+        return False
+    laws = [
+        term.law
+        for term in one.effect.terms
+        if term.stage is Stage.SIGNAL or term.stage.value.endswith(f"_{chamber.side}")
+    ]
+    states = one.effect.states if laws else ()
+    laws += [law for state in states for law in (state.rate, state.initial)]
+    beyond = _OF_PRESSURE["b" if chamber.side == "a" else "a"]
+    return any(signals_read(law) & beyond for law in laws)
 
 
 def wet_rows(robot: Robot, stretch: Stretch, index: int) -> FloatArray:

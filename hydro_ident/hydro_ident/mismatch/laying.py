@@ -14,8 +14,17 @@ from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motio
 from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.law_signals import looks_across
 from hydro_ident.mismatch.lost_signals import held_trace, out_of_reach
-from hydro_ident.mismatch.material import IndexArray, Material, Place, Stretch
+from hydro_ident.mismatch.material import (
+    IndexArray,
+    Material,
+    Place,
+    Stretch,
+    other_pressure,
+    pressure_of,
+)
+from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import FloatArray, Robot
 
 
@@ -27,6 +36,7 @@ def material_of(
     windows: WindowSettings,
     still: Mapping[str, Mapping[int, float]],
     rest_speed: FloatArray | None = None,
+    beside: Sequence[Trace] = (),
 ) -> Material:
     """Lay out the rows of some traces.
 
@@ -38,18 +48,21 @@ def material_of(
         Whole recordings, in order.
     filters : FilterSettings
     windows : WindowSettings
-        With the longest delay that a candidate may have.
+        With the longest delay that a candidate may have, in intervals of the quickest trace.
     still : mapping of str to mapping of int to float
         By recording, where the joints are that stand still.
     rest_speed : (n,) array, optional
+    beside : sequence of Trace, optional
+        What laws are found in, where that is more: a balance has rows where they are known, too.
 
     Returns
     -------
     Material
     """
+    paired = _paired(robot, (*traces, *beside))
     stretches = tuple(
-        replace(_stretch(robot, t, filters, windows, still), number=k)
-        for k, t in enumerate(traces)
+        replace(_stretch(robot, t, filters, own, still, paired), number=k)
+        for k, (t, own) in enumerate(zip(traces, _windows(windows, traces), strict=True))
     )
     kinds = [*_force_kinds(forces, stretches), *_flow_kinds(robot, stretches)]
     names = tuple(dict.fromkeys(t.recording for t in traces))
@@ -113,12 +126,22 @@ def _follows(kept: IndexArray) -> BoolArray:
     return follows
 
 
+def _windows(windows: WindowSettings, traces: Sequence[Trace]) -> list[WindowSettings]:
+    """Windows of every trace: so many intervals of the quickest are fewer of another one."""
+    quickest_s = min((t.step_s for t in traces), default=0.0)
+    return [
+        replace(windows, max_delay_cycles=windows.max_delay_cycles * (quickest_s / t.step_s))
+        for t in traces
+    ]
+
+
 def _stretch(
     robot: Robot,
     trace: Trace,
     filters: FilterSettings,
     windows: WindowSettings,
     still: Mapping[str, Mapping[int, float]],
+    paired: Sequence[bool],
 ) -> Stretch:
     kept: IndexArray = np.zeros(0, dtype=np.intp)
     moved = None
@@ -130,18 +153,39 @@ def _stretch(
     span = max(1, round(windows.length_s / trace.step_s))
     held = held_trace(trace, span)
     starts = tuple(
-        _starts(trace, held, chamber, windows, robot.command_delay_s)
-        for chamber in chambers_of(robot)
+        _starts(trace, held, chamber, windows, robot.command_delay_s, both)
+        for chamber, both in zip(chambers_of(robot), paired, strict=True)
     )
     return Stretch(held, moved, kept if moved is not None else kept[:0], starts, span)
 
 
+def _paired(robot: Robot, traces: Sequence[Trace]) -> list[bool]:
+    """Which chambers' balances wait for the pressure of the cylinder's other chamber as well.
+
+    A balance knows its own pressure alone, but laws may look at both. Where the other one was read
+    at times, they can be told, and rows without it would lack them; so would all rows of a robot
+    whose file lists such a law.
+    """
+    listed = resolve(robot)
+    return [
+        any(np.isfinite(other_pressure(chamber, trace)).any() for trace in traces)
+        or any(looks_across(one, chamber) for one in listed)
+        for chamber in chambers_of(robot)
+    ]
+
+
 def _starts(
-    trace: Trace, held: Trace, chamber: Chamber, windows: WindowSettings, delay_s: float
+    trace: Trace,
+    held: Trace,
+    chamber: Chamber,
+    windows: WindowSettings,
+    delay_s: float,
+    both: bool,
 ) -> IndexArray:
     """First samples of windows that touch no unknown one, and none that a delay may move there."""
     i = chamber.index
-    signals = (trace.stroke[:, i], trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
+    signals = [trace.stroke[:, i], pressure_of(chamber, trace), trace.supply, trace.tank]
+    signals += [other_pressure(chamber, trace)] if both else []
     known: BoolArray = np.asarray(np.isfinite(np.stack(signals)).all(axis=0))
     known = known[1:] & known[:-1]
     known &= out_of_reach(held.valve_signal[:, i], trace.step_s, delay_s)

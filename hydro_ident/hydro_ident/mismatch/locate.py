@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import p_value, signs
 from hydro_ident.mismatch.dependence import (
     Dependence,
     Function,
@@ -97,11 +97,7 @@ def _with_chances(looked: _Looked) -> list[Dependence]:
     result: list[Dependence] = []
     for c in channels:
         chance = np.max(list(chances.values()), axis=0)
-        own = [
-            replace(d, p_value=float((1 + np.sum(chance >= d.value)) / (1 + chance.size)))
-            for d in kept
-            if d.channel == c
-        ]
+        own = [replace(d, p_value=p_value(d.value, chance)) for d in kept if d.channel == c]
         if min(d.p_value for d in own) <= FAMILY_ERROR_UNNAMED and len(chances) > 1:
             del chances[c]
         result += own

@@ -154,6 +154,18 @@ class Material:
         """Index in `chambers` of a flow channel."""
         return self._chamber_of[channel]
 
+    @property
+    def unpaired(self) -> tuple[str, ...]:
+        """Balances of cylinders of whose other chamber no pressure was ever read."""
+        return tuple(
+            chamber.channel
+            for chamber in self.chambers
+            if chamber.channel in self.channels
+            and not any(
+                np.isfinite(other_pressure(chamber, s.trace)).any() for s in self.stretches
+            )
+        )
+
     def of_channels(self, chosen: Sequence[int]) -> list[Place]:
         """Places of some channels."""
         wanted = set(chosen)
@@ -282,6 +294,16 @@ class Material:
             if split.every:
                 score[split.held_out(rows).y[:, 0].astype(int)] = True
         return fit, score
+
+
+def pressure_of(chamber: Chamber, trace: Trace) -> FloatArray:
+    """Pressure of a chamber, (N,)."""
+    return np.asarray((trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index])
+
+
+def other_pressure(chamber: Chamber, trace: Trace) -> FloatArray:
+    """Pressure of the other chamber of a chamber's cylinder, (N,)."""
+    return np.asarray((trace.p_b if chamber.side == "a" else trace.p_a)[:, chamber.index])
 
 
 def _lasting(slow: BoolArray, stretch: Stretch, reach_s: float) -> BoolArray:

@@ -17,7 +17,7 @@ from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import BaseParameter, EffectSpec, FloatArray, Robot
+from hydro_model.robot import BaseParameter, Cylinder, EffectSpec, FloatArray, Joint, Robot
 
 #: Difference between valves' delays that is worth a note.
 _SAME_DELAY_S = 3.0e-4
@@ -67,54 +67,69 @@ def robot_of(
     effects = tuple(spec_of(term) for term in fitted.model.terms)
     if fixed_base:
         return Modelled(replace(given, effects=effects), ())
-    covariance = fitted.covariance
-    names, current = predictor.names, predictor.parameters(fitted.model)
+    covariance, names = fitted.covariance, predictor.names
     robot, notes = _with_base(predictor, fitted, given, covariance)
-    std = dict(
-        zip(names, np.sqrt(np.maximum(np.diag(covariance)[: len(names)], 0.0)), strict=True)
-    )
-    values = dict(zip(names, current, strict=True))
-    deviations: dict[str, float] = {}
-    cylinders, valves = [], []
-    for cylinder in robot.cylinders:
-        viscous, bulk = f"{cylinder.name}.viscous_friction", f"{cylinder.name}.{INVERSE_BULK}"
-        if values.get(viscous, 0.0) < 0.0:
-            # No piston pushes itself: the motion did not tell.
-            notes += (
-                f"{viscous} comes out negative ({values[viscous]:.3g} +- {std[viscous]:.2g}): the"
-                " given one stays",
-            )
-        elif viscous in values:
-            cylinder = replace(cylinder, viscous_friction=float(values[viscous]))
-            deviations[viscous] = float(std[viscous])
-        if bulk in values and values[bulk] > 0.0:
-            modulus = 1.0 / float(values[bulk])
-            cylinder = replace(cylinder, bulk_modulus_pa=modulus)
-            deviations[f"{cylinder.name}.bulk_modulus"] = float(std[bulk]) * modulus**2
-        cylinders.append(cylinder)
-    joints = tuple(
-        replace(j, viscous_friction=float(values.get(f"{j.name}.viscous_friction",
-                                                     j.viscous_friction)))
-        for j in robot.joints
-    )  # fmt: skip
-    for valve in robot.valves:
-        known = [e for e in ("c_pa", "c_at", "c_pb", "c_bt") if f"{valve.name}.{e}" in values]
-        deviations |= {f"{valve.name}.{e}": float(std[f"{valve.name}.{e}"]) for e in known}
-        valves.append(with_edges(valve, values))
+    sizes = np.sqrt(np.maximum(np.diag(covariance)[: len(names)], 0.0))
+    std = dict(zip(names, sizes.tolist(), strict=True))
+    values = dict(zip(names, predictor.parameters(fitted.model).tolist(), strict=True))
+    cylinders, deviations, refused = _cylinders(robot, values, std)
+    deviations |= _edge_deviations(robot, std)
     delay_s, differ = _delay(predictor, fitted, given)
     late = [std[names[column]] for column in predictor.delay_columns.values()]
-    deviations |= {DELAY: float(max(late))} if late else {}
+    deviations |= {DELAY: max(late)} if late else {}
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
-        joints=joints,
-        cylinders=tuple(cylinders),
-        valves=tuple(valves),
+        joints=_joints(robot, values),
+        cylinders=cylinders,
+        valves=tuple(with_edges(valve, values) for valve in robot.valves),
         command_delay_s=delay_s,
         standard_deviations={k: v for k, v in deviations.items() if math.isfinite(v) and v > 0.0},
         effects=effects,
     )
-    return Modelled(whole, (*notes, *differ, *_skew_notes(predictor, fitted, std)))
+    skews = _skew_notes(predictor, fitted, std)
+    return Modelled(whole, (*notes, *refused, *differ, *skews))
+
+
+def _cylinders(
+    robot: Robot, values: Mapping[str, float], std: Mapping[str, float]
+) -> tuple[tuple[Cylinder, ...], dict[str, float], tuple[str, ...]]:
+    """Cylinders with fitted friction and moduli, their deviations, and what was not taken over."""
+    cylinders, deviations, notes = list[Cylinder](), dict[str, float](), list[str]()
+    for cylinder in robot.cylinders:
+        viscous, bulk = f"{cylinder.name}.viscous_friction", f"{cylinder.name}.{INVERSE_BULK}"
+        if values.get(viscous, 0.0) < 0.0:
+            # No piston pushes itself: the motion did not tell.
+            notes.append(
+                f"{viscous} comes out negative ({values[viscous]:.3g} +- {std[viscous]:.2g}): the"
+                " given one stays"
+            )
+        elif viscous in values:
+            cylinder = replace(cylinder, viscous_friction=values[viscous])
+            deviations[viscous] = std[viscous]
+        if values.get(bulk, 0.0) > 0.0:
+            modulus = 1.0 / values[bulk]
+            cylinder = replace(cylinder, bulk_modulus_pa=modulus)
+            deviations[f"{cylinder.name}.bulk_modulus"] = std[bulk] * modulus**2
+        cylinders.append(cylinder)
+    return tuple(cylinders), deviations, tuple(notes)
+
+
+def _joints(robot: Robot, values: Mapping[str, float]) -> tuple[Joint, ...]:
+    """Joints with fitted friction where they are without cylinder."""
+    friction = [values.get(f"{j.name}.viscous_friction", j.viscous_friction) for j in robot.joints]
+    return tuple(
+        replace(joint, viscous_friction=float(own))
+        for joint, own in zip(robot.joints, friction, strict=True)
+    )
+
+
+def _edge_deviations(robot: Robot, std: Mapping[str, float]) -> dict[str, float]:
+    """Deviations of the valves' edges that were fitted."""
+    names = [
+        f"{valve.name}.{e}" for valve in robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
+    ]
+    return {name: std[name] for name in names if name in std}
 
 
 def _delay(predictor: Predictor, fitted: Fitted, given: Robot) -> tuple[float, tuple[str, ...]]:

@@ -24,6 +24,11 @@ _FEW = (
     " confirmed within them alone, and position, pressures and time are hard to tell apart"
 )
 
+_UNPAIRED = (
+    "{}: the cylinder's other pressure was not recorded. Laws that look at both, such as a leak"
+    " past the piston, cannot be tried there, and what they do may go by another name"
+)
+
 #: What is left in a channel over its sensors' noise from which a note says so.
 _MUCH = 3.0
 #: The same of the error with which rows to verify on are predicted, over that of a fit to them.
@@ -32,8 +37,10 @@ _APART = 2.0
 
 def data_notes(work: Residuals) -> list[str]:
     """What is to be known of the recordings; `work` holds their rows."""
-    motions = work.training.predictor.material.motions
-    return [*([_FEW.format(motions)] if motions < FEW_MOTIONS else []), *work.notes]
+    material = work.training.predictor.material
+    few = [_FEW.format(material.motions)] if material.motions < FEW_MOTIONS else []
+    unpaired = [_UNPAIRED.format(", ".join(material.unpaired))] if material.unpaired else []
+    return [*few, *unpaired, *work.notes]
 
 
 def search_notes(

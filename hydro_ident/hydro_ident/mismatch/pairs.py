@@ -16,7 +16,7 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import p_value, signs
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.effects.targets import ActiveEffect
@@ -76,7 +76,7 @@ def best_pair(bench: Bench, scores: Sequence[Score], mask: BoolArray) -> Pair | 
         for k in range(0, flips.shape[0], _CHUNK)
     ]
     chance = np.concatenate(largest)
-    p = float((1 + np.sum(chance >= gains[best])) / (1 + chance.size))
+    p = p_value(float(gains[best]), chance)
     i, j = int(pairs.one[best]), int(pairs.other[best])
     theta = np.linalg.lstsq(white[:, [i, j]], bench.residual, rcond=None)[0]
     one, other = (

@@ -13,10 +13,9 @@ from hydro_ident.mismatch.contributions import (
     changed,
     contribution,
     measured,
-    pressure_of,
     skewed,
 )
-from hydro_ident.mismatch.material import Material, Stretch
+from hydro_ident.mismatch.material import Material, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, reading_key, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals

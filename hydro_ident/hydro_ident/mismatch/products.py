@@ -10,25 +10,37 @@ where it acts in k blocks they all agree once in 2^k times, whatever it explains
 A false finding has ``c' a = c' r - c' c``: what it adds counts against it. Where it acts in few
 blocks that bounds its chance by no more than one half; the product has then to stand out from
 noise of the size that is left there, too.
+
+What no flip reaches is rarer than so many flips can say. Where that matters, because the chance is
+paid for many times over, it is taken from the tail: what all signs there are may make of sums of
+this size at most (Bentkus and Dzindzalieta, Bernoulli 21 (2015) 1231), and no less than Student's
+law of as many blocks. A product that is large by chance leaves little, and looks the larger beside
+it; that law is what becomes of it.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.stats import norm
 from scipy.stats import t as student
 
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.constancy import SHIFTS
 from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
 
 #: Sign flips: p-values are multiplied by what was tried, and must be able to be small still.
 _FLIPS = 19999
+#: What a value has that none of them reaches.
+_UNREACHED = 1.0 / (1 + _FLIPS)
+#: Sums with random signs exceed a value no more often than so many times a normal law of their
+#: variance: the smallest such factor, `1 / (4 P(N >= sqrt 2))`.
+_SIGNS = 1.0 / (4.0 * float(norm.sf(np.sqrt(2.0))))
 
 
 def chance(gains: FloatArray) -> float:
     """Share of sign flips that reach the sum of blocks' gains; 1 where there is none."""
-    return _reached(float(gains.sum()), gains) if gains.size and gains.sum() > 0.0 else 1.0
+    return reached(gains, flips=_FLIPS)
 
 
 def chance_beside(
@@ -37,6 +49,7 @@ def chance_beside(
     after: FloatArray,
     block: IndexArray,
     short: IndexArray,
+    tried: float = 1.0,
 ) -> float:
     """Chance that a change goes with what is left without it as far as it does.
 
@@ -46,6 +59,8 @@ def chance_beside(
         What is put to whitened rows, and what is left of these without the finding and with it.
     block, short : (M,) int array
         The block of time that each row is in, and the shortest one that is still independent.
+    tried : float
+        What the chance will be multiplied by: it is told so many times further down.
 
     Returns
     -------
@@ -57,10 +72,23 @@ def chance_beside(
     product = float(change @ before)
     if product <= 0.0:
         return 1.0
-    left = np.bincount(block, weights=change * after)
+    left = np.asarray(np.bincount(block, weights=change * after), dtype=np.float64)
     deviation = np.sqrt(left_variance(change, after, block, short))
     by_noise = float(student.sf(product / deviation, _freedom(change, short)))
-    return max(_reached(product, left[left != 0.0]), by_noise)
+    by_signs = reached(left[left != 0.0], product, _FLIPS)
+    if by_signs <= _UNREACHED:
+        by_signs = _beyond_flips(product, left, _freedom(change, block), tried)
+    return max(by_signs, by_noise)
+
+
+def _beyond_flips(product: float, left: FloatArray, freedom: float, tried: float) -> float:
+    """Chance of a product that no flip of blocks' sums (B,) reaches, as far down as is asked."""
+    size = float(np.linalg.norm(left))
+    if size <= 0.0:
+        return _UNREACHED
+    beyond = product / size
+    tail = max(_SIGNS * float(norm.sf(beyond)), float(student.sf(beyond, freedom)))
+    return min(max(tail, _UNREACHED / tried), _UNREACHED)
 
 
 def _freedom(change: FloatArray, short: IndexArray) -> float:
@@ -113,9 +141,3 @@ def left_variance(
     spread = max(1.0, float(np.median(spreads or [1.0])))
     together = float(np.sum(np.bincount(short, weights=change * after) ** 2))
     return max(spread * max(float(squares.sum()), float(squares @ after**2)), together)
-
-
-def _reached(total: float, sums: FloatArray) -> float:
-    """Share of sign flips of blocks' sums that reach a total, the observed one counted in."""
-    drawn = signs(sums.size, _FLIPS) @ sums
-    return float((1 + np.sum(drawn >= total)) / (1 + drawn.size))

@@ -168,7 +168,7 @@ def residuals(
     choices = choices_of(forces, signals, whole)
     if not torque:
         choices = settled(robot, forces, looked_at, choices, still, signals)
-    laid = _Laid(robot, forces, choices, still)
+    laid = _Laid(robot, forces, choices, still, whole)
     material = laid.material(traces)
     split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     fit_rows, check_rows = material.masks(split)
@@ -279,13 +279,14 @@ class _Laid:
     forces: ForceModel
     choices: Choices
     still: Mapping[str, Mapping[int, float]]
+    whole: tuple[Trace, ...] = ()
 
     def material(self, traces: Sequence[Trace]) -> Material:
-        step_s = traces[0].step_s if traces else 0.002
+        step_s = min((t.step_s for t in traces), default=0.002)
         choices = self.choices
         return material_of(
             self.robot, self.forces, traces, choices.filters, choices.windows(step_s),
-            self.still, choices.rest_speed,
+            self.still, choices.rest_speed, self.whole,
         )  # fmt: skip
 
 

@@ -187,15 +187,19 @@ class Signals:
             rows = wet_rows(robot, stretch, cylinder)
         elif kept[0] is not stretch.trace:
             # Readings of pressures leave the motion as it is.
-            rows = kept[2]
+            rows = self._to_write(kept[2])
             with_pressures(rows, robot, cylinder, stretch.trace)
         elif kept[1] is not robot:
-            rows = kept[2]
+            rows = self._to_write(kept[2])
             with_edges(rows, robot, cylinder, stretch.trace)
         else:
             return kept[2]
         self._plain_rows[key] = stretch.trace, robot, rows
         return rows
+
+    def _to_write(self, rows: FloatArray) -> FloatArray:
+        """Rows to write another model's numbers into: a copy while they are the kept model's."""
+        return rows.copy() if any(kept is rows for kept in self._rows.values()) else rows
 
     def _keep(self, model: Model) -> None:
         """Forget what was kept for another model."""

@@ -125,7 +125,7 @@ def _balances(
     still: Mapping[str, Mapping[int, float]],
     signals: SignalSurvey,
 ) -> _Balances | None:
-    windows = choices.windows(traces[0].step_s)
+    windows = choices.windows(min(t.step_s for t in traces))
     material = material_of(
         robot, forces, traces, choices.filters, windows, still, choices.rest_speed
     )

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.mismatch.chance import signs
+from hydro_ident.mismatch.chance import p_value, reached, signs
 from hydro_ident.mismatch.dependence import inverse_of
 from hydro_ident.mismatch.fit_form import (
     FittedForm,
     Rows,
-    chance_of,
     fit_kind,
     gain_of,
     needs_offset,
@@ -197,7 +196,7 @@ def _held_out(held: Rows, columns: FloatArray, theta: FloatArray, any_phase: boo
         return _any_phase(held, columns, float(np.hypot(theta[0], theta[1])))
     white = held.beyond(columns, theta)
     products = held.bench.by_block((white * held.bench.residual)[:, None])[:, 0]
-    return _Held(held.improvement(white), chance_of(products), *_size(held, white))
+    return _Held(held.improvement(white), reached(products), *_size(held, white))
 
 
 def _size(held: Rows, white: FloatArray) -> tuple[float, float]:
@@ -226,8 +225,8 @@ def _any_phase(held: Rows, waves: FloatArray, size: float) -> _Held:
         flipped = signs(bench.blocks) @ partial.scores
         gain += float(sums @ phase)
         drawn = drawn + np.sum((flipped @ inverse) * flipped, axis=1)
-    p_value = float((1 + np.sum(drawn >= gain)) / (1 + drawn.size))
-    return _Held(held.improvement(white), p_value, *_size(held, white))
+    p = p_value(gain, drawn)
+    return _Held(held.improvement(white), p, *_size(held, white))
 
 
 def _as_good(form: FloatArray, curve: FloatArray) -> bool:
@@ -235,7 +234,7 @@ def _as_good(form: FloatArray, curve: FloatArray) -> bool:
     gain, full = float(form.sum()), float(curve.sum())
     if gain <= 0.0 or gain < LEAST_HELD * full:
         return False
-    return gain >= ALMOST * full or chance_of(curve - form) > WORSE
+    return gain >= ALMOST * full or reached(curve - form) > WORSE
 
 
 def _share(gain: float, full: float) -> float:
@@ -256,7 +255,7 @@ def _equals(told: Sequence[tuple[_Try, _Held]]) -> list[tuple[_Try, _Held]]:
     equal = [
         pair
         for pair, b in zip(told, blocks, strict=True)
-        if float((best - b).sum()) <= slack or chance_of(best - b) > WORSE
+        if float((best - b).sum()) <= slack or reached(best - b) > WORSE
     ]
     least = min(one.form.freedom for one, _ in equal)
     # What takes more to say the same is no rival.

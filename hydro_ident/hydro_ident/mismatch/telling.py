@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.mismatch.material import Material, Place
+from hydro_ident.mismatch.material import Material, Place, pressure_of
 from hydro_model.robot import FloatArray
 
 #: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
@@ -46,7 +46,7 @@ def _told(material: Material, place: Place, signals: SignalSurvey) -> BoolArray:
     number = material.chamber_index(place.channel)
     chamber, trace = material.chambers[number], stretch.trace
     first = chamber.side == "a"
-    pressure = (trace.p_a if first else trace.p_b)[:, chamber.index]
+    pressure = pressure_of(chamber, trace)
     sensor = (signals.p_a if first else signals.p_b)[chamber.index]
     noise = sensor.noise(material.robot.sensors.pressure_resolution_pa)
     u = trace.valve_signal[:, chamber.index]

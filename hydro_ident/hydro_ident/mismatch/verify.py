@@ -134,7 +134,9 @@ def verify(
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
     instants = tried_instants if mine.effect.start else 1
-    looks = [looked(one, plain, with_it, placebos, acting) for one in (ahead, behind)]
+    # Its instants are paid for, and what was refused before it: so far down chance has to be told.
+    dear = instants / _FURTHER**named.refused
+    looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
     plainly = _PLAIN * max(named.spread, 1.0)
