@@ -14,7 +14,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import fit, fitted
-from hydro_ident.mismatch.prior import Prior, parts_prior
+from hydro_ident.mismatch.prior import Prior, fixed_prior, left_open, open_notes, parts_prior
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
 from hydro_ident.mismatch.whitening import Layout, Noise
@@ -73,6 +73,29 @@ def test_links_alone_have_no_prior(work: Residuals) -> None:
     assert set(np.flatnonzero(prior.root.any(axis=0))) == set(
         range(base.link_count, len(base.names))
     )
+
+
+def test_a_kept_base_holds_what_its_file_says_it_knows(work: Residuals) -> None:
+    """Masses always; of the rest what has a deviation, by so much."""
+    predictor, plain = work.training.predictor, work.robot
+    values = predictor.parameters(work.base.model)
+    edge = f"{plain.valves[0].name}.c_pa"
+    told = replace(plain, standard_deviations={edge: 1e-9, "command_delay": 2e-5})
+    for robot, held in ((plain, set()), (told, {edge, *_delays(predictor)})):
+        prior = fixed_prior(predictor, robot, values)
+        free = [predictor.names.index(name) for name in left_open(predictor, robot)]
+        base = predictor.material.forces.base.names
+        assert {predictor.names[k] for k in range(values.size) if k not in free} == {*base, *held}
+        assert not prior.root[:, free].any()
+        known = np.linalg.matrix_rank(prior.root)
+        assert known == values.size - len(free)
+    at = predictor.names.index(edge)
+    assert np.linalg.norm(prior.root[:, at]) == pytest.approx(1e9, rel=1e-3)
+    assert "valve edges" in open_notes(predictor, plain)[0]
+
+
+def _delays(predictor: Any) -> set[str]:
+    return {predictor.names[at] for at in predictor.delay_columns.values()}
 
 
 def test_a_prior_is_taken_over_by_name() -> None:

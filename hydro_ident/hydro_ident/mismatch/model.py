@@ -13,6 +13,7 @@ from hydro_ident.estimate.inertial import parameter_scales
 from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY, Predictor
+from hydro_ident.mismatch.prior import left_open
 from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges
 from hydro_model.base_parameters import with_base
@@ -58,24 +59,27 @@ def robot_of(
     given : Robot
         Keeps what the fit does not determine.
     fixed_base : bool
-        The base stays as given altogether.
+        The base stays as given, but for what that leaves open (`prior.left_open`).
 
     Returns
     -------
     Modelled
     """
     effects = tuple(spec_of(term) for term in fitted.model.terms)
-    if fixed_base:
-        return Modelled(replace(given, effects=effects), ())
     covariance, names = fitted.covariance, predictor.names
-    robot, notes = _with_base(predictor, fitted, given, covariance)
+    free = left_open(predictor, given) if fixed_base else names
+    kept = (given, ())
+    robot, notes = kept if fixed_base else _with_base(predictor, fitted, given, covariance)
     sizes = np.sqrt(np.maximum(np.diag(covariance)[: len(names)], 0.0))
-    std = dict(zip(names, sizes.tolist(), strict=True))
-    values = dict(zip(names, predictor.parameters(fitted.model).tolist(), strict=True))
+    values, std = (
+        {name: float(own) for name, own in zip(names, found, strict=True) if name in free}
+        for found in (predictor.parameters(fitted.model), sizes)
+    )
     cylinders, deviations, refused = _cylinders(robot, values, std)
+    deviations |= dict(given.standard_deviations) if fixed_base else {}
     deviations |= _edge_deviations(robot, std)
-    delay_s, differ = _delay(predictor, fitted, given)
-    late = [std[names[column]] for column in predictor.delay_columns.values()]
+    late = [std[n] for at in predictor.delay_columns.values() if (n := names[at]) in std]
+    delay_s, differ = _delay(predictor, fitted, given) if late else (given.command_delay_s, ())
     deviations |= {DELAY: max(late)} if late else {}
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(

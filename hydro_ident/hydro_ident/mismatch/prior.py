@@ -15,15 +15,20 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
-from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
 from hydro_ident.mismatch.skew import usual_skew
 from hydro_model.robot import FloatArray, Robot
 
-#: Parameters without a known deviation are held to this share of their size.
+#: What is held without a known deviation is held to this share of its size.
 _HELD = 1.0e-6
-#: Far beyond any ripple, Pa s: stiff oil read a second off; far beyond any skew, s.
-_ANY_RIPPLE, _ANY_SKEW = 1.0e10, 1.0e3
+#: What a kept base may leave open, in words, and how its names end.
+_OPEN = (
+    ("viscous friction", ("viscous_friction",)),
+    ("bulk moduli", (INVERSE_BULK,)),
+    ("valve edges", ("c_pa", "c_at", "c_pb", "c_bt")),
+    ("command delays", (DELAY,)),
+)
 #: Deviation of a barrel's or rod's parameter as a share of what the file or its steel says.
 _PARTS = 1.0
 
@@ -63,8 +68,55 @@ class Prior:
         return Prior(root[root.any(axis=1)], values)
 
 
+def left_open(predictor: Predictor, given: Robot) -> list[str]:
+    """What a base that is kept leaves to a fit, by `Predictor.names`.
+
+    Of edges, moduli, friction and delays those whose deviation the file does not state: nobody
+    has identified them, and how far they are from a datasheet is no finding. And ripples and
+    skews, which are of the readings, not of the machine.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    """
+    inertial = predictor.material.forces.base.names if _has_forces(predictor) else ()
+    return [
+        name
+        for name in predictor.names
+        if name not in inertial and _stated(given, name) not in given.standard_deviations
+    ]
+
+
+def open_notes(predictor: Predictor, given: Robot) -> tuple[str, ...]:
+    """What of the machine a base that is kept leaves open, as a note; none where it is nothing.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    """
+    ends = tuple(name.rpartition(".")[2] for name in left_open(predictor, given))
+    kinds = [words for words, own in _OPEN if any(end in own for end in ends)]
+    if not kinds:
+        return ()
+    return (
+        "the base is kept but for what the robot file states no deviation of, which is fitted:"
+        f" {', '.join(kinds)}",
+    )
+
+
+def _stated(given: Robot, name: str) -> str:
+    """Under what name a file states how well it knows a number."""
+    if name in {f"{valve.name}.{DELAY}" for valve in given.valves}:
+        return DELAY
+    return name.replace(INVERSE_BULK, "bulk_modulus")
+
+
 def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
     """What a base that is kept as given is known to: its covariance where its file has one.
+
+    Nothing is said of what it leaves open (`left_open`).
 
     Parameters
     ----------
@@ -79,17 +131,15 @@ def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior
     if _has_forces(predictor) and known is not None and len(known) == count:
         variance[:count, :count] += known
     for i, name in enumerate(names):
-        plain = name.replace(INVERSE_BULK, "bulk_modulus")
-        std = float(given.standard_deviations.get(plain, 0.0))
-        variance[i, i] += (std * values[i] ** 2 if plain != name else std) ** 2
-    # Of the readings, not of the machine: no file knows them.
-    for at in predictor.ripple_columns.values():
-        variance[at, at] = _ANY_RIPPLE**2
-    for at in predictor.skew_columns.values():
-        variance[at, at] = _ANY_SKEW**2
+        std = float(given.standard_deviations.get(_stated(given, name), 0.0))
+        variance[i, i] += (std * values[i] ** 2 if name.endswith(INVERSE_BULK) else std) ** 2
+    open_names = set(left_open(predictor, given))
+    held = [i for i, name in enumerate(names) if name not in open_names]
+    variance = variance[np.ix_(held, held)]
     scale = np.sqrt(np.diag(variance))
     scaled, vectors = np.linalg.eigh(variance / np.outer(scale, scale))
-    root = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
+    root = np.zeros((len(held), len(names)))
+    root[:, held] = (vectors / np.sqrt(np.maximum(scaled, 1e-12))).T / scale
     return Prior(root, values)
 
 

@@ -23,7 +23,13 @@ from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import length_s, partly, spread_parts, thinly
 from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.prior import fixed_prior, parts_prior, with_ripples, with_skews
+from hydro_ident.mismatch.prior import (
+    fixed_prior,
+    open_notes,
+    parts_prior,
+    with_ripples,
+    with_skews,
+)
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.slowness import settled
@@ -178,6 +184,7 @@ def residuals(
         return None
     training, base = _refitted(robot, predictor, fit_rows & moving, settings)
     notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
+    notes += open_notes(predictor, robot) if settings.fixed_base else ()
     scan = training
     if looked_at is not whole:
         scan = _searched(laid, looked_at, split, signals, training)
