@@ -75,12 +75,22 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         worst = failed[: (len(failed) + 1) // 2]
         rejected += worst
         named = [n for n in named if not any(n is f.named for f in worst)]
-        instead = [f.named.alternative(unheard=f.verification.silent) for f in worst]
-        others = [one for one in instead if one is not None]
+        others = _instead(worst, named)
         named += others
         terms = [other.term for other in others]
         whole = _without(work, whole, [f.named for f in worst], terms)
     return whole, [], rejected
+
+
+def _instead(refused: Sequence[Finding], kept: Sequence[Named]) -> list[Named]:
+    """What may stand in the place of refused findings, beside what was kept and each other."""
+    chosen: list[Named] = []
+    for one in refused:
+        beside = [n.modelled for n in (*kept, *chosen)]
+        other = one.named.alternative(beside, unheard=one.verification.silent)
+        if other is not None:
+            chosen.append(other)
+    return chosen
 
 
 def _checked(

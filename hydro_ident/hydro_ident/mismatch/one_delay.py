@@ -17,8 +17,9 @@ import numpy as np
 
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import PASSES, Contest
+from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted, settled
-from hydro_ident.mismatch.named import SPOOL, Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
