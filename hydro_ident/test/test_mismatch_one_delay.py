@@ -18,7 +18,7 @@ from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.revision import Revision
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.worth import OF_VALVES
+from hydro_ident.mismatch.worth import OF_VALVES, resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
@@ -181,6 +181,24 @@ def test_a_delay_says_all_that_goes_beyond_a_cycle(
     assert found.delays_s == pytest.approx(expected, abs=1.5e-5)
     assert found.delays_s[1] == pytest.approx(CYCLE_S, abs=1.0e-9)
     assert float(found.terms[0].parameters[0]) == pytest.approx(late_s + lag_s[1], abs=5.0e-5)
+
+
+def test_a_valve_without_pressures_says_nothing_of_the_others_delay(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """Its delay is not fitted: what all the others are late by is no shorter for it."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), command_delay_s=1.6 * CYCLE_S), 18.0)
+    p_a, p_b = run.p_a.copy(), run.p_b.copy()
+    p_a[:, 1] = p_b[:, 1] = np.nan
+    work = lay_out(replace(run, p_a=p_a, p_b=p_b))
+    assert list(work.training.predictor.delay_columns) == [0]
+    noise = work.base.bench.noise
+    start = replace(LATE, parameters={"delay": 0.5 * CYCLE_S})
+    [found] = Contest(work.training, 1.0).fitted(work.base, _with(work, [start]).terms, noise)
+    late_s = found.term.parameters[0] + found.fitted.model.delays_s[0]
+    assert late_s == pytest.approx(1.6 * CYCLE_S, abs=1e-4)
+    assert resolved(work.training, work.base, found)
 
 
 def test_spools_that_lag_stay_as_they_are(
