@@ -13,7 +13,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.instants import at_own_instants
+from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -242,8 +242,8 @@ def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> 
 def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
     """Rmse of held-out rows as the base and as a model predicts them, by channel."""
     check = work.check
-    there, _ = at_own_instants(work.training, check, whole.model)
-    both = [check.residual(model) for model in (work.base.model, there)]
+    models = both_at_own_instants(work.training, check, work.base.model, whole.model)
+    both = [check.residual(model) for model in models]
     rows = {
         name: check.rows(k, name) & check.mask & check.moving
         for k, name in enumerate(check.predictor.material.channels)

@@ -155,7 +155,8 @@ def _diagnosed(
     filters, few = predictor.material.filters, predictor.material.motions < FEW_MOTIONS
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(modelled.robot, there.terms)
-    run = free_run(before.robot, seen, work.check_traces, work.split, filters)
+    given = seen if before.robot is modelled.robot else begun(before.robot, there.terms)
+    run = free_run(given, seen, work.check_traces, work.split, filters)
     findings, minor = parted(work.robot, findings, whole.deviations)
     notes = [*data_notes(work), *modelled.notes, *run.rejected]
     notes += minor_notes(work.robot, minor, whole.deviations)
