@@ -91,6 +91,17 @@ def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
     assert contest.held_out(after) < contest.held_out(whole)
 
 
+def test_a_delay_that_was_refused_does_not_come_back_in_the_place_of_lags(
+    late: Residuals,
+) -> None:
+    """What held-out rows have refused is not sought again, and not put in another's place."""
+    refused = LATE.name, LATE.target
+    search = Searcher(late.training, late.base, {refused}).run()
+    assert len([n for n in search.named if n.term.effect.name in OF_VALVES]) > 1
+    terms = [*search.fitted.model.terms, *(n.term for n in search.named)]
+    assert refused not in {(t.effect.name, t.target) for t in terms}
+
+
 def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
     late: Residuals, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -156,7 +156,7 @@ class Searcher:
             named += each.named
             current = fit(self.training, each.fitted.model, passes=2)
         named, current = Revision(self.contest).revised(named, current)
-        named, current = as_one_delay(self.contest, named, current)
+        named, current = as_one_delay(self.contest, named, current, self.excluded)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
 
     # One step forward ----------------------------------------------------------------------

@@ -10,7 +10,7 @@ lag is a better place to start from.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,10 @@ _ANEW = 12
 
 
 def as_one_delay(
-    contest: Contest, named: Sequence[Named], current: Fitted
+    contest: Contest,
+    named: Sequence[Named],
+    current: Fitted,
+    excluded: Collection[tuple[str, str]] = (),
 ) -> tuple[list[Named], Fitted]:
     """Findings with one delay in the place of several valves' lags that say no more than it.
 
@@ -41,6 +44,8 @@ def as_one_delay(
     named : sequence of Named
     current : Fitted
         With all of them.
+    excluded : collection of (str, str)
+        Effects and targets that are not tried: a delay that held-out rows refused is none again.
 
     Returns
     -------
@@ -48,6 +53,8 @@ def as_one_delay(
     current : Fitted
     """
     result = list(named)
+    if (DELAY, contest.training.predictor.material.robot.name) in excluded:
+        return result, current
     listed = any(t.effect.name == DELAY and t.cylinder is None for t in current.model.terms)
     for names in (OF_VALVES, *((name,) for name in OF_VALVES)):
         lags = [n for n in result if n.term.effect.name in names and n.term.cylinder is not None]
