@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.answering import answered
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -71,6 +72,16 @@ def test_a_base_held_to_the_others_misses_what_the_valve_is_late_by(late: Residu
     free = fit(late.training, late.base.model, noise)
     tied = fit(held.training, held.base.model, noise)
     assert tied.squares > 2.0 * free.squares
+
+
+def test_rows_to_verify_on_hold_the_valve_to_the_others_as_well(late: Residuals) -> None:
+    """The same model fitted to them takes up no more: what the valve is later by is left there."""
+    held = held_to_others(late, late.base, TILT)
+    there, free = (fitted_there(w.training, w.check, held.base) for w in (held, late))
+    assert there is not None
+    assert free is not None
+    assert free.model.delays_s[TILT] - free.model.delays_s[LIFT] == pytest.approx(LATER_S, rel=0.1)
+    assert there.model.delays_s[TILT] == pytest.approx(held.base.model.delays_s[TILT], abs=1e-9)
 
 
 def test_valves_alike_are_none(plain: Residuals) -> None:
