@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
@@ -187,7 +188,14 @@ def test_a_delay_says_all_that_goes_beyond_a_cycle(
     work = lay_out(simulated_run(truth, 18.0))
     start = replace(LATE, parameters={"delay": 1.0e-4})
     assert max(work.base.model.delays_s) == pytest.approx(1.25 * CYCLE_S, rel=1e-3)
-    found = fit(work.training, _with(work, [start]), passes=4).model
+    whole = fit(work.training, _with(work, [start]), passes=4)
+    found = whole.model
+    # At its end the base does not know how late they are, nor how well.
+    told = [
+        robot_of(work.training.predictor, one, work.robot).robot.standard_deviations
+        for one in (work.base, whole)
+    ]
+    assert ["command_delay" in deviations for deviations in told] == [False, True]
     expected = [CYCLE_S + lag_s[0] - lag_s[1], CYCLE_S]
     assert found.delays_s == pytest.approx(expected, abs=1.5e-5)
     assert found.delays_s[1] == pytest.approx(CYCLE_S, abs=1.0e-9)
