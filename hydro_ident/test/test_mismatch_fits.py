@@ -10,7 +10,10 @@ import pytest
 
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
+from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.report.model_parameters import model_rows
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec
@@ -85,6 +88,13 @@ def test_no_base_gives_energy_for_going_faster(
     # Beside Coulomb's law the bound holds: nothing of the column is left to fit by.
     assert predictor.parameters(fitted_there.model)[at] == 0.0
     assert not fitted_there.columns[:, at].any()
+    told = robot_of(predictor, fitted_there, work.robot).robot
+    assert told.cylinders[1].viscous_friction == 0.0
+    assert "tilt_cylinder.viscous_friction" not in told.standard_deviations
+    rows = model_rows(Diagnosis(MATCHES, work.robot, told, whole=fitted_there), {})
+    (row,) = [r for r in rows if r.name == "tilt_cylinder.viscous_friction"]
+    assert (row.value, row.interval, row.off) == (0.0, None, True)
+    assert row.below.startswith("held at the end of what is possible")
     law = _term("stribeck_friction", "tilt_cylinder", force=2500.0, stribeck_velocity=0.03)
     whole = settled(work.training, fit(work.training, work.base.model.with_term(law), passes=8))
     assert predictor.parameters(whole.model)[at] > 0.0

@@ -9,15 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.channel_results import channels_of
+from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.confirmation import _sides
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.instants import at_own_instants, begun
+from hydro_ident.mismatch.instants import at_own_instants, begun, both_at_own_instants
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.notes import instant_notes
 from hydro_ident.mismatch.onset import beginning, begins
+from hydro_ident.mismatch.outcome import MATCHES
+from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.settings import RefineSettings
 from hydro_ident.mismatch.verify import verify
 from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.robot import EffectSpec, Robot
@@ -127,6 +132,20 @@ def test_a_robot_is_rolled_out_with_the_load_at_its_own_instant(
     assert begun(robot, ()) is robot
 
 
+def test_held_out_windows_of_a_refinement_have_the_load_at_their_own_instant(
+    loaded: Residuals, whole: Fitted
+) -> None:
+    given = robot_of(loaded.training.predictor, whole, loaded.robot).robot
+    settings = RefineSettings(windows=8, window_s=1.5, rollouts=400)
+    found = refine(loaded, whole, given, settings, True)
+    assert found.held_out_windows == 8
+    # Rolled out over a second and a half 80 kg more or less are a centimetre at the tip.
+    assert max(found.rmse[joint][0] for joint in ("lift", "tilt")) < 1.0e-3
+    # The model stays that of the recordings that were fitted.
+    assert _start(found.whole.model.terms[0]) == HERE_S
+    assert found.robot.effects[0].parameters["start_s"] == HERE_S
+
+
 def test_two_loads_of_one_tip_keep_their_own_instants(loaded: Residuals) -> None:
     loads = tuple(
         EffectSpec("payload_change", "xs031", {"mass": m, "start_s": s})
@@ -148,6 +167,73 @@ def test_the_other_instant_is_told(loaded: Residuals, whole: Fitted) -> None:
     [note] = instant_notes(loaded, whole)
     assert note.startswith("payload_change of xs031 begins at 11 s where it was fitted, and")
     assert instant_notes(loaded, loaded.base) == []
+
+
+def test_a_base_has_it_when_the_model_has(loaded: Residuals, whole: Fitted) -> None:
+    """It may lack what the model knows; the load is taken up once in a recording."""
+    lighter = replace(_load(HERE_S), parameters={"mass": 0.5 * MASS_KG, "start_s": HERE_S})
+    (one,) = resolve(replace(load_robot("xs031"), effects=(lighter,)))
+    base = loaded.base.model.with_term(one)
+    sides = both_at_own_instants(loaded.training, loaded.check, base, whole.model)
+    assert [_start(model.terms[0]) for model in sides] == pytest.approx([THERE_S] * 2, abs=0.1)
+    assert _start(sides[0].terms[0]) == _start(sides[1].terms[0])
+    assert float(sides[0].terms[0].parameters[0]) == 0.5 * MASS_KG
+    same = both_at_own_instants(loaded.training, rows_of_training(loaded), base, whole.model)
+    assert same == (base, whole.model)
+
+
+def test_a_load_of_the_robot_file_is_the_other_recordings_own(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]],
+) -> None:
+    """What the file lists is held against rows to verify on as these have it, with or without."""
+    true_crane, simulated_run = make_run
+    here, there = (
+        simulated_run(replace(true_crane(), effects=(_load(start),)), SECONDS, seed=seed)
+        for start, seed in ((HERE_S, 0), (THERE_S, 3))
+    )
+    listed = replace(load_robot("xs031"), effects=(_load(HERE_S),))
+    found = diagnose(listed, [here.recording("run")], [there.recording("check")])
+    assert (found.verdict, found.findings) == (MATCHES, ())
+    assert found.work is not None
+    assert found.free_run is not None
+    for channel in found.channels:
+        left = [float(np.std(channel.measured - of)) for of in (channel.before, channel.after)]
+        assert left == pytest.approx([channel.noise_floor] * 2, rel=0.5), channel.name
+    sides = [pair for one in found.free_run.joints for pair in (
+        (one.rmse_before, one.rmse_after), (one.whole_before, one.whole_after)
+    )]  # fmt: skip
+    assert all(before == after for before, after in sides)
+    # Without any finding the base is the model: neither predicts them worse.
+    work, base = found.work, found.work.base
+    for before, after in _sides(work, base).values():
+        assert before == after
+    # What has no name is put to rows from which the load is gone, not to the load.
+    noise = work.noise_floors()["lift/force"]
+    confirmer = Confirmer(work.training, work.check, base)
+    material = work.check.predictor.material
+    lift = confirmer.training.mask & (material.channel == material.channels.index("lift/force"))
+    assert float(np.std(confirmer.fitted.residual[lift])) == pytest.approx(noise, rel=0.5)
+
+
+def test_a_load_that_comes_later_than_the_other_recording_ends_is_verified_there(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
+) -> None:
+    """Its rows show the load at their own instant: they are not silent."""
+    true_crane, simulated_run = make_run
+    here, there = (
+        simulated_run(replace(true_crane(), effects=(_load(start),)), seconds, seed=seed)
+        for start, seconds, seed in ((19.0, 24.0, 0), (THERE_S, 14.0, 3))
+    )
+    work = lay_out(here, [there])
+    (one,) = resolve(replace(load_robot("xs031"), effects=(_load(19.0),)))
+    whole = fit(work.training, work.base.model.with_term(one))
+    gain = work.base.squares - whole.squares
+    named = named_of([Contender(whole.model.terms[-1], whole, gain, gain, 4.0)], 0.0005, 1.0)
+    found = verify(work.training, whole, named, work.check)
+    assert found.stands, found.reason
+    assert not found.silent
+    # The same load at other times does not do as well.
+    assert 0.0 != found.placebo < 0.5
 
 
 def test_a_load_is_picked_up_and_put_down(

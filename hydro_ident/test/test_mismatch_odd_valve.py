@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.answering import answered
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -73,6 +74,16 @@ def test_a_base_held_to_the_others_misses_what_the_valve_is_late_by(late: Residu
     assert tied.squares > 2.0 * free.squares
 
 
+def test_rows_to_verify_on_hold_the_valve_to_the_others_as_well(late: Residuals) -> None:
+    """The same model fitted to them takes up no more: what the valve is later by is left there."""
+    held = held_to_others(late, late.base, TILT)
+    there, free = (fitted_there(w.training, w.check, held.base) for w in (held, late))
+    assert there is not None
+    assert free is not None
+    assert free.model.delays_s[TILT] - free.model.delays_s[LIFT] == pytest.approx(LATER_S, rel=0.1)
+    assert there.model.delays_s[TILT] == pytest.approx(held.base.model.delays_s[TILT], abs=1e-9)
+
+
 def test_valves_alike_are_none(plain: Residuals) -> None:
     assert odd_valve(plain.training, plain.base) is None
 
@@ -92,6 +103,23 @@ def test_a_difference_within_its_doubt_is_none(late: Residuals) -> None:
     assert odd_valve(late.training, _Doubted(late.base, covariance)) is None  # type: ignore[arg-type]
 
 
+def test_nor_is_a_delay_at_its_bound_that_the_rows_do_not_tell(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """It is held there, and has no deviation for that: how well it is told is another matter."""
+    true_crane, simulated_run = make_run
+    beyond = replace(LATE, parameters={"delay": 0.9 * CYCLE_S})
+    run = simulated_run(replace(true_crane(), command_delay_s=OWN_S, effects=(beyond,)), 18.0)
+    rng = np.random.default_rng(1)
+    for noise_pa, odd in ((1.0e5, TILT), (1.0e6, None)):
+        p_a, p_b = run.p_a.copy(), run.p_b.copy()
+        for pressure in (p_a, p_b):
+            pressure[:, TILT] += noise_pa * rng.normal(size=len(pressure))
+        work = lay_out(replace(run, p_a=p_a, p_b=p_b))
+        assert work.base.model.delays_s[TILT] == pytest.approx(1.25 * CYCLE_S)
+        assert odd_valve(work.training, work.base) == odd
+
+
 def test_which_effects_explain_a_late_valve() -> None:
     assert explains({("valve_rate_limit", TILT), ("coulomb_friction", LIFT)}, TILT)
     assert not explains({("valve_rate_limit", TILT)}, LIFT)
@@ -103,6 +131,7 @@ class _Doubted:
 
     def __init__(self, fitted: Fitted, covariance: np.ndarray) -> None:
         self.model, self.covariance = fitted.model, covariance
+        self.names, self.held = fitted.names, fitted.held
 
 
 def _with(work: Residuals, whole: Fitted, target: str) -> Fitted:

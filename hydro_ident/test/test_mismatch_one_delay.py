@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
@@ -18,7 +19,7 @@ from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.revision import Revision
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.worth import OF_VALVES
+from hydro_ident.mismatch.worth import OF_VALVES, resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
@@ -89,6 +90,17 @@ def test_nor_need_the_lags_be_of_one_name(late: Residuals) -> None:
     found, after = as_one_delay(contest, lags, whole)
     assert [n.names[0] for n in found] == ["command_delay"]
     assert contest.held_out(after) < contest.held_out(whole)
+
+
+def test_a_delay_that_was_refused_does_not_come_back_in_the_place_of_lags(
+    late: Residuals,
+) -> None:
+    """What held-out rows have refused is not sought again, and not put in another's place."""
+    refused = LATE.name, LATE.target
+    search = Searcher(late.training, late.base, {refused}).run()
+    assert len([n for n in search.named if n.term.effect.name in OF_VALVES]) > 1
+    terms = [*search.fitted.model.terms, *(n.term for n in search.named)]
+    assert refused not in {(t.effect.name, t.target) for t in terms}
 
 
 def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
@@ -176,11 +188,36 @@ def test_a_delay_says_all_that_goes_beyond_a_cycle(
     work = lay_out(simulated_run(truth, 18.0))
     start = replace(LATE, parameters={"delay": 1.0e-4})
     assert max(work.base.model.delays_s) == pytest.approx(1.25 * CYCLE_S, rel=1e-3)
-    found = fit(work.training, _with(work, [start]), passes=4).model
+    whole = fit(work.training, _with(work, [start]), passes=4)
+    found = whole.model
+    # At its end the base does not know how late they are, nor how well.
+    told = [
+        robot_of(work.training.predictor, one, work.robot).robot.standard_deviations
+        for one in (work.base, whole)
+    ]
+    assert ["command_delay" in deviations for deviations in told] == [False, True]
     expected = [CYCLE_S + lag_s[0] - lag_s[1], CYCLE_S]
     assert found.delays_s == pytest.approx(expected, abs=1.5e-5)
     assert found.delays_s[1] == pytest.approx(CYCLE_S, abs=1.0e-9)
     assert float(found.terms[0].parameters[0]) == pytest.approx(late_s + lag_s[1], abs=5.0e-5)
+
+
+def test_a_valve_without_pressures_says_nothing_of_the_others_delay(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """Its delay is not fitted: what all the others are late by is no shorter for it."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), command_delay_s=1.6 * CYCLE_S), 18.0)
+    p_a, p_b = run.p_a.copy(), run.p_b.copy()
+    p_a[:, 1] = p_b[:, 1] = np.nan
+    work = lay_out(replace(run, p_a=p_a, p_b=p_b))
+    assert list(work.training.predictor.delay_columns) == [0]
+    noise = work.base.bench.noise
+    start = replace(LATE, parameters={"delay": 0.5 * CYCLE_S})
+    [found] = Contest(work.training, 1.0).fitted(work.base, _with(work, [start]).terms, noise)
+    late_s = found.term.parameters[0] + found.fitted.model.delays_s[0]
+    assert late_s == pytest.approx(1.6 * CYCLE_S, abs=1e-4)
+    assert resolved(work.training, work.base, found)
 
 
 def test_spools_that_lag_stay_as_they_are(

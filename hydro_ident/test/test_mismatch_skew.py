@@ -112,6 +112,14 @@ def test_what_is_later_than_half_a_cycle_is_the_effect(
     *skews, torques = work.base.model.skews_s
     assert torques == 0.0
     assert skews == pytest.approx((most,) * len(skews))
+    # How late they are is not told there, nor how well.
+    robot = robot_of(work.training.predictor, work.base, work.robot)
+    told = [n for n in robot.notes if n.startswith("the pressure of")]
+    assert len(told) == len(skews)
+    assert told[0] == (
+        "the pressure of lift_cylinder/a is read 1.00 ms or more after positions, as far as a base"
+        " goes: taken out, not in the model"
+    )
     found = _fitted(work, work.base, LATE)
     assert found.gain > 1000.0
     assert resolved(work.training, work.base, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,13 +12,16 @@ import pytest
 from hydro_ident.mismatch import confirmation
 from hydro_ident.mismatch.confirmation import (
     _better_answers,
+    _confirmed,
     _made_worse,
     _variable,
     withdrawn,
 )
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.name import Search
+from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import Unexplained
@@ -111,3 +114,52 @@ def test_a_name_that_leaves_no_channel_better_than_none_would_goes(
     assert not failed or "lift/force are predicted worse (RMSE 10 to 1" in (
         failed[0].verification.reason
     )
+
+
+# What comes in the place of a refused name -------------------------------------------------------
+
+OFFSET = ("constant_force_offset", {"force": 300.0})
+COUPLING = ("joint_coupling", {"viscous": 500.0})
+COULOMB = ("coulomb_friction", {"force": FRICTION_N})
+BRISTLES = ("presliding_friction", {"force": FRICTION_N, "distance": 2.0e-4})
+
+
+def _searched(work: Residuals, *sets: Sequence[tuple[str, dict[str, float]]]) -> Search:
+    """A search that names the first of each set, which the others came near to."""
+    model, named = work.base.model, []
+    for members in sets:
+        tried = []
+        for name, parameters in members:
+            spec = EffectSpec(name, "lift_cylinder", parameters)
+            (one,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
+            whole = fit(work.training, work.base.model.with_term(one))
+            gain = work.base.squares - whole.squares
+            tried.append(Contender(whole.model.terms[-1], whole, gain, gain, 4.0))
+        model = model.with_term(tried[0].term)
+        named.append(Named((tried[0],), (1.0,), 0.0005, tried[0].gain, tuple(tried), 1.0))
+    return Search(work.base, fit(work.training, model), tuple(named), ())
+
+
+@pytest.mark.parametrize(
+    ("second", "instead"),
+    [
+        # Both refused ones had the same one near.
+        ([OFFSET, COULOMB], "coulomb_friction"),
+        # ... or one that holds the whole dry friction as well.
+        ([OFFSET, BRISTLES], "coulomb_friction"),
+        # It is there already.
+        ([COULOMB], "coulomb_friction"),
+        ([BRISTLES], "presliding_friction"),
+    ],
+)
+def test_refused_names_give_way_to_one_name_of_one_thing(
+    rubbing: Residuals, second: Sequence[tuple[str, dict[str, float]]], instead: str
+) -> None:
+    search = _searched(rubbing, [COUPLING, COULOMB], second)
+    whole, findings, rejected = _confirmed(rubbing, search)
+    rubs = [t.effect.name for t in whole.model.terms if "friction" in t.effect.name]
+    assert rubs == [instead]
+    assert [f.named.term.effect.name for f in findings] == rubs
+    assert "joint_coupling" in {f.named.term.effect.name for f in rejected}
+    # A file that listed it twice could not be read.
+    resolve(robot_of(rubbing.training.predictor, whole, rubbing.robot).robot)

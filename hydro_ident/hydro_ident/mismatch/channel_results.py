@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.instants import at_own_instants
+from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.residuals import Residuals
 
@@ -26,8 +26,8 @@ def channels_of(work: Residuals, whole: Fitted, check: Check) -> tuple[ChannelRe
         Whose rows.
     """
     floors = work.noise_floors()
-    there, _ = at_own_instants(work.training, check, whole.model)
-    before, after = check.residual(work.base.model), check.residual(there)
+    models = both_at_own_instants(work.training, check, work.base.model, whole.model)
+    before, after = (check.residual(model) for model in models)
     material = check.predictor.material
     measured = check.predictor.base(work.base.model)[0]
     result = []

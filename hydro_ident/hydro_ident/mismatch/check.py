@@ -82,9 +82,10 @@ class Check:
         return training.known(self.predictor)
 
     def training(self, training: Training) -> Training:
-        """The rows as if they were to be fitted, with what is known of the base as there."""
+        """The rows as if they were to be fitted, with what the base is held to as there."""
         rows = self.mask & self.moving
-        return Training.of(self.predictor, rows, self.known(training))
+        there = Training.of(self.predictor, rows, self.known(training))
+        return replace(there, latest_s=training.latest_s)
 
     def residual(self, model: Model) -> FloatArray:
         """Residual of a model on all rows of the material."""

@@ -14,6 +14,7 @@ from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitting import Fitted, fitted
 from hydro_ident.mismatch.held_out import VERIFIED
+from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.state_space import factors_of, hats
 from hydro_ident.mismatch.training import Training
@@ -39,13 +40,13 @@ class Confirmer:
     training : Training
         The rows that took no part.
     fitted : Fitted
-        The model on them.
+        The model on them: what comes and goes does when it does there.
     """
 
     def __init__(self, training: Training, check: Check, whole: Fitted) -> None:
         self._channels = training.predictor.material.channels
         self.training = check.training(training)
-        self.fitted = fitted(self.training, whole.model, None)
+        self.fitted = fitted(self.training, at_own_instants(training, check, whole.model)[0], None)
 
     def holds(self, found: Dependence) -> bool | None:
         """Whether a dependence is there on the other rows; None where they cannot say."""

@@ -13,7 +13,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.instants import at_own_instants
+from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -75,12 +75,22 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         worst = failed[: (len(failed) + 1) // 2]
         rejected += worst
         named = [n for n in named if not any(n is f.named for f in worst)]
-        instead = [f.named.alternative(unheard=f.verification.silent) for f in worst]
-        others = [one for one in instead if one is not None]
+        others = _instead(worst, named)
         named += others
         terms = [other.term for other in others]
         whole = _without(work, whole, [f.named for f in worst], terms)
     return whole, [], rejected
+
+
+def _instead(refused: Sequence[Finding], kept: Sequence[Named]) -> list[Named]:
+    """What may stand in the place of refused findings, beside what was kept and each other."""
+    chosen: list[Named] = []
+    for one in refused:
+        beside = [n.modelled for n in (*kept, *chosen)]
+        other = one.named.alternative(beside, unheard=one.verification.silent)
+        if other is not None:
+            chosen.append(other)
+    return chosen
 
 
 def _checked(
@@ -232,8 +242,8 @@ def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> 
 def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
     """Rmse of held-out rows as the base and as a model predicts them, by channel."""
     check = work.check
-    there, _ = at_own_instants(work.training, check, whole.model)
-    both = [check.residual(model) for model in (work.base.model, there)]
+    models = both_at_own_instants(work.training, check, work.base.model, whole.model)
+    both = [check.residual(model) for model in models]
     rows = {
         name: check.rows(k, name) & check.mask & check.moving
         for k, name in enumerate(check.predictor.material.channels)

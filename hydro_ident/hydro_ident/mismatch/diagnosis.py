@@ -200,7 +200,8 @@ def _rolled_out(work: Residuals, whole: Fitted, before: Robot, after: Robot) -> 
     filters = work.training.predictor.material.filters
     there, _ = at_own_instants(work.training, work.check, whole.model)
     seen = begun(after, there.terms)
-    return free_run(before, seen, work.check_traces, work.split, filters)
+    given = seen if before is after else begun(before, there.terms)
+    return free_run(given, seen, work.check_traces, work.split, filters)
 
 
 def _doubtful(

@@ -12,11 +12,12 @@ from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.slopes import Start, slopes_at, slopes_of, start_at
 from hydro_ident.mismatch.stepping import (
+    bounded_columns,
     given_steps,
-    held_columns,
     is_free,
     longest_delay,
     moved,
+    said_columns,
     stepped,
 )
 from hydro_ident.mismatch.training import Training
@@ -52,6 +53,8 @@ class Fitted:
         How far the base is from what was known of it, in deviations.
     refined : (p, p) array or None
         Covariance of an output-error refinement, where the model is one's.
+    held : tuple of str
+        Numbers of the base at a bound: not estimated, whatever the covariance has of them.
     """
 
     model: Model
@@ -61,6 +64,7 @@ class Fitted:
     bench: Bench
     offset: FloatArray
     refined: FloatArray | None = None
+    held: tuple[str, ...] = ()
 
     @property
     def covariance(self) -> FloatArray:
@@ -294,7 +298,9 @@ def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: N
     residual = without.residual - own
     bench = training.bench(noise, residual, columns, without.offset)
     whole = (*without.names, *names)
-    return Fitted(model.with_term(term), residual, columns, whole, bench, without.offset)
+    return Fitted(
+        model.with_term(term), residual, columns, whole, bench, without.offset, held=without.held
+    )
 
 
 def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
@@ -303,11 +309,14 @@ def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)
-    if held := held_columns(training, model, bench.solve()):
+    said = said_columns(training, model)
+    bounded = bounded_columns(training, model, bench.solve())
+    if held := {*said, *bounded}:
         # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
-        columns[:, held] = 0.0
+        columns[:, sorted(held)] = 0.0
         bench = training.bench(noise, residual, columns, offset)
-    return Fitted(model, residual, columns, names, bench, offset)
+    at_bound = tuple(names[k] for k in bounded if k not in said)
+    return Fitted(model, residual, columns, names, bench, offset, held=at_bound)
 
 
 def _reweighed(training: Training, one: Fitted) -> Fitted:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.modelled import Model
+from hydro_ident.mismatch.modelled import Model, same
 from hydro_ident.mismatch.onset import Sight, ends
 from hydro_ident.mismatch.places import ends_of, instant_spacing, instants_of
 from hydro_ident.mismatch.training import Training
@@ -61,6 +61,37 @@ def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]
     return replace(model, terms=terms), 2 * (pairs if ends(best) else alone)
 
 
+def both_at_own_instants(
+    training: Training, check: Check, base: Model, whole: Model
+) -> tuple[Model, Model]:
+    """Base and model as other recordings have them: what they share comes and goes together there.
+
+    When it does is a matter of the recordings: the model that describes them better says it of
+    both, or a base would make up for what it lacks by an instant of its own.
+
+    Parameters
+    ----------
+    training : Training
+    check : Check
+    base : Model
+    whole : Model
+        With the base's effects and others.
+
+    Returns
+    -------
+    base, whole : Model
+        The same where `at_own_instants` moves nothing.
+    """
+    there, _ = at_own_instants(training, check, whole)
+    if there is whole:
+        return base, whole
+    waiting, terms = [t for t in there.terms if t.effect.start], list[ActiveEffect]()
+    for term in base.terms:
+        at = next((k for k, t in enumerate(waiting) if same(t, term)), None)
+        terms.append(term if at is None else _at_edges(term, _edges(waiting.pop(at))))
+    return replace(base, terms=tuple(terms)), there
+
+
 def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
     """A robot whose effects come and go when those of a model do.
 
@@ -85,6 +116,13 @@ def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
 
 def _listed_start(spec: EffectSpec) -> float:
     return float(spec.parameters.get(CATALOGUE[spec.name].start, -np.inf))
+
+
+def _at_edges(one: ActiveEffect, edges: Mapping[str, float]) -> ActiveEffect:
+    parameters = one.parameters.copy()
+    for k, parameter in enumerate(one.effect.parameters):
+        parameters[k] = edges.get(parameter.name, parameters[k])
+    return replace(one, parameters=parameters)
 
 
 def _edges(one: ActiveEffect) -> dict[str, float]:

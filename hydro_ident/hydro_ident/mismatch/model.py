@@ -78,9 +78,10 @@ def robot_of(
     cylinders, deviations, refused = _cylinders(robot, values, std)
     deviations |= dict(given.standard_deviations) if fixed_base else {}
     deviations |= _edge_deviations(robot, std)
-    late = [std[n] for at in predictor.delay_columns.values() if (n := names[at]) in std]
+    late = [n for at in predictor.delay_columns.values() if (n := names[at]) in std]
     delay_s, differ = _delay(predictor, fitted, given) if late else (given.command_delay_s, ())
-    deviations |= {DELAY: max(late)} if late else {}
+    if late and not set(late) & set(fitted.held):
+        deviations[DELAY] = max(std[name] for name in late)
     deviations |= _effect_deviations(fitted, covariance)
     whole = replace(
         robot,
@@ -153,15 +154,18 @@ def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) 
     notes, robot = [], predictor.material.robot
     for reading, at in predictor.skew_columns.items() if fitted.model.skews_s else ():
         skew_s, error_s = fitted.model.skews_s[reading], std[predictor.names[at]]
-        if abs(skew_s) >= max(_SKEW_S, _DEVIATIONS * error_s):
+        held = predictor.names[at] in fitted.held
+        if abs(skew_s) >= (_SKEW_S if held else max(_SKEW_S, _DEVIATIONS * error_s)):
             what = "torques are"
             if reading != TORQUES:
                 cylinder = robot.cylinders[reading // 2].name
                 what = f"pressure of {cylinder}/{'ab'[reading % 2]} is"
             when = "after" if skew_s > 0.0 else "before"
+            how_well = "ms or more" if held else f"+- {1e3 * error_s:.2f} ms"
+            end = ", as far as a base goes" if held else ""
             notes.append(
-                f"the {what} read {1e3 * abs(skew_s):.2f} +- {1e3 * error_s:.2f} ms {when}"
-                " positions: taken out, not in the model"
+                f"the {what} read {1e3 * abs(skew_s):.2f} {how_well} {when} positions{end}: taken"
+                " out, not in the model"
             )
     return tuple(notes)
 

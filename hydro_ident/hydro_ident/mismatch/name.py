@@ -18,9 +18,10 @@ from hydro_ident.mismatch.chance import (
     used_columns,
 )
 from hydro_ident.mismatch.contest import PASSES, Contest, firsts
+from hydro_ident.mismatch.exclusion import exclude
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.modelled import Model, same
-from hydro_ident.mismatch.named import Named, at_a_bound, exclude
+from hydro_ident.mismatch.named import Named, at_a_bound
 from hydro_ident.mismatch.one_delay import as_one_delay
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.revision import Revision
@@ -155,7 +156,7 @@ class Searcher:
             named += each.named
             current = fit(self.training, each.fitted.model, passes=2)
         named, current = Revision(self.contest).revised(named, current)
-        named, current = as_one_delay(self.contest, named, current)
+        named, current = as_one_delay(self.contest, named, current, self.excluded)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
 
     # One step forward ----------------------------------------------------------------------

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.mismatch.exclusion import SPOOL, exclude, rival
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
@@ -31,20 +32,6 @@ _TURNING = {
     _PRESLIDING: ("distance", 4.0e-4, np.inf, _DRY),
     "stribeck_friction": ("stribeck_velocity", 0.0, 0.2, _DRY),
 }
-SPOOL = "valve_spool_lag"
-#: Laws that each hold the whole dry friction of a cylinder, or how much later than the others a
-#: valve is: one of them at a target.
-EXCLUSIVE = (
-    frozenset({"coulomb_friction", "presliding_friction", "position_dependent_friction"}),
-    frozenset({SPOOL, DELAY}),
-)
-
-
-def exclude(one: str, other: str) -> bool:
-    """Whether two names cannot stand side by side at a target."""
-    return one == other or any({one, other} <= some for some in EXCLUSIVE)
-
-
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
 #: Sizes below which a finding is none, under the tip and at a joint: what gives way by a metre
@@ -88,6 +75,11 @@ class Contender:
     def border_name(self) -> str:
         """The law's own name where it has run to another one's limit but not far; else that."""
         return self._named_within(_BORDER)
+
+    def rivals(self, other: Contender) -> bool:
+        """Whether two cannot stand side by side, by their laws or by the names that they bear."""
+        near = self.term.target == other.term.target
+        return rival(self.term, other.term) or (near and exclude(self.name, other.name))
 
     @property
     def _limits(self) -> Mapping[str, tuple[str, float, float, str]]:
@@ -202,11 +194,15 @@ class Named:
         best = self.modelled
         return 0.5 * best.held_out / self.spread - best.cost
 
-    def alternative(self, *, unheard: bool = False) -> Named | None:
+    def alternative(
+        self, beside: Sequence[Contender] = (), *, unheard: bool = False
+    ) -> Named | None:
         """The set without the effect that stands in the model; None where no other comes near.
 
         Parameters
         ----------
+        beside : sequence of Contender
+            What stands in the model already: nothing is named twice, nor what excludes it.
         unheard : bool
             Held-out rows did not refuse it, but had nothing to say.
         """
@@ -216,6 +212,7 @@ class Named:
             if c.term.effect.name != self.term.effect.name
             and c.gain >= _ALTERNATIVE * self.gain
             and not at_a_bound(c.term)
+            and not any(c.rivals(one) for one in beside)
         ]
         if not rest:
             return None

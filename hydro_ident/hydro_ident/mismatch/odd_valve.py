@@ -17,8 +17,10 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import LEAST_EXCESS
+from hydro_ident.mismatch.slopes import linearised
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.worth import OF_VALVES
+from hydro_model.robot import FloatArray
 
 #: Deviations by which a valve is surely later than the next one.
 _SURE = 3.0
@@ -48,9 +50,22 @@ def odd_valve(training: Training, whole: Fitted) -> int | None:
         return None
     latest, next_one = free[:2]
     later_s = whole.model.delays_s[latest] - whole.model.delays_s[next_one]
-    variances = np.diag(whole.covariance)[[columns[latest], columns[next_one]]]
+    variances = _variances(training, whole)[[columns[latest], columns[next_one]]]
     doubt_s = _SURE * float(np.sqrt(np.maximum(variances, 0.0).sum()))
     return latest if later_s - doubt_s > LEAST_EXCESS * training.cycle_s else None
+
+
+def _variances(training: Training, whole: Fitted) -> FloatArray:
+    """Of the numbers by `Fitted.names`, (p,); of delays at a bound as though none held them."""
+    variances = np.diag(whole.covariance).copy()
+    at = [k for k in training.predictor.delay_columns.values() if whole.names[k] in whole.held]
+    if at:
+        _, slopes, _ = linearised(training.predictor, whole.model)
+        columns = whole.columns.copy()
+        columns[:, at] = slopes[:, at]
+        free = training.bench(whole.bench.noise, whole.residual, columns, whole.offset)
+        variances[at] = np.diag(free.covariance())[at]
+    return variances
 
 
 def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:

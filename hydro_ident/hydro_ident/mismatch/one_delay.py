@@ -10,15 +10,16 @@ lag is a better place to start from.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import PASSES, Contest
+from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted, settled
-from hydro_ident.mismatch.named import SPOOL, Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
@@ -30,7 +31,10 @@ _ANEW = 12
 
 
 def as_one_delay(
-    contest: Contest, named: Sequence[Named], current: Fitted
+    contest: Contest,
+    named: Sequence[Named],
+    current: Fitted,
+    excluded: Collection[tuple[str, str]] = (),
 ) -> tuple[list[Named], Fitted]:
     """Findings with one delay in the place of several valves' lags that say no more than it.
 
@@ -40,6 +44,8 @@ def as_one_delay(
     named : sequence of Named
     current : Fitted
         With all of them.
+    excluded : collection of (str, str)
+        Effects and targets that are not tried: a delay that held-out rows refused is none again.
 
     Returns
     -------
@@ -47,6 +53,8 @@ def as_one_delay(
     current : Fitted
     """
     result = list(named)
+    if (DELAY, contest.training.predictor.material.robot.name) in excluded:
+        return result, current
     listed = any(t.effect.name == DELAY and t.cylinder is None for t in current.model.terms)
     for names in (OF_VALVES, *((name,) for name in OF_VALVES)):
         lags = [n for n in result if n.term.effect.name in names and n.term.cylinder is not None]

@@ -80,6 +80,16 @@ class Refinable:
         """Parameters of effects."""
         return len(self.labels)
 
+    def seen_by(self, there: Model) -> Refinable:
+        """The same unknowns, of effects that come and go as in other recordings.
+
+        Parameters
+        ----------
+        there : Model
+            The fit's, as `at_own_instants`.
+        """
+        return replace(self, fit=replace(self.fit, model=there))
+
     def terms(self, x: FloatArray) -> tuple[ActiveEffect, ...]:
         """The effects at a point."""
         values, result = iter(x[: self.free].tolist()), []

@@ -17,6 +17,7 @@ import numpy as np
 from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.fitting import Fitted, fitted
 from hydro_ident.mismatch.held_out import VERIFIED, WORSE
+from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.named import at_a_bound
 from hydro_ident.mismatch.products import chance
 from hydro_ident.mismatch.refined_robot import Refinable
@@ -183,8 +184,9 @@ def _decided(
 ) -> Refinement:
     """Held-out windows before and after, and what they and the equations say of the outcome."""
     check = Shots.of(work.check.predictor, work.split, settings.window_s, settings.windows, True)
-    check = _possible(check, space)
-    before, after = (space.errors(check, x) for x in (space.start, solution.x))
+    there = space.seen_by(at_own_instants(work.training, work.check, kept.whole.model)[0])
+    check = _possible(check, there)
+    before, after = (there.errors(check, x) for x in (space.start, solution.x))
     parameters = _parameters(kept.whole, space, solution)
     found = replace(
         kept,

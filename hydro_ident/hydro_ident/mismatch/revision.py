@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.contest import CLOSE_SHARE, Contest
+from hydro_ident.mismatch.exclusion import rival
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.modelled import same
-from hydro_ident.mismatch.named import Named, exclude, named_of
-from hydro_model.effects.targets import ActiveEffect
+from hydro_ident.mismatch.named import Named, named_of
 
 _ROUNDS = 3
 
@@ -79,7 +79,7 @@ class Revision:
         least = CLOSE_SHARE * max(c.gain for c in one.tried)
         # Its own, whatever another gained on the rows that it was fitted to.
         near = [c.term for c in one.tried if c.gain >= least or same(c.term, one.term)]
-        terms = [t for t in near if not any(_rival(t, other) for other in others)]
+        terms = [t for t in near if not any(rival(t, other) for other in others)]
         if not terms:
             return without, None
         few = self._contest.few
@@ -100,8 +100,3 @@ class Revision:
         acting = self._training.mask & (values != 0.0)
         channels = self._training.predictor.material.channel[acting]
         return frozenset(np.unique(channels).tolist())
-
-
-def _rival(one: ActiveEffect, other: ActiveEffect) -> bool:
-    """Whether two effects cannot stand side by side."""
-    return one.target == other.target and exclude(one.effect.name, other.effect.name)

@@ -12,6 +12,7 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.prediction import Model, Predictor, shapes
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
 #: A column of which a refit swallows all but this share says nothing of its own.
@@ -68,8 +69,9 @@ def bank_of(predictor: Predictor, model: Model, chosen: Sequence[Trial]) -> list
 class Bank:
     """Columns of every trial, evaluated once for all that look at them.
 
-    They are those beside the model that asked first: what a refit moves changes them little. Laws
-    that act beside one that shapes the same cylinder's valve signal are evaluated anew.
+    They are those beside the model that asked first: what a refit moves changes them little. What
+    acts beside a law that shapes the same cylinder's valve signal or the rails, or a reading that
+    is corrected, is evaluated anew.
 
     Parameters
     ----------
@@ -97,18 +99,21 @@ class Bank:
             if (trial.name, trial.target) not in excluded:
                 groups.setdefault((trial.name, trial.target), []).append(trial)
         for key, own in groups.items():
-            active = own[0].active
-            shaping = tuple(
-                (t.effect.name, t.target)
-                for t in model.terms
-                if shapes(t) and active.cylinder in (None, t.cylinder)
-            )
-            if active.effect.channel == "force":
-                shaping = ()
-            if (*key, *shaping) not in self._kept:
-                self._kept[(*key, *shaping)] = bank_of(self._predictor, model, own)
-            result += self._kept[(*key, *shaping)]
+            beside = [t for t in model.terms if _changes(t, own[0].active)]
+            known = (*key, *((t.effect.name, t.target) for t in beside))
+            if known not in self._kept:
+                self._kept[known] = bank_of(self._predictor, model, own)
+            result += self._kept[known]
         return result
+
+
+def _changes(term: ActiveEffect, tried: ActiveEffect) -> bool:
+    """Whether a term of a model makes the columns of what is tried other ones."""
+    if tried.effect.channel == "force":
+        # Of valves and rails a force knows nothing, and of how pressures are read next to nothing.
+        return term.effect.reading is not None and term.joint is not None
+    near = tried.cylinder is None or term.cylinder in (None, tried.cylinder)
+    return near and (shapes(term) or term.effect.reading is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

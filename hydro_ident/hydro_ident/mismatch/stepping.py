@@ -174,26 +174,33 @@ def given_steps(training: Training, model: Model, step: FloatArray) -> dict[int,
     return result
 
 
-def held_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
-    """Columns that can take no step: at their bound, or beside an effect that is the same."""
+def said_columns(training: Training, model: Model) -> list[int]:
+    """Columns that can take no step beside an effect that is the same."""
+    predictor = training.predictor
+    delays = [i for i in predictor.delay_columns if _is_quickest(training, model, i)]
+    skews = [one for one in predictor.skew_columns if is_listed(model.terms, one)]
+    return [
+        *(predictor.delay_columns[i] for i in delays),
+        *(predictor.skew_columns[one] for one in skews),
+    ]
+
+
+def bounded_columns(training: Training, model: Model, step: FloatArray) -> list[int]:
+    """Columns that can take no step for their bound."""
     held = [
         at
         for index, at in training.predictor.delay_columns.items()
-        if _is_quickest(training, model, index)
-        or (step[at] > 0.0 and at_longest_delay(training, model, index))
+        if (step[at] > 0.0 and at_longest_delay(training, model, index))
         or (step[at] < 0.0 and model.delays_s[index] < _NO_DELAY * training.cycle_s)
     ]
     predictor, cycle_s = training.predictor, training.cycle_s
     now = predictor.parameters(model)
-    held += [
-        at for chamber, at in predictor.skew_columns.items() if is_listed(model.terms, chamber)
-    ]
     # What rubs the less the faster it goes has no viscous friction, but a law of its own.
     held += [at for at in _viscous(training) if now[at] <= 0.0 and step[at] < 0.0]
     bounds = dict.fromkeys(predictor.ripple_columns.values(), largest_ripple(cycle_s))
     bounds |= {at: largest_skew(one, cycle_s) for one, at in predictor.skew_columns.items()}
     ends = [k for k, most in bounds.items() if abs(now[k]) >= most and now[k] * step[k] > 0.0]
-    return held + [k for k in ends if k not in held]
+    return held + ends
 
 
 def _viscous(training: Training) -> list[int]:

@@ -121,7 +121,7 @@ def verify(
     mine, narrow = named.term, check
     rest = tuple(t for t in whole.model.terms if not same(t, mine))
     terms = [t for t in whole.model.terms if same(t, mine)]
-    acting = shown or _acting(check.predictor, whole.model, terms)
+    acting = shown or _acting(check.predictor, whole.model, mine)
     check = narrow.reaching(mine, acting)
     without = fit(training, replace(whole.model, terms=rest), whole.bench.noise, passes)
     material = training.predictor.material
@@ -129,7 +129,10 @@ def verify(
     model, tried_instants = at_own_instants(training, check, whole.model)
     lacking = replace(without, model=at_own_instants(training, check, without.model)[0])
     plain, with_it = check.residual(lacking.model), check.residual(model)
-    placebos = _placebos(training, without, check, plain, whole.model, terms)
+    # What comes and goes does on either rows when it does there.
+    here = _column(training.predictor, whole.model, mine)
+    elsewhere = _column(check.predictor, model, mine)
+    placebos = _placebos(training, without, check, plain, here, elsewhere)
     prior = check.known(training)
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
@@ -140,7 +143,9 @@ def verify(
     # Two ways of looking, either of which may tell: both are paid for.
     looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
     plainly = _PLAIN * max(named.spread, 1.0)
-    met = _met(check, acting) and _exercised(training, (ahead, behind), whole, terms, plainly)
+    own = whole.bench.noise.whitened(training.layout, here[training.mask])
+    own = own[whole.bench.noise.settled(training.layout)]
+    met = _met(check, acting) and _exercised((ahead, behind), own, elsewhere, plainly)
     best, silent, against = _judged(looks, named, met)
     against = against or _vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
@@ -151,7 +156,7 @@ def verify(
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
-    going = "" if reason else _comes_and_goes(training, without, whole, terms)
+    going = "" if reason else _comes_and_goes(training, without, here)
     reason = reason or going
     sides = best.p_value, *best.sides, best.placebo
     return Verification(*sides, not reason, reason, agreement, silent, bool(going))
@@ -179,11 +184,11 @@ def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
     return f"held-out rows {little}, and its size is not told: {size}"
 
 
-def _comes_and_goes(
-    training: Training, without: Fitted, whole: Fitted, terms: Sequence[ActiveEffect]
-) -> str:
-    """What speaks against a finding whose size is not the same all along; empty for nothing."""
-    column = np.sum([training.predictor.contribution(whole.model, term) for term in terms], axis=0)
+def _comes_and_goes(training: Training, without: Fitted, column: FloatArray) -> str:
+    """What speaks against a finding whose size is not the same all along; empty for nothing.
+
+    `column` (N,) is what it does to the training rows.
+    """
     changes = inconstancy(without.bench, column[training.mask])
     material = training.predictor.material
     flow = all(material.is_flow(int(k)) for k in np.unique(material.channel[column != 0.0]))
@@ -226,20 +231,22 @@ def _met(check: Check, acting: Sequence[str]) -> bool:
 
 
 def _exercised(
-    training: Training,
-    looks: tuple[HeldOut, HeldOut],
-    whole: Fitted,
-    terms: Sequence[ActiveEffect],
-    plainly: float,
+    looks: tuple[HeldOut, HeldOut], own: FloatArray, there: FloatArray, plainly: float
 ) -> bool:
-    """Whether effects themselves, whatever the base does, are at work on held-out rows, too."""
+    """Whether an effect itself, whatever the base does, is at work on held-out rows, too.
+
+    Parameters
+    ----------
+    looks : tuple of HeldOut
+        As predicted, and behind a refit.
+    own : (M,) array
+        What it does to the whitened training rows.
+    there : (N,) array
+        What it does to all rows of the check's material.
+    plainly : float
+        Sum of squares behind a refit from which it is at work whatever its share.
+    """
     ahead, behind = looks
-    there, here = (
-        np.sum([p.contribution(whole.model, term) for term in terms], axis=0)
-        for p in (ahead.check.predictor, training.predictor)
-    )
-    layout, noise = training.layout, whole.bench.noise
-    own = noise.whitened(layout, here[training.mask])[noise.settled(layout)]
     shared = float(np.mean(ahead.left(there) ** 2)) >= _EXERCISED * float(np.mean(own**2))
     return shared or float(np.sum(behind.left(there) ** 2)) >= plainly
 
@@ -285,12 +292,17 @@ def _apart(agreement: Sequence[Agreement]) -> str:
     return ""
 
 
-def _acting(predictor: Predictor, model: Model, terms: Sequence[ActiveEffect]) -> list[str]:
-    """Channels whose prediction some terms change; all where none does."""
-    material = predictor.material
-    column = sum((predictor.contribution(model, t) for t in terms), np.zeros(material.size))
+def _acting(predictor: Predictor, model: Model, mine: ActiveEffect) -> list[str]:
+    """Channels whose prediction a model's effect changes; all where it changes none."""
+    material, column = predictor.material, _column(predictor, model, mine)
     names = [n for k, n in enumerate(material.channels) if column[material.channel == k].any()]
     return names or list(material.channels)
+
+
+def _column(predictor: Predictor, model: Model, mine: ActiveEffect) -> FloatArray:
+    """What a model's effect does to all rows of a material, (N,)."""
+    own = [predictor.contribution(model, t) for t in model.terms if same(t, mine)]
+    return np.asarray(sum(own, np.zeros(predictor.material.size)))
 
 
 def _placebos(
@@ -298,17 +310,14 @@ def _placebos(
     without: Fitted,
     check: Check,
     plain: FloatArray,
-    model: Model,
-    terms: Sequence[ActiveEffect],
+    own: FloatArray,
+    there: FloatArray,
 ) -> list[FloatArray]:
     """Residuals on all rows with a finding's contribution at other times in its place.
 
-    Shifts after which it is still much the same are no placebo.
+    Shifts after which it is still much the same are no placebo. `own` (N,) and `there` (M,) are
+    what it does to the training rows and to the check's.
     """
-    if not terms:
-        return []
-    own = training.predictor.contribution(model, terms[0])
-    there = check.predictor.contribution(model, terms[0])
     mask = training.mask
     real = without.bench.beyond(own[mask][:, None])[:, 0]
     result = []

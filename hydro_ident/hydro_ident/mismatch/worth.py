@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.onset import begins, ends
@@ -158,7 +159,8 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
         return bool(late_s >= LEAST_CYCLES * cycle_s)
     if term.effect.name == DELAY:
         delays_s = one.fitted.model.delays_s
-        own_s = min(delays_s) if term.cylinder is None else delays_s[term.cylinder]
+        # Of a valve without a balance no delay was fitted.
+        own_s = min(delays_s[i] for i in late_valves(term, training.predictor.delay_columns))
         excess = term.parameters[0] + own_s - training.own_delay_of(term.cylinder)
         return bool(excess >= LEAST_EXCESS * cycle_s)
     if term.effect.name not in LAGS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
 _EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
 _HELD = "not fitted: as given"
+_AT_BOUND = "held at the end of what is possible, or by what was found: not estimated"
 _UNKNOWN = "these recordings do not determine it: the given value stays"
 
 
@@ -45,25 +46,37 @@ def model_rows(found: Diagnosis, owner: Mapping[str, str]) -> list[ParameterRow]
     if found.robot is None:
         return []
     robot, given = found.robot, found.given
+    # All valves' delays are one number of the model.
+    at_bound = () if found.whole is None else found.whole.held
+    at_bound += (COMMAND_DELAY,) if any(n.endswith(COMMAND_DELAY) for n in at_bound) else ()
     rows = _base_rows(robot, given)
     pairs = zip(robot.cylinders, given.cylinders, strict=True)
     for now, old in pairs:
         viscous, bulk = f"{now.name}.viscous_friction", f"{now.name}.bulk_modulus"
-        rows.append(_row(robot, viscous, now.viscous_friction, old.viscous_friction, "N s/m"))
+        frictions = now.viscous_friction, old.viscous_friction
+        rows.append(_row(robot, viscous, *frictions, "N s/m", at_bound))
         rows.append(_row(robot, bulk, now.bulk_modulus_pa, old.bulk_modulus_pa, "Pa"))
     for valve, earlier in zip(robot.valves, given.valves, strict=True):
         for edge in _EDGES:
             values = float(getattr(valve, edge)), float(getattr(earlier, edge))
             rows.append(_row(robot, f"{valve.name}.{edge}", *values, "m^3/(s sqrt(Pa))"))
     delays = robot.command_delay_s, given.command_delay_s
-    rows.append(_row(robot, COMMAND_DELAY, *delays, "s"))
+    rows.append(_row(robot, COMMAND_DELAY, *delays, "s", at_bound))
     return [identified_row(p, owner) for p in rows]
 
 
-def _row(robot: Robot, name: str, value: float, given: float, unit: str) -> Parameter:
+def _row(
+    robot: Robot,
+    name: str,
+    value: float,
+    given: float,
+    unit: str,
+    at_bound: Collection[str] = (),
+) -> Parameter:
     std = float(robot.standard_deviations.get(name, 0.0))
     held = std <= 0.0
-    reason = _HELD if held else ""
+    as_given = value == given and name not in at_bound
+    reason = (_HELD if as_given else _AT_BOUND) if held else ""
     return Parameter(name, value, std, unit, given or None, not held, reason=reason, held=held)
 
 

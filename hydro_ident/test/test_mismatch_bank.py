@@ -1,0 +1,74 @@
+"""Columns of trials that are kept from step to step: beside what has been found since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.scoring import Bank, Entry, bank_of
+from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+#: Share of a trial's gain that a column may lose for being that of another model.
+LOST = 0.025
+#: Share of a column, as a norm, of which a refit leaves too little to compare.
+SWALLOWED = 1.0e-2
+
+
+@pytest.fixture(scope="module")
+def clean(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
+    return lay_out(crane_run)
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [
+        # Robot-wide laws of the rails, with which every valve's flow is another one.
+        ("supply_droop", "xs031"),
+        ("tank_back_pressure", "xs031"),
+        # Readings: the signals that laws look at are others once these are undone.
+        ("command_delay", "xs031"),
+        ("command_delay", "tilt_valve"),
+        ("encoder_offset", "lift"),
+        ("pressure_sensor_bias", "lift_cylinder/a"),
+        ("pressure_sensor_gain", "lift_cylinder/a"),
+        # A law on one valve's signal, as ever.
+        ("valve_deadband", "tilt_valve"),
+    ],
+)
+def test_what_is_tried_is_tried_beside_what_was_found(
+    clean: Residuals, name: str, target: str
+) -> None:
+    bank, base = Bank(clean.training.predictor), clean.base
+    assert bank.entries(base.model)
+    spec = EffectSpec(name, target, {p.name: p.typical for p in CATALOGUE[name].parameters})
+    (found,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
+    model = base.model.with_term(found)
+    current = fitted(clean.training, model, base.bench.noise)
+    lost = [
+        (e.trial.name, e.trial.target, round(share, 3))
+        for e in bank.entries(model)
+        if (share := _lost(clean, current, e)) > LOST
+    ]
+    assert not lost
+
+
+def _lost(work: Residuals, current: Fitted, kept: Entry) -> float:
+    """What a kept column would lose of the gain of what it stands for, beyond a refit."""
+    predictor, mask, bench = work.training.predictor, work.training.mask, current.bench
+    anew = bank_of(predictor, current.model, [kept.trial])
+    if not anew:
+        return 1.0
+    both = [e.columns(mask.size)[mask] for e in (kept, anew[0])]
+    old, new = (bench.beyond(columns) for columns in both)
+    whole = np.linalg.norm(bench.noise.whitened(bench.layout, both[1])[bench.rows], axis=0)
+    told = np.linalg.norm(new, axis=0) > SWALLOWED * whole
+    sizes = np.linalg.norm(old, axis=0) * np.linalg.norm(new, axis=0)
+    cosine = np.sum(old * new, axis=0) / np.maximum(sizes, 1e-300)
+    return float(np.max(1.0 - cosine[told] ** 2, initial=0.0))
