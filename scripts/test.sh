@@ -27,15 +27,18 @@ failed=0
 # the first test waits until nobody has the file locked any more (conftest.py).
 exec {lock}>"$kernels"
 flock "$lock"
-python tests/compile_kernels.py &
-compiling=$!
+compiling=()
+for half in model rest; do
+  python tests/compile_kernels.py "$half" &
+  compiling+=($!)
+done
 exec {lock}>&-
 export HYDRO_TESTS_WAIT_FOR=$kernels
 # Tests with processes on buses share one worker and come first (conftest.py); it mostly waits.
 cores=$(env -u OMP_NUM_THREADS nproc)
 workers=$((cores < 3 ? cores + 1 : 4))
 python -m pytest -n "$workers" --dist loadfile --no-loadscope-reorder "$@" || failed=$?
-wait "$compiling" || failed=1
+for half in "${compiling[@]}"; do wait "$half" || failed=1; done
 wait "$checking" || failed=1
 cat "$types"
 exit "$failed"

@@ -1,6 +1,11 @@
-"""Compiles what most tests need: once, where each worker would do it for itself, all at a time."""
+"""Compiles what most tests need: once, where each worker would do it for itself, all at a time.
+
+compile_kernels.py model|rest    in two halves that share next to nothing, side by side
+"""
 
 from __future__ import annotations
+
+import sys
 
 import numpy as np
 
@@ -15,15 +20,19 @@ from hydro_model.robot_files import load_robot
 from hydro_model.signals import SIGNAL_COUNT
 from hydro_model.simulate import simulate
 
+POSE = (0.5, -1.5)
 
-def main() -> None:
-    """Roll a model and the rig's plant out for a few cycles, ask for dynamics, law and effects."""
+
+def model() -> None:
+    """Roll a model out for a few cycles."""
     robot = load_robot("xs031")
-    q = np.array([0.5, -1.5])
-    time_s, voltages = 0.002 * np.arange(3), np.zeros((3, 2))
-    simulate(robot, time_s, voltages, q)
-    RigCore(robot, plain_truth(robot, 1), q=[0.5, -1.5]).actuate([0.0, 0.0])
-    motion = np.tile(q, (2, 1))
+    simulate(robot, 0.002 * np.arange(3), np.zeros((3, 2)), POSE)
+
+
+def rest() -> None:
+    """Roll the rig's plant out, ask for dynamics, law and effects."""
+    robot, motion = load_robot("xs031"), np.tile(POSE, (2, 1))
+    RigCore(robot, plain_truth(robot, 1), q=list(POSE)).actuate([0.0, 0.0])
     inverse_dynamics(robot, motion, motion, motion)
     regressor(robot, motion, motion, motion)
     mass_matrix(robot, motion)
@@ -35,4 +44,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    {"model": model, "rest": rest}[sys.argv[1]]()
