@@ -145,6 +145,27 @@ def test_a_back_pressure_is_told_with_the_flow_that_it_leaves(diagnosed: Diagnos
     assert found.findings[0].named.term.parameters[0] == pytest.approx(3e11, rel=0.03)
 
 
+def test_oil_is_warm_when_the_machine_is_recorded_again(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+) -> None:
+    """Not recorded, its temperature goes with time, but not anew in every recording."""
+    true_crane, simulated_run = make_run
+    bags = []
+    for name, seconds, seed, since_s in (("train", 30.0, 0, 0.0), ("check", 20.0, 3, 18.0)):
+        drift = {"viscous": 3.0e4, "rise": 24.0, "time_constant": 12.0, "warm_s": since_s}
+        warming = EffectSpec("temperature_drift", "lift_cylinder", drift)
+        truth = replace(true_crane(), effects=(warming,))
+        bags.append(simulated_run(truth, seconds, seed=seed).recording(name))
+    found = diagnose(load_robot("xs031"), bags[:1], bags[1:])
+    (one,) = found.findings
+    assert (one.named.names, one.channels[0]) == (("temperature_drift",), "lift/force")
+    assert not one.verification.silent
+    assert any("has been under way for" in note for note in found.notes)
+    (lift,) = (c for c in found.channels if c.name == "lift/force")
+    left = float(np.sqrt(np.mean((lift.measured - lift.after) ** 2)))
+    assert left < 1.5 * lift.noise_floor
+
+
 def test_oil_that_thins_out_is_told_by_its_temperature(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:
@@ -167,7 +188,7 @@ def test_oil_that_thins_out_is_told_by_its_temperature(
     assert (one.named.names, one.channels[0]) == (("temperature_drift",), "lift/force")
     variable = finding_dict(found, one)["where"]["variable"]
     assert variable == "oil_temperature"
-    b, halving, rise, _, reference = one.named.term.parameters
+    b, halving, rise, _, reference, _ = one.named.term.parameters
     expected = viscous * 2.0 ** (-(reference - at_first_c) / 17.5)
     assert rise == 0.0
     assert (b, halving) == (pytest.approx(expected, rel=0.05), pytest.approx(17.5, rel=0.05))

@@ -96,6 +96,9 @@ def _of_time(material: Material, effect: Effect, spec: ParameterSpec) -> list[fl
     if spec.name == effect.duration:
         # Over what lies between two instants: whenever it begins, one of them is near.
         return [instant_spacing(material)]
+    if spec.name == effect.head_start:
+        # What it has done before, the base has taken up; others' own is looked for there.
+        return [0.0]
     if effect.name == "temperature_drift" and (mean_c := mean_oil_c(material)) is not None:
         # A temperature that is known needs no rise with time; roll-outs are at the mean.
         known = {

@@ -6,19 +6,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.modelled import Model, same
 from hydro_ident.mismatch.onset import Sight, ends
-from hydro_ident.mismatch.places import ends_of, instant_spacing, instants_of
+from hydro_ident.mismatch.places import ends_of, instant_spacing, instants_of, mean_oil_c
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 
+#: For how long something may have been under way when another recording begins, s, and how often
+#: the best of them is made finer.
+_HEAD_STARTS_S = (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0, 2560.0)
+_FINER = 12
+
 
 def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Model, int]:
     """A model as other recordings have it: what comes and goes does when it predicts them best.
+
+    What is under way all along, as oil that warms up, may have been so before they begin.
 
     Parameters
     ----------
@@ -37,20 +45,46 @@ def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Mod
     tried = 1
     if check.predictor is training.predictor:
         return model, tried
-    for term in (t for t in model.terms if t.effect.start):
-        model, tried = _placed(check, model, term)
+    for term in (t for t in model.terms if t.effect.edges):
+        if term.effect.start:
+            model, tried = _placed(check, model, term)
+        elif mean_oil_c(check.predictor.material) is None:
+            model, tried = _under_way(check, model, term)
     return model, tried
 
 
-def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
-    """The model with one effect's instants that predict the check best, of how many."""
-    used, material = check.mask & check.moving, check.predictor.material
+def _sight(check: Check, model: Model, mine: ActiveEffect) -> Sight:
+    """What one effect of a model explains of the check, by when it acts."""
+    used = check.mask & check.moving
     beside = replace(model, terms=tuple(t for t in model.terms if t is not mine))
 
     def column(one: ActiveEffect) -> FloatArray:
         return check.predictor.contribution(beside, one)[used]
 
-    sight = Sight(column, check.residual(beside)[used], sized=True)
+    return Sight(column, check.residual(beside)[used], sized=True)
+
+
+def _under_way(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
+    """The model with one effect under way for as long as predicts the check best, of how many.
+
+    A machine is warm when it is recorded again; what warms it does not begin anew.
+    """
+    sight, name = _sight(check, model, mine), mine.effect.head_start
+
+    def loss(at_s: float) -> float:
+        return -sight.gain(_at_edges(mine, {name: at_s}))
+
+    best = min(range(len(_HEAD_STARTS_S)), key=lambda k: loss(_HEAD_STARTS_S[k]))
+    near = _HEAD_STARTS_S[max(best - 1, 0)], _HEAD_STARTS_S[min(best + 1, len(_HEAD_STARTS_S) - 1)]
+    finer = minimize_scalar(loss, bounds=near, method="bounded", options={"maxiter": _FINER})
+    at_s = min((_HEAD_STARTS_S[best], float(finer.x)), key=loss)
+    terms = tuple(_at_edges(t, {name: at_s}) if t is mine else t for t in model.terms)
+    return replace(model, terms=terms), len(_HEAD_STARTS_S)
+
+
+def _placed(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
+    """The model with one effect's instants that predict the check best, of how many."""
+    material, sight = check.predictor.material, _sight(check, model, mine)
     instants_s, ends_s = instants_of(material), ends_of(material)
     single = sight.first(mine, instants_s)
     found = sight.placed(single, instant_spacing(material), ends_s)
@@ -85,7 +119,7 @@ def both_at_own_instants(
     there, _ = at_own_instants(training, check, whole)
     if there is whole:
         return base, whole
-    waiting, terms = [t for t in there.terms if t.effect.start], list[ActiveEffect]()
+    waiting, terms = [t for t in there.terms if t.effect.edges], list[ActiveEffect]()
     for term in base.terms:
         at = next((k for k, t in enumerate(waiting) if same(t, term)), None)
         terms.append(term if at is None else _at_edges(term, _edges(waiting.pop(at))))
@@ -103,7 +137,7 @@ def begun(robot: Robot, terms: Sequence[ActiveEffect]) -> Robot:
     """
     waiting = sorted(robot.effects, key=_listed_start)
     own: dict[int, EffectSpec] = {}
-    for term in (t for t in terms if t.effect.start):
+    for term in (t for t in terms if t.effect.edges):
         # Two loads of one tip are told apart by which comes first.
         mine = (e for e in waiting if (e.name, e.target) == (term.effect.name, term.target))
         if one := next(mine, None):

@@ -149,10 +149,13 @@ def instant_notes(work: Residuals, whole: Fitted) -> list[str]:
         f"{here.effect.name} of {here.target} {_when(here)} where it was fitted, and"
         f" {_when(other)} (looked for) where it is verified"
         for here, other in zip(whole.model.terms, there.terms, strict=True)
-        if here.effect.start and not np.array_equal(here.parameters, other.parameters)
+        if here.effect.edges and not np.array_equal(here.parameters, other.parameters)
     ]
 
 
 def _when(one: ActiveEffect) -> str:
+    if one.effect.head_start:
+        at = [spec.name for spec in one.effect.parameters].index(one.effect.head_start)
+        return f"has been under way for {one.parameters[at]:.3g} s"
     since = f"begins at {start_s(one):.4g} s" if begins(one) else "is there from the start"
     return f"{since} and ends at {end_s(one):.4g} s" if ends(one) else since

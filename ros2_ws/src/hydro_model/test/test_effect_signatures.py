@@ -89,7 +89,7 @@ def test_states_survive_a_gap_in_the_recording() -> None:
 
 def test_drift_halves_the_viscous_friction_per_halving_temperature() -> None:
     drift, v = CATALOGUE["temperature_drift"], 0.2
-    values = [2e4, 17.5, 30.0, 100.0, 40.0]
+    values = [2e4, 17.5, 30.0, 100.0, 40.0, 0.0]
     warm = drift.evaluate(rows(3, piston_velocity=v, oil_temperature=57.5), values)
     assert warm + 2e4 * v == pytest.approx(1e4 * v)
     cold = drift.evaluate(rows(3, piston_velocity=v, oil_temperature=22.5), values)
@@ -100,6 +100,9 @@ def test_drift_halves_the_viscous_friction_per_halving_temperature() -> None:
     )
     degrees = 30.0 * (1.0 - np.exp(-times / 100.0))
     np.testing.assert_allclose(by_time, 2e4 * v * (2.0 ** (-degrees / 17.5) - 1.0))
+    later = rows(3, piston_velocity=v, oil_temperature=np.nan, time=times - 60.0 * (times > 0.0))
+    warm = drift.evaluate(later, [*values[:-1], 60.0])
+    np.testing.assert_allclose(warm[1:], by_time[1:])
 
 
 def test_pins_rub_more_at_a_small_lever_and_never_drive() -> None:

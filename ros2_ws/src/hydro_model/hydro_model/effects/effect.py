@@ -102,6 +102,9 @@ class Effect:
         Name of the parameter over which it comes about, evenly, its start in the middle.
     end, end_duration : str
         As `start` and `duration`, of when the `change` goes again.
+    head_start : str
+        Name of the parameter that is for how long it has been under way when a recording begins;
+        empty where that does not matter.
     needs_other_joint : bool
         Looks at another joint: not for a robot with a single one.
     shared : bool
@@ -140,6 +143,7 @@ class Effect:
     duration: str = ""
     end: str = ""
     end_duration: str = ""
+    head_start: str = ""
     needs_other_joint: bool = False
     shared: bool = False
     needs_valve: bool = False
@@ -160,8 +164,8 @@ class Effect:
 
     @property
     def edges(self) -> tuple[str, ...]:
-        """Names of the parameters that say when it comes and goes, and over what times."""
-        names = (self.start, self.duration, self.end, self.end_duration)
+        """Names of the parameters that say when it comes and goes: each recording has its own."""
+        names = (self.start, self.duration, self.end, self.end_duration, self.head_start)
         return tuple(name for name in names if name)
 
     @property

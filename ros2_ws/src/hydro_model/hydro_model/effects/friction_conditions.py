@@ -48,7 +48,7 @@ def _pins(s: Row, p: Row) -> float:
 
 
 def _warming(s: Row, p: Row) -> float:
-    degrees = p[2] * (1.0 - math.exp(-max(s[TIME], 0.0) / p[3]))
+    degrees = p[2] * (1.0 - math.exp(-(max(s[TIME], 0.0) + p[5]) / p[3]))
     # Where the temperature is not recorded (NaN) it is taken to rise with time.
     if s[OIL_TEMPERATURE] == s[OIL_TEMPERATURE]:
         degrees = s[OIL_TEMPERATURE] - p[4]
@@ -126,7 +126,7 @@ PIN_FRICTION = Effect(
 TEMPERATURE_DRIFT = Effect(
     name="temperature_drift",
     channel="force",
-    equation="F = b (2^(-(T - T0) / Th) - 1) v;  unknown T: T - T0 = R (1 - exp(-t / tau))",
+    equation="F = b (2^(-(T - T0) / Th) - 1) v;  unknown T: T - T0 = R (1 - exp(-(t + ta) / tau))",
     source="viscosity of oil falls by half every 15 to 20 K (Vogel; ISO 3448 oils near 40 deg C)",
     parameters=(
         ParameterSpec("viscous", "N s/m", "b, viscous friction at T0", 0.0, 1e6, 2e4, linear=True),
@@ -141,13 +141,19 @@ TEMPERATURE_DRIFT = Effect(
             "time_constant", "s", "tau (temperature not recorded)", 1.0, 1e5, 600.0, optional=True
         ),
         ParameterSpec("reference", "deg C", "T0", -40.0, 120.0, 40.0, optional=True),
+        ParameterSpec(
+            "warm_s", "s", "ta, since when it has been warming as the recording begins", 0.0, 1e6,
+            0.0, optional=True,
+        ),
     ),
     terms=(Term(Stage.FRICTION, _warming),),
+    head_start="warm_s",
     looks_like=("viscous friction", "payload_change", "quadratic_friction"),
     separating_experiment="the same run cold and warm, with the oil's temperature recorded",
     needs_cylinder=False,
     limits="the drift of flows is left out; without recorded temperature it is a drift with time"
-    " from the start of the recording, whose rise and halving temperature are one number",
+    " from `warm_s` before the start of the recording, whose rise and halving temperature are one"
+    " number",
 )  # fmt: skip
 
 FRICTION_CONDITION_EFFECTS = (
