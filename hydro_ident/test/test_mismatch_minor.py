@@ -18,8 +18,11 @@ from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
 
 LIFT = "lift_cylinder"
+#: Of the lift cylinder's piston; transducers' zeros of 4 and 20 kPa push with it.
+AREA_M2 = load_robot("xs031").cylinders[0].area_a_m2
 
 
 def _term(robot: Robot, name: str, target: str, parameters: dict[str, float]) -> ActiveEffect:
@@ -37,6 +40,7 @@ def _push(robot: Robot) -> float:
         ("pressure_sensor_gain", f"{LIFT}/a", {"error": -5e-4}, {"error": -2e-3}),
         ("pressure_sensor_bias", f"{LIFT}/b", {"bias": 4e3}, {"bias": -2e4}),
         ("encoder_offset", "lift", {"offset": -3e-4}, {"offset": 1e-3}),
+        ("constant_force_offset", LIFT, {"force": -4e3 * AREA_M2}, {"force": 2e4 * AREA_M2}),
         (
             "dead_volume",
             LIFT,

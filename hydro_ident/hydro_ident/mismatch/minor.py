@@ -53,7 +53,7 @@ _FRICTION = frozenset(
     {"coulomb_friction", "presliding_friction", "stribeck_friction", "asymmetric_friction"}
 )
 _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
-_BENT = "valve_gain_nonlinearity"
+_BENT, _ZERO = "valve_gain_nonlinearity", "pressure_sensor_bias"
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
@@ -87,6 +87,10 @@ def is_minor(
         # A corner next to closed is an offset of the signal further on.
         values = dict(_values(term))
         return 0.0 < abs(values["progression"]) * values[KNEE.name] < _EDGE
+    if name == "constant_force_offset" and term.cylinder is not None:
+        # What a transducer's zero that is tolerated makes of the force.
+        zero = min(_TOLERATED[_ZERO][1], _SHARES[_ZERO] * _whole(robot, term))
+        return abs(term.parameters[0]) < zero * robot.cylinders[term.cylinder].area_a_m2
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
         values = dict(_values(term))
