@@ -109,18 +109,6 @@ def test_what_a_joint_runs_against_is_a_contact_at_it(
     assert drag == pytest.approx(0.0, abs=0.01)
 
 
-def test_what_a_joint_rests_on_most_of_the_time_is_no_contact(
-    diagnosed: Diagnosed, crane_run: Any
-) -> None:
-    """A spring does, and whatever else follows the joint's position."""
-    place = float(np.quantile(crane_run.q[:, 1], 0.7))
-    spring = {"stiffness": 2.0e4, "height": place, "way": 1.0}
-    found = diagnosed(EffectSpec("external_contact", "tilt_cylinder", spring))
-    named = {f.named.term.target for f in found.findings if "external_contact" in f.named.names}
-    assert not named & {"lift_cylinder", "tilt_cylinder"}
-    assert found.findings or found.unexplained
-
-
 def test_a_back_pressure_behind_the_transducer_is_told(
     make_run: tuple[Callable[..., Any], Callable[..., Any]],
 ) -> None:

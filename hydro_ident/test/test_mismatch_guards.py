@@ -24,6 +24,7 @@ from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.worth import in_reach
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
 from hydro_ident.results import Provenance
@@ -297,6 +298,25 @@ def seen_again(make_run: tuple[Callable[..., Robot], Callable[..., object]]) -> 
     """The plain machine on another path."""
     true_crane, simulated_run = make_run
     return simulated_run(true_crane(), SECONDS, seed=3)
+
+
+def test_what_a_joint_rests_on_most_of_the_time_is_no_contact(
+    clean: Residuals, plain: Any
+) -> None:
+    """A spring does, and whatever else follows the joint's position; a ground may be ploughed."""
+    material, angle = clean.training.predictor.material, plain.q[:, 1]
+    for share, met in ((0.3, True), (0.7, False)):
+        place = float(np.quantile(angle, share))
+        stop = {"stiffness": 2.0e4, "height": place, "way": 1.0}
+        spec = EffectSpec("external_contact", "tilt_cylinder", stop)
+        (term,) = resolve(replace(material.robot, effects=(spec,)))
+        one = Contender(term, clean.base, 100.0, 100.0, 4.0)
+        assert in_reach(clean.training, clean.base, one) is met
+    tip = {"stiffness": 2.0e4, "height": 10.0}
+    spec = EffectSpec("external_contact", material.robot.name, tip)
+    ground = resolve(replace(material.robot, effects=(spec,)))[0]
+    ground = replace(ground, cylinder=None, target=material.robot.name)
+    assert in_reach(clean.training, clean.base, replace(one, term=ground))
 
 
 def test_in_few_motions_a_shape_at_its_end_tells_of_no_law() -> None:

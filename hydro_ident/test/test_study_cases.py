@@ -36,7 +36,7 @@ SEED = 20
 #: Seeds of cranes that have one joint.
 CRANES = (3, 29)
 WANTED: tuple[tuple[CaseKind, int], ...] = (("single", 6), ("clean", 4), ("outside", 2))
-TRAIN_S, CHECK_S, STEP_S = 20.0, 14.0, 2e-3
+TRAIN_S, CHECK_S, STEP_S = 17.0, 12.0, 2e-3
 
 
 def _motion(crane: Robot, duration_s: float, phase: float) -> Motion:

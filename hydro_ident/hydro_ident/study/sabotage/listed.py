@@ -45,7 +45,7 @@ SABOTAGES = (
     Sabotage(
         "chambers_swapped",
         "the pressure of chamber A stands for that of B, and the other way round",
-        "mismatch/contributions.py",
+        "mismatch/material.py",
         'trace.p_a if chamber.side == "a" else trace.p_b)[:, chamber.index])',
         'trace.p_b if chamber.side == "a" else trace.p_a)[:, chamber.index])',
         f"{_PREDICTION}::test_the_true_model_leaves_noise_alone",
