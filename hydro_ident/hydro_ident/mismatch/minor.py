@@ -90,7 +90,7 @@ def is_minor(
     if name == "constant_force_offset" and term.cylinder is not None:
         # What a transducer's zero that is tolerated makes of the force.
         zero = min(_TOLERATED[_ZERO][1], _SHARES[_ZERO] * _whole(robot, term))
-        return abs(term.parameters[0]) < zero * robot.cylinders[term.cylinder].area_a_m2
+        return bool(abs(term.parameters[0]) < zero * robot.cylinders[term.cylinder].area_a_m2)
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
         values = dict(_values(term))
