@@ -6,7 +6,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Readings, Status
 from hydro_ident.bench import fit, fit_jobs, growth
-from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
+from hydro_ident.bench.chain import LARGEST_AGE_MS, floor, product
 from hydro_ident.bench.chain_jobs import QUANTILES, measured
 from hydro_ident.bench.command import main
 from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
@@ -171,12 +171,10 @@ def unless_too_busy() -> Iterator[None]:
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize(
-    "chain", [floor(), product(0.1, LARGEST_AGE_MS)], ids=["floor", "product"]
-)
-def test_a_chain_answers_the_rig(chain: AbstractContextManager[Running]) -> None:
+def test_the_floor_answers_the_rig() -> None:
+    """As the product does in a soak."""
     with unless_too_busy():
-        one = measured(chain, 1.0)
+        one = measured(floor(), 1.0)
     assert set(one.latency_s) == set(QUANTILES)
     assert 0.0 < one.latency_s["p50"] <= one.latency_s["p99.9"]
     assert len(one.core_share) == 2

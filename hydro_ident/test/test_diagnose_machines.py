@@ -26,9 +26,10 @@ def diagnosed(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Diagno
     """The reference crane with some effects, diagnosed by two recordings of it."""
     true_crane, simulated_run = make_run
 
-    def run(*effects: EffectSpec) -> Diagnosis:
+    def run(*effects: EffectSpec, longer: float = 1.0) -> Diagnosis:
         truth = replace(true_crane(), effects=effects)
-        train, check = simulated_run(truth, 18.0), simulated_run(truth, 12.0, seed=3)
+        train = simulated_run(truth, 14.0 * longer)
+        check = simulated_run(truth, 9.0 * longer, seed=3)
         return diagnose(load_robot("xs031"), [train.recording()], [check.recording("check")])
 
     return run
@@ -74,13 +75,17 @@ def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
 
 def test_a_ground_is_one_finding_at_all_joints(diagnosed: Diagnosed) -> None:
     ground = {"stiffness": 6.0e3, "height": -1.4}
-    _told_as_ground(diagnosed(EffectSpec("external_contact", "xs031", ground)), 1.0, 0.0)
+    _told_as_ground(
+        diagnosed(EffectSpec("external_contact", "xs031", ground), longer=1.3), 1.0, 0.0
+    )
 
 
 def test_a_ground_that_takes_up_energy_is_no_friction(diagnosed: Diagnosed) -> None:
     """Pressed in as bodies are; the law looks at the tip's rate, to which both joints add."""
     ground = {"stiffness": 6.0e3, "height": -1.4, "exponent": 1.5, "damping": 0.8}
-    _told_as_ground(diagnosed(EffectSpec("external_contact", "xs031", ground)), 1.5, 0.8)
+    _told_as_ground(
+        diagnosed(EffectSpec("external_contact", "xs031", ground), longer=1.3), 1.5, 0.8
+    )
 
 
 def _told_as_ground(found: Any, exponent: float, damping: float) -> None:
@@ -200,7 +205,7 @@ def test_transducers_that_wander_slowly_and_read_late_are_no_finding(
         return p - delay_s * np.gradient(p, 0.002, axis=0) + wander(p)
 
     bags = []
-    for name, seconds, motion in (("train", 40.0, 0), ("check", 25.0, 3)):
+    for name, seconds, motion in (("train", 28.0, 0), ("check", 18.0, 3)):
         run = simulated_run(true_crane(), seconds, seed=motion)
         run = replace(run, p_a=late(run.p_a, 4.0e-4), p_b=late(run.p_b, 1.0e-4))
         bags.append(run.recording(name))
@@ -215,6 +220,7 @@ def test_laws_of_edges_in_their_other_forms(diagnosed: Diagnosed) -> None:
     found = diagnosed(
         EffectSpec("pressure_compensation", "tilt_valve", both),
         EffectSpec("valve_underlap", "lift_valve", rounded),
+        longer=1.3,
     )
     named = {f.named.names[0]: f.named.term for f in found.findings}
     assert set(named) == {"pressure_compensation", "valve_underlap"}

@@ -26,10 +26,9 @@ def motion(robot: Robot) -> DesignedMotion:
     return DesignedMotion.of(robot, 30.0)
 
 
-@pytest.mark.parametrize("kind", ["row", "sample"])
-def test_intervals_cover_what_they_say(motion: DesignedMotion, kind: str) -> None:
+def test_intervals_cover_what_they_say(motion: DesignedMotion) -> None:
     """40 recordings of AR(0.98); of 14 parameters one falls below the least once in 140."""
-    found = force_coverage(motion, kind, 40, seed=3)
+    found = force_coverage(motion, "row", 40, seed=3)
     assert min(c.covered for c in found) >= _least(40)
     assert 0.92 < np.mean([c.covered for c in found]) < 0.99
     assert np.mean([c.iid for c in found]) < 0.75
@@ -46,6 +45,6 @@ def test_intervals_of_the_other_estimators_cover(
 
 
 def test_intervals_of_the_hydraulics_cover_what_they_say(robot: Robot) -> None:
-    found = flow_coverage(robot, 30.0, "row", 25, seed=3)
-    assert min(c.covered for c in found) >= _least(25)
+    found = flow_coverage(robot, 30.0, "row", 15, seed=3)
+    assert min(c.covered for c in found) >= _least(15)
     assert 0.91 < np.mean([c.covered for c in found]) <= 1.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_GUARDS = "hydro_ident/test/test_mismatch_guards.py"
-_CHANCE = "hydro_ident/test/test_mismatch_chance.py"
-_PREDICTION = "hydro_ident/test/test_mismatch_prediction.py"
-_STATISTICS = "hydro_ident/test/test_mismatch_statistics.py"
+_GUARDS = "hydro_ident/test/mismatch/test_mismatch_guards.py"
+_CHANCE = "hydro_ident/test/mismatch/test_mismatch_chance.py"
+_PREDICTION = "hydro_ident/test/mismatch/test_mismatch_prediction.py"
+_STATISTICS = "hydro_ident/test/mismatch/test_mismatch_statistics.py"
 
 
 @dataclass(frozen=True, slots=True)

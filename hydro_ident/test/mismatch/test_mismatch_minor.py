@@ -172,7 +172,7 @@ def test_what_may_be_no_more_than_every_machine_has_is_no_finding(robot: Robot) 
 
 
 def test_the_page_says_these_sizes() -> None:
-    page = (Path(__file__).parents[2] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "hydro_msgs_docs/diagnosis.md").read_text(encoding="utf-8")
     paragraph = page.partition("* **Minor.**")[2].partition("* **Limits.**")[0]
     gain, bias, offset, volume, null, *others = (most for _, most in minor._TOLERATED.values())
     *edges, share = others

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.force_rows import force_model
-from hydro_ident.estimate.traces import traces_of
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.shaping import Signals
-from hydro_ident.mismatch.skew import least_skew
 from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
 from hydro_ident.mismatch.testable import untestable
@@ -29,31 +23,6 @@ from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
-
-EFFECTS = (
-    EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
-    EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),
-    EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 4e-13}),
-    EffectSpec("dead_volume", "tilt_cylinder", {"volume_a": 9e-4, "volume_b": 1.1e-3}),
-)
-
-
-def _material(robot: Robot, given: Recording) -> Material:
-    windows = WindowSettings(max_delay_cycles=6.0)
-    forces = force_model(robot)
-    return material_of(robot, forces, traces_of([given]), FilterSettings(), windows, {})
-
-
-@pytest.fixture(scope="module")
-def true_model(make_run: tuple) -> tuple[Predictor, Model]:
-    """A run of a machine with effects, and the model that knows all of it."""
-    true_crane, simulated_run = make_run
-    truth = replace(true_crane(), effects=EFFECTS)
-    given = simulated_run(truth, 12.0).recording()
-    predictor = Predictor(_material(truth, given))
-    start = start_model(truth, predictor, resolve(truth))
-    delays = (truth.command_delay_s,) * len(truth.cylinders)
-    return predictor, replace(start, delays_s=delays)
 
 
 def test_the_true_model_leaves_noise_alone(true_model: tuple[Predictor, Model]) -> None:
@@ -95,12 +64,12 @@ def test_contributions_are_linear_in_linear_parameters(
 
 
 def test_a_cylinder_whose_position_is_unknown_has_no_cushions_to_try(
-    make_run: tuple,
+    make_run: tuple, predictor_of: Callable[[Robot, Recording], Predictor]
 ) -> None:
     true_crane, simulated_run = make_run
     given = simulated_run(true_crane(), 6.0).recording()
     lost = replace(given, q=np.where([False, True], np.nan, given.q))
-    predictor = Predictor(_material(given.robot, lost))
+    predictor = predictor_of(given.robot, lost)
     assert {c for c in predictor.material.channels if "flow" in c} == {
         "lift/flow_a",
         "lift/flow_b",
@@ -108,67 +77,6 @@ def test_a_cylinder_whose_position_is_unknown_has_no_cushions_to_try(
     model = start_model(given.robot, predictor, ())
     tried = list(trials(predictor, model, ("end_cushion",)))
     assert {t.target for t in tried} == {"lift_cylinder"}
-
-
-def test_rails_that_give_way_take_no_rows_where_a_transducer_is_lost(make_run: tuple) -> None:
-    """One of another cylinder: with a law on a rail as many rows count as without."""
-    true_crane, simulated_run = make_run
-    given = simulated_run(true_crane(), 6.0).recording()
-    assert given.p_a is not None
-    lost = replace(given, p_a=np.where([True, False], np.nan, given.p_a))
-    predictor = Predictor(_material(given.robot, lost))
-    model = start_model(given.robot, predictor, ())
-    droop = EffectSpec("supply_droop", "xs031", {"resistance": 2e9, "time_constant": 0.05})
-    (one,) = resolve(replace(given.robot, effects=(droop,)))
-    swept, _ = predictor.base(model)
-    assert np.count_nonzero(swept) > 0.9 * swept.size
-    assert np.array_equal(predictor.base(model.with_term(one))[0], swept)
-
-
-@pytest.fixture(scope="module")
-def drooping(make_run: tuple) -> tuple[Predictor, Model]:
-    """A run without noise of a machine whose supply gives way and whose valves are 5 ms late."""
-    true_crane, simulated_run = make_run
-    droop = EffectSpec("supply_droop", "xs031", {"resistance": 4e9, "time_constant": 0.02})
-    truth = replace(true_crane(), command_delay_s=0.005, effects=(droop,))
-    given = simulated_run(truth, 6.0, noisy=False).recording()
-    predictor = Predictor(_material(truth, given))
-    return predictor, replace(start_model(truth, predictor, resolve(truth)), delays_s=(0.005,) * 2)
-
-
-def test_a_supply_gives_way_when_the_late_valves_draw(drooping: tuple[Predictor, Model]) -> None:
-    """Of the true droop nothing is left; by prompt valves half a percent of it was."""
-    predictor, model = drooping
-    flows = np.isin(predictor.material.channel, np.flatnonzero(
-        ["/flow_" in name for name in predictor.material.channels]
-    ))  # fmt: skip
-    flows &= predictor.material.moving()
-    left = predictor.residual(model)[flows]
-    own = predictor.contribution(model, model.terms[0])[flows]
-    assert left.std() < 5e-4 * own.std()
-
-
-def test_a_supplys_lag_is_not_the_valves_delay(drooping: tuple[Predictor, Model]) -> None:
-    """A fit finds 20 ms; beside prompt valves it had found 26."""
-    predictor, model = drooping
-    training = Training.of(predictor, np.ones(predictor.material.size, dtype=bool))
-    off = tuple(replace(t, parameters=t.parameters * [0.6, 1.8]) for t in model.terms)
-    found = fit(training, replace(model, terms=off, delays_s=(0.0035, 0.0035)), passes=6).model
-    assert found.terms[0].parameters == pytest.approx([4e9, 0.02], rel=0.03)
-    assert found.delays_s == pytest.approx((0.005, 0.005), abs=1e-4)
-
-
-def test_what_is_kept_of_one_delays_rails_is_not_anothers(
-    drooping: tuple[Predictor, Model],
-) -> None:
-    predictor, model = drooping
-    spec = EffectSpec("valve_underlap", "lift_valve", {"width": 0.02})
-    (lap,) = resolve(replace(model.robot, effects=(spec,)))
-    for delay_s in (0.005, 0.002, 0.005):
-        late = replace(model, delays_s=(delay_s, delay_s))
-        fresh = Predictor(predictor.material)
-        assert np.array_equal(predictor.contribution(late, lap), fresh.contribution(late, lap))
-        assert np.array_equal(predictor.residual(late), fresh.residual(late))
 
 
 def test_a_load_adds_the_same_whatever_was_asked_before(
@@ -299,67 +207,6 @@ def test_numbers_of_a_cylinder_are_its_own_wherever_it_is_alone(
     assert everywhere["lift_cylinder.pressure_skew_b"] == pytest.approx(2e-5)
     assert everywhere["tilt_cylinder.pressure_skew_a"] == pytest.approx(3e-5)
     assert told == {name: everywhere[name] for name in there.names}
-
-
-def test_what_a_late_pressure_takes_over_is_its_own_chambers(
-    true_model: tuple[Predictor, Model],
-) -> None:
-    predictor, model = true_model
-    skews_s = (1e-4, 2e-4, 3e-4, 4e-4)
-    spec = EffectSpec("pressure_delay", "tilt_cylinder/a", {"delay": 0.004})
-    (late,) = resolve(replace(model.robot, effects=(spec,)))
-    later = handed_over(predictor, replace(model, terms=(late,), skews_s=skews_s), 0.002, {})
-    assert later.skews_s == (1e-4, 2e-4, 0.0, 4e-4)
-    assert later.terms[0].parameters[0] == pytest.approx(0.0043)
-    assert least_skew(late, predictor.skew_columns, skews_s) == 3e-4
-    # Where the first cylinder was not recorded, the chamber is still the same one.
-    assert least_skew(late, (2, 3), skews_s) == 3e-4
-    assert least_skew(late, (2, 3), ()) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("delays_s", "handed_s", "late_s"),
-    [
-        ((0.0030, 0.0026), (0.0024, 0.0020), 0.0046),
-        # A valve that another law has made quick makes no other later than a step may.
-        ((0.0025, 0.0011), (0.0025, 0.0011), 0.0040),
-        ((0.0022, 0.0011), (0.0025, 0.0014), 0.0037),
-    ],
-)
-def test_no_valve_is_handed_more_than_a_base_may_have(
-    true_model: tuple[Predictor, Model],
-    delays_s: tuple[float, float],
-    handed_s: tuple[float, float],
-    late_s: float,
-) -> None:
-    predictor, model = true_model
-    spec = EffectSpec("command_delay", "xs031", {"delay": 0.004})
-    (late,) = resolve(replace(model.robot, effects=(spec,)))
-    longest_s = dict.fromkeys(predictor.delay_columns, 0.0025)
-    given = replace(model, terms=(late,), delays_s=delays_s)
-    handed = handed_over(predictor, given, 0.002, longest_s)
-    assert handed.delays_s == pytest.approx(handed_s)
-    assert handed.terms[0].parameters[0] == pytest.approx(late_s)
-
-
-@pytest.mark.parametrize("target", ["xs031", "lift_valve"])
-@pytest.mark.parametrize(
-    ("late_s", "delays_s"),
-    [(0.004, (0.003, 0.0026)), (0.001, (0.0002, 0.0004)), (0.0999, (0.0025, 0.0024))],
-)
-def test_valves_are_as_late_after_a_handover_as_before(
-    true_model: tuple[Predictor, Model], target: str, late_s: float, delays_s: tuple[float, float]
-) -> None:
-    """Also where the effect comes to an end of its range: the base keeps what it cannot take."""
-    predictor, model = true_model
-    spec = EffectSpec("command_delay", target, {"delay": late_s})
-    (late,) = resolve(replace(model.robot, effects=(spec,)))
-    longest_s = dict.fromkeys(predictor.delay_columns, 0.0025)
-    given = replace(model, terms=(late,), delays_s=delays_s)
-    handed = handed_over(predictor, given, 0.002, longest_s)
-    for i in predictor.delay_columns if target == "xs031" else (0,):
-        before, after = (m.delays_s[i] + m.terms[0].parameters[0] for m in (given, handed))
-        assert after == pytest.approx(before, abs=1e-12)
 
 
 @pytest.mark.parametrize(
