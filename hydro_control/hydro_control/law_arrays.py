@@ -33,7 +33,7 @@ class LawArrays(NamedTuple):
     axis: FloatArray  # (n, 3)
     prismatic: NDArray[np.bool_]  # (n,)
     gravity: FloatArray  # (3,)
-    theta: FloatArray  # (n, 10)
+    theta: FloatArray  # (n, 11)
     parts: FloatArray  # (2 m, PART_COLUMNS) barrels and rods
     tip: FloatArray  # (3,) in the last joint's frame
     cylinder: FloatArray  # (n, 9)

@@ -260,10 +260,19 @@ class _Spread:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Position, velocity and acceleration of all joints at `t`."""
-        whole = (self.base.copy(), np.zeros_like(self.base), np.zeros_like(self.base))
-        columns = list(self.columns)
-        for target, part in zip(whole, self.segment.sample(t), strict=True):
-            target[columns] = part
+        return self._of_all(self.segment.sample(t))
+
+    def sample_many(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position, velocity and acceleration of all joints at N times, (N, n) each."""
+        return self._of_all(self.segment.sample_many(times_s))
+
+    def _of_all(
+        self, parts: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        shape, columns = (*parts[0].shape[:-1], len(self.base)), list(self.columns)
+        whole = (np.zeros(shape) + self.base, np.zeros(shape), np.zeros(shape))
+        for target, part in zip(whole, parts, strict=True):
+            target[..., columns] = part
         return whole
 
 

@@ -218,9 +218,7 @@ def _basis(spectrum: Spectrum) -> tuple[FloatArray, FloatArray, FloatArray]:
         spectrum.duration_s,
     )
     step = 1.0 / (_ROWS_PER_PERIOD * harmonics * spectrum.fundamental_hz)
-    samples = [unit.sample(float(t)) for t in np.arange(0.0, spectrum.duration_s, step)]
-    q, qd, qdd = (np.array(column) for column in zip(*samples, strict=True))
-    return q, qd, qdd
+    return unit.sample_many(np.arange(0.0, spectrum.duration_s, step))
 
 
 def start_blocks(robot: Robot, spectrum: Spectrum, centres: FloatArray, seed: int) -> Blocks:

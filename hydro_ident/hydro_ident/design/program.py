@@ -145,14 +145,12 @@ class Program:
 
 def sampled(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, velocities and accelerations along segments, at the spacing of checks."""
-    rows = [
-        segment.sample(float(t))
-        for segment in segments
-        for t in np.linspace(
-            0.0, segment.duration_s, max(12, round(segment.duration_s / _CHECK_STEP_S))
-        )
+    times = [
+        np.linspace(0.0, one.duration_s, max(12, round(one.duration_s / _CHECK_STEP_S)))
+        for one in segments
     ]
-    q, qd, qdd = (np.array(column) for column in zip(*rows, strict=True))
+    rows = [one.sample_many(at) for one, at in zip(segments, times, strict=True)]
+    q, qd, qdd = (np.concatenate(column) for column in zip(*rows, strict=True))
     return q, qd, qdd
 
 

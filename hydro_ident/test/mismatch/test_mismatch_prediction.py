@@ -20,6 +20,7 @@ from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training, start_model
+from hydro_model.cylinder import lever
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
@@ -96,6 +97,21 @@ def test_a_load_adds_the_same_whatever_was_asked_before(
         fresh = Predictor(predictor.material).contribution(changed, load)
         assert fresh.any()
         assert np.array_equal(predictor.contribution(changed, load), fresh)
+
+
+def test_below_a_mode_nothing_changes(true_model: tuple[Predictor, Model]) -> None:
+    """A mode far above the motion takes nothing from either joint, whichever one accelerates."""
+    predictor, model = true_model
+    (first,) = predictor.material.stretches
+    assert first.moved is not None
+    stiff = {"inertia": 300.0, "frequency": 40.0, "damping": 0.7}
+    spec = EffectSpec("structural_flexibility", "tilt_cylinder", stiff)
+    (mode,) = resolve(replace(model.robot, effects=(spec,)))
+    added = predictor.contribution(model, mode)
+    turned = 300.0 * float(np.std(first.moved.qdd[:, 0]))
+    for k, cylinder in enumerate(model.robot.cylinders):
+        force = turned / float(np.abs(lever(cylinder, first.moved.q[:, k])).max())
+        assert float(np.std(added[predictor.material.channel == k])) < 0.05 * force
 
 
 def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Model]) -> None:

@@ -25,8 +25,8 @@ class ChainArrays:
     axis : (n, 3) array
     prismatic : (n,) bool array
     gravity_m_s2 : (3,) array
-    theta : (n, 10) array
-        Standard parameters of the links.
+    theta : (n, 11) array
+        Standard parameters of the links, and the armature of each one's joint.
     parts : (2 k, PART_COLUMNS) array
         Barrels and rods, see `hydro_model.closed_chain`.
     tip_offset_m : (3,) array
@@ -90,7 +90,7 @@ def _build(robot: Robot) -> ChainArrays:
         axis=copied([joint.axis for joint in joints]),
         prismatic=np.array([joint.prismatic for joint in joints], dtype=np.bool_),
         gravity_m_s2=copied(robot.gravity_m_s2),
-        theta=copied(robot.link_inertia),
+        theta=copied(np.column_stack([robot.link_inertia, [j.armature for j in joints]])),
         parts=part_rows(robot),
         tip_offset_m=copied(robot.tip_offset_m),
     )

@@ -18,6 +18,9 @@ from hydro_model.chain_kernels import (
 from hydro_model.kernel import kernel
 from hydro_model.part_kernels import add_part_bodies, add_part_rates
 
+#: Column of `theta` behind a link's standard parameters: its joint's armature.
+ARMATURE = 10
+
 
 @kernel
 def _turned(scratch: Array, i: int, row: int, column: int) -> float:
@@ -108,6 +111,7 @@ def mass_matrix_placed(
     for i in range(n):
         axis_force(scratch, i, axis, prismatic[i])
         mass[i, i] = on_axis(scratch, i, COLUMN, axis, i, 3 if prismatic[i] else 0)
+        mass[i, i] += theta[i, ARMATURE]
         for j in range(i, 0, -1):
             for k in range(6):
                 scratch[j - 1, COLUMN + k] = 0.0

@@ -110,14 +110,11 @@ class Path:
 
     def _sample_together(self, index: int, times: FloatArray) -> Sample:
         """Samples at times that lie in one segment, or all before the first or after the last."""
-        inside = 0 <= index < len(self.segments)
-        if inside and isinstance(segment := self.segments[index], Quintic):
-            return segment.sample_many(times - self._starts[index])
-        samples = [self.sample(float(t)) for t in times]
-        position, velocity, acceleration = (
-            np.array(column) for column in zip(*samples, strict=True)
-        )
-        return position, velocity, acceleration
+        if 0 <= index < len(self.segments):
+            return self.segments[index].sample_many(times - self._starts[index])
+        position, velocity, acceleration = self.sample(float(times[0]))
+        count = (len(times), 1)
+        return np.tile(position, count), np.tile(velocity, count), np.tile(acceleration, count)
 
 
 def _rest(position: FloatArray) -> Sample:

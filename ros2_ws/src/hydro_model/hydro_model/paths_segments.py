@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hydro_model.robot import FloatArray
 
@@ -32,8 +33,11 @@ class Segment(Protocol):
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration, (k,) each; `t` is inside the segment."""
 
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times inside the segment, (N, k) each."""
 
-def smooth_step(s: float) -> tuple[float, float, float]:
+
+def smooth_step(s: _Number) -> tuple[_Number, _Number, _Number]:
     """The quintic ``10 s^3 - 15 s^4 + 6 s^5`` on [0, 1] and its two derivatives.
 
     Value goes 0 to 1; both derivatives vanish at both ends.
@@ -143,21 +147,31 @@ class Hold:
         still = np.zeros_like(self.position)
         return self.position, still, still
 
-
-def _window(t: float, duration_s: float, ramp_s: float) -> tuple[float, float, float]:
-    """A window with quintic flanks: 0 at both ends with two vanishing derivatives, 1 between."""
-    if t < ramp_s:
-        w, first, second = smooth_step(t / ramp_s)
-        return w, first / ramp_s, second / ramp_s**2
-    if t > duration_s - ramp_s:
-        w, first, second = smooth_step((duration_s - t) / ramp_s)
-        return w, -first / ramp_s, second / ramp_s**2
-    return 1.0, 0.0, 0.0
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times, (N, k) each."""
+        still = np.zeros((len(times_s), len(self.position)))
+        return still + self.position, still, still.copy()
 
 
-def _windowed(centre: FloatArray, window: tuple[float, float, float], signal: Sample) -> Sample:
-    """`centre` plus window times signal, by the product rule."""
-    w, w1, w2 = window
+def _from_end(t: ArrayLike, duration_s: float) -> tuple[FloatArray, FloatArray]:
+    """Time from the nearer end, and 1 on the first half and -1 on the second.
+
+    Of one time (1,), or of N (N, 1): to go with rows of coordinates.
+    """
+    at = np.asarray(t, dtype=float)[..., None]
+    return np.minimum(at, duration_s - at), np.where(at < 0.5 * duration_s, 1.0, -1.0)
+
+
+def _windowed(
+    centre: FloatArray, t: ArrayLike, duration_s: float, ramp_s: float, signal: Sample
+) -> Sample:
+    """`centre` plus window times signal, by the product rule.
+
+    The window has quintic flanks: 0 at both ends with two vanishing derivatives, 1 between.
+    """
+    near_s, way = _from_end(t, duration_s)
+    w, first, second = smooth_step(np.minimum(near_s / ramp_s, 1.0))
+    w1, w2 = way * first / ramp_s, second / ramp_s**2
     g, g1, g2 = signal
     return centre + w * g, w * g1 + w1 * g, w * g2 + 2.0 * w1 * g1 + w2 * g
 
@@ -188,14 +202,23 @@ class Fourier:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
+        return self._at(t)
+
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times, (N, k) each."""
+        return self._at(times_s)
+
+    def _at(self, t: ArrayLike) -> Sample:
         rate = 2.0 * np.pi * self.fundamental_hz * np.arange(1, self.sine.shape[1] + 1)
-        s, c = np.sin(rate * t), np.cos(rate * t)
+        angle = np.multiply.outer(t, rate)
+        s, c = np.sin(angle), np.cos(angle)
+        sine, cosine = self.sine.T, self.cosine.T
         signal = (
-            self.sine @ s + self.cosine @ c,
-            self.sine @ (rate * c) - self.cosine @ (rate * s),
-            -self.sine @ (rate * rate * s) - self.cosine @ (rate * rate * c),
+            s @ sine + c @ cosine,
+            (rate * c) @ sine - (rate * s) @ cosine,
+            -(rate * rate * s) @ sine - (rate * rate * c) @ cosine,
         )
-        return _windowed(self.centre, _window(t, self.duration_s, self.ramp_s), signal)
+        return _windowed(self.centre, t, self.duration_s, self.ramp_s, signal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,13 +244,20 @@ class Chirp:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
-        sweep = (self.to_hz - self.from_hz) / self.duration_s
-        angle = 2.0 * np.pi * (self.from_hz * t + 0.5 * sweep * t * t)
-        rate, rise = 2.0 * np.pi * (self.from_hz + sweep * t), 2.0 * np.pi * sweep
+        return self._at(t)
+
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times, (N, k) each."""
+        return self._at(times_s)
+
+    def _at(self, t: ArrayLike) -> Sample:
+        at, sweep = np.asarray(t, dtype=float), (self.to_hz - self.from_hz) / self.duration_s
+        angle = 2.0 * np.pi * (self.from_hz * at + 0.5 * sweep * at * at)
+        rate, rise = 2.0 * np.pi * (self.from_hz + sweep * at), 2.0 * np.pi * sweep
         s, c = np.sin(angle), np.cos(angle)
-        a = self.amplitude
-        signal = (a * s, a * (rate * c), a * (rise * c - rate * rate * s))
-        return _windowed(self.centre, _window(t, self.duration_s, self.ramp_s), signal)
+        signal = (s, rate * c, rise * c - rate * rate * s)
+        of_joints = [np.multiply.outer(part, self.amplitude) for part in signal]
+        return _windowed(self.centre, t, self.duration_s, self.ramp_s, (*of_joints,))
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,19 +281,20 @@ class Cruise:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
-        speed = self.travel / (self.duration_s - self.ramp_s)
-        if t > self.duration_s - self.ramp_s:
-            # The second flank is the first one run backwards from the end.
-            covered, rate, slope = self._flank(self.duration_s - t)
-            return self.start + self.travel - speed * covered, speed * rate, -speed * slope
-        if t < self.ramp_s:
-            covered, rate, slope = self._flank(t)
-            return self.start + speed * covered, speed * rate, speed * slope
-        return self.start + speed * (t - 0.5 * self.ramp_s), speed, np.zeros_like(speed)
+        return self._at(t)
 
-    def _flank(self, t: float) -> tuple[float, float, float]:
-        """Distance, speed and acceleration of the rising flank at unit cruise speed."""
-        s = t / self.ramp_s
-        value, first, _ = smooth_step(s)
-        covered = self.ramp_s * s**4 * (2.5 + s * (-3.0 + s))
-        return covered, value, first / self.ramp_s
+    def sample_many(self, times_s: FloatArray) -> Sample:
+        """Position, velocity and acceleration at N times, (N, k) each."""
+        return self._at(times_s)
+
+    def _at(self, t: ArrayLike) -> Sample:
+        near_s, way = _from_end(t, self.duration_s)
+        s = np.minimum(near_s / self.ramp_s, 1.0)
+        rate, slope, _ = smooth_step(s)
+        covered_s = self.ramp_s * s**4 * (2.5 + s * (-3.0 + s)) + np.maximum(
+            near_s - self.ramp_s, 0.0
+        )
+        # The second half is the first one run backwards from the end.
+        speed = self.travel / (self.duration_s - self.ramp_s)
+        end = np.where(way > 0.0, self.start, self.start + self.travel)
+        return end + way * covered_s * speed, rate * speed, way * slope / self.ramp_s * speed

@@ -10,7 +10,7 @@ Arguments shared by all kernels, n joints:
 - `rotation` (n, 3, 3), `translation` (n, 3), `axis` (n, 3), `prismatic` (n,) bool: where each
   child frame sits in its parent at q = 0, and its joint;
 - `gravity` (3,): in the base frame, m/s^2;
-- `theta` (n, 10): standard parameters of the links (eq. 28);
+- `theta` (n, 11): standard parameters of the links (eq. 28), and each joint's armature;
 - `parts` (k, PART_COLUMNS): barrels and rods, see `hydro_model.part_kernels`;
 - `scratch` (n + k, SCRATCH): working memory, contents irrelevant before and after.
 """
@@ -31,7 +31,7 @@ from hydro_model.chain_kernels import (
     on_axis,
     place,
 )
-from hydro_model.composite_kernels import mass_matrix_placed, solve_spd
+from hydro_model.composite_kernels import ARMATURE, mass_matrix_placed, solve_spd
 from hydro_model.kernel import inlined, kernel
 from hydro_model.part_kernels import (
     add_part_forces,
@@ -109,7 +109,7 @@ def required_torque_kernel(
     move_parts(qd, qd_r, qdd_r, gravity, parts, scratch)
     n = q.shape[0]
     for i in range(n):
-        out[i] = 0.0
+        out[i] = theta[i, ARMATURE] * qdd_r[i]
         _net_force(theta, k_v, scratch, i)
     add_part_forces(parts, scratch, out)
     for i in range(n - 1, -1, -1):

@@ -115,7 +115,7 @@ def required_torque(
         forces.append(feedforward + k_v * (required - velocity))
         transforms.append(transform)
         states[i] = (velocity, required, acceleration)
-    torque = np.zeros_like(q)
+    torque = qdd_r * [joint.armature for joint in robot.joints]
     for part in part_motions(robot, q):
         velocity, acceleration = _moved(part, states[part.host], qd, qd_r, qdd_r)
         force = body_regressor(acceleration, velocity) @ part.inertia
@@ -179,7 +179,7 @@ def mass_matrix(robot: Robot, q: FloatArray) -> FloatArray:
         jacobian = part.transform @ jacobians[part.host]
         jacobian[:, :, part.joint] += part.rate[:, None] * PART_AXIS
         out += np.swapaxes(jacobian, -1, -2) @ spatial_inertia(part.inertia) @ jacobian
-    return out
+    return out + np.diag([joint.armature for joint in robot.joints])
 
 
 def _still(robot: Robot, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:

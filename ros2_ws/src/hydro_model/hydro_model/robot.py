@@ -51,6 +51,9 @@ class Joint:
     viscous_friction : float
         N m s/rad or N s/m, of a joint without cylinder only (`<dynamics damping>` of the URDF):
         where there is a cylinder, the friction is the piston's.
+    armature : float
+        Inertia that the joint's own acceleration alone meets, kg m^2 or kg: `M_ii` without its
+        coupling to other joints. No file states it; an effect's change of the robot may.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Joint:
     velocity_limit: float
     effort_limit: float
     viscous_friction: float = 0.0
+    armature: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,7 @@ class ModelArrays(NamedTuple):
     tip: FloatArray  # (3,) in the last joint's frame
     up: FloatArray  # (3,) unit vector against gravity
     tip_used: NDArray[np.bool_]  # (1,) some law looks at the tip
-    theta: FloatArray  # (n, 10)
+    theta: FloatArray  # (n, 11)
     parts: FloatArray  # (2 k, PART_COLUMNS) barrels and rods
     joint: IntArray  # (m,) joint of each cylinder
     other: IntArray  # (n,) the joint that each one's laws may look at, -1: none

@@ -94,6 +94,16 @@ def test_velocity_and_acceleration_are_the_derivatives(every_kind: JointPath) ->
     np.testing.assert_allclose((after[1] - before[1]) / (2 * step), acceleration, atol=2e-3)
 
 
+def test_many_times_are_sampled_as_one_is(every_kind: JointPath) -> None:
+    """At joins, on flanks and between, before and after; to the last digits."""
+    inside = np.linspace(-0.1, every_kind.duration_s + 0.1, 1234)
+    times = np.concatenate([inside, every_kind.breaks_s])
+    together = every_kind.sample_many(times)
+    alone = zip(*(every_kind.sample(float(t)) for t in times), strict=True)
+    for many, rows in zip(together, alone, strict=True):
+        np.testing.assert_allclose(many, np.array(rows), rtol=1e-12, atol=1e-12)
+
+
 def test_outside_its_time_a_path_rests_at_its_ends(every_kind: JointPath) -> None:
     start, end = every_kind.sample(-5.0), every_kind.sample(1e6)
     np.testing.assert_array_equal(start[0], [0.6, -1.5])

@@ -90,6 +90,28 @@ def test_compiled_equals_reference(make_chain: MakeChain, seed: int, dof: int) -
         assert np.allclose(compiled, readable, rtol=1e-12, atol=1e-12 * np.abs(readable).max())
 
 
+@pytest.mark.parametrize(("seed", "dof"), [(0, 1), (1, 3), (2, 6)])
+def test_armatures_are_pinocchios(make_chain: MakeChain, seed: int, dof: int) -> None:
+    plain, armature = make_chain(seed, dof), np.random.default_rng(seed).uniform(-0.1, 9.0, dof)
+    joints = zip(plain.joints, armature.tolist(), strict=True)
+    robot = replace(plain, joints=tuple(replace(joint, armature=own) for joint, own in joints))
+    model = oracle(plain)
+    model.armature = armature
+    data = model.createData()
+    q, qd, qdd = motion(robot)
+    torque = rigid_body.inverse_dynamics(robot, q, qd, qdd)
+    assert np.allclose(rigid_body_reference.inverse_dynamics(robot, q, qd, qdd), torque, 1e-12)
+    assert np.allclose(rigid_body.forward_dynamics(robot, q, qd, torque), qdd, atol=1e-9)
+    matrices = rigid_body_reference.mass_matrix(robot, q)
+    assert np.allclose(rigid_body.mass_matrix(robot, q), matrices, 1e-12)
+    for k, mass in enumerate(matrices):
+        expected = np.triu(pinocchio.crba(model, data, q[k]))
+        assert np.allclose(np.triu(mass), expected, 0, 1e-9 * np.abs(mass).max())
+        # Newer ones have armatures in `rnea` as well: M qdd + h says the same in all.
+        h = pinocchio.nonLinearEffects(model, data, q[k], qd[k])
+        assert np.allclose(torque[k], mass @ qdd[k] + h, 0, 1e-9 * np.abs(torque[k]).max())
+
+
 @pytest.mark.parametrize(("seed", "dof"), CHAINS)
 def test_regressor_times_parameters_is_inverse_dynamics(
     make_chain: MakeChain, seed: int, dof: int

@@ -64,17 +64,15 @@ def _mode_together(s: Row, p: Row) -> float:
 
 
 def _less_inertia(robot: Robot, target: str, parameters: FloatArray) -> Robot:
-    """The link without the inertia about its joint that the flexible mode carries instead."""
-    joint = robot.joint_index(_joint_name(robot, target))
-    axis = np.asarray(robot.joints[joint].axis)
-    inertia = robot.link_inertia.copy()
-    if robot.joints[joint].prismatic:
-        # A mass that the axis carries: it enters the dynamics of this joint as the link's own.
-        inertia[joint, 0] -= parameters[0]
-    else:
-        upper = np.triu_indices(3)
-        inertia[joint, 4:] -= parameters[0] * np.outer(axis, axis)[upper]
-    return replace(robot, link_inertia=inertia)
+    """The joint without the inertia that the flexible mode carries instead.
+
+    Of the joint's own acceleration alone, to which the mode gives it back: taken off the link, it
+    would be missing where other joints move it.
+    """
+    at = robot.joint_index(_joint_name(robot, target))
+    joints = list(robot.joints)
+    joints[at] = replace(joints[at], armature=joints[at].armature - float(parameters[0]))
+    return replace(robot, joints=tuple(joints))
 
 
 def _joint_name(robot: Robot, target: str) -> str:
@@ -178,7 +176,7 @@ def _contact(s: Row, p: Row) -> float:
 STRUCTURAL_FLEXIBILITY = Effect(
     name="structural_flexibility",
     channel="force",
-    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  link: I - J",
+    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J",
     source="one mode of the link as an inertia on a hinge spring (first assumed mode); Book,"
     " J. Dynamic Systems, Measurement and Control 115 (1993)",
     parameters=(
@@ -196,9 +194,8 @@ STRUCTURAL_FLEXIBILITY = Effect(
     separating_experiment="a chirp over the mode at two strokes: the hydraulic mode moves, the"
     " structure's stays",
     needs_cylinder=False,
-    limits="one mode, without sag under gravity and without its share in other joints; the"
-    " inertia moves from the link to the spring, so below the mode nothing changes; on a prismatic"
-    " joint that is not level the spring's mass has no weight",
+    limits="one mode, without sag under gravity; its own joint alone sets it going, and feels it."
+    " What the joint's acceleration meets moves to the spring, so below the mode nothing changes",
 )
 
 BACKLASH = Effect(
