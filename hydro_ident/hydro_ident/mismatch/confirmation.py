@@ -13,7 +13,6 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -22,6 +21,7 @@ from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
+from hydro_ident.mismatch.spoilt import made_worse, sides_of
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.mismatch.where import VARIABLES
@@ -32,11 +32,8 @@ from hydro_model.robot import FloatArray
 _CONFIRMED_SHARE = (1.0 - NAMED_SHARE) / NAMED_SHARE
 #: The same for a name that held-out rows do not exercise: less than this is its law's own form.
 _BESIDE_SILENT = 0.1
-#: Rmse of a channel's held-out rows with all findings, over that without any, from which some go.
-_CLEARLY_WORSE = 1.2
-#: The same for what acts in no channel that it leaves better.
-_NOWHERE_BETTER = 1.02
-#: The same from which a name that nothing replaces stays, or share of its rows' variance.
+#: Rmse of held-out rows with all findings, over that without any, from which a name that nothing
+#: replaces stays, or share of its rows' variance.
 _HALVED, _MOSTLY = 0.5, 0.5
 #: Searches, each without what the ones before named and held-out rows did not confirm.
 _ROUNDS = 4
@@ -67,7 +64,7 @@ def _confirmed(work: Residuals, search: Search) -> tuple[Fitted, list[Finding], 
         there = fitted_there(work.training, work.check, whole)
         found = [_checked(work, whole, there, n, len(search.scanned)) for n in named]
         failed = [f for f in found if not f.verification.stands]
-        failed = failed or _made_worse(work, whole, found)
+        failed = failed or made_worse(work, whole, found)
         if not failed:
             return whole, found, rejected
         # The worse half at a time: what fails beside a wrong effect may stand without it.
@@ -172,7 +169,7 @@ def _better_answers(
     """
     if not taken:
         return []
-    before, sides = _significant(work, given, first), _sides(work, given)
+    before, sides = _significant(work, given, first), sides_of(work, given)
     result = []
     for finding in taken:
         channel = finding.channels[0]
@@ -209,48 +206,6 @@ def _significant(
     """What has no name, by channel."""
     holds = Confirmer(work.training, work.check, whole).holds
     return {one.channel: one for one in unexplained(work.training, whole, left, holds)}
-
-
-def _made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> list[Finding]:
-    """The weakest of those with which, all together, a channel is predicted clearly worse.
-
-    Behind a refit each may have gained: what is handed over is the model as it is. A name that
-    leaves no channel of its own better than no name would has mended what another one spoilt.
-    """
-    sides = _sides(work, whole)
-    worse = {n for n, (before, after) in sides.items() if after > _NOWHERE_BETTER * before}
-    clearly = {n for n in worse if sides[n][1] > _CLEARLY_WORSE * sides[n][0]}
-    acting = [
-        f
-        for f in findings
-        if clearly.intersection(f.channels)
-        or (worse.issuperset(f.channels) and not f.verification.silent)
-    ]
-    if not acting:
-        return []
-    weakest = min(acting, key=lambda f: f.named.gain)
-    channel = next(n for n in weakest.channels if n in worse)
-    before, after = sides[channel]
-    reason = (
-        f"with all findings together held-out rows of {channel} are predicted worse (RMSE"
-        f" {before:.3g} to {after:.3g})"
-    )
-    verification = replace(weakest.verification, stands=False, reason=reason)
-    return [replace(weakest, verification=verification)]
-
-
-def _sides(work: Residuals, whole: Fitted) -> dict[str, tuple[float, float]]:
-    """Rmse of held-out rows as the base and as a model predicts them, by channel."""
-    check = work.check
-    models = both_at_own_instants(work.training, check, work.base.model, whole.model)
-    both = [check.residual(model) for model in models]
-    rows = {
-        name: check.rows(k, name) & check.mask & check.moving
-        for k, name in enumerate(check.predictor.material.channels)
-    }
-    return {
-        name: (rms(both[0][own]), rms(both[1][own])) for name, own in rows.items() if own.any()
-    }
 
 
 def _explain_less(

@@ -11,7 +11,6 @@ import pytest
 
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.confirmation import _sides
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.instants import at_own_instants, begun, both_at_own_instants
@@ -23,6 +22,7 @@ from hydro_ident.mismatch.outcome import MATCHES
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import RefineSettings
+from hydro_ident.mismatch.spoilt import sides_of
 from hydro_ident.mismatch.verify import verify
 from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.robot import EffectSpec, Robot
@@ -114,7 +114,7 @@ def test_a_load_of_another_recording_is_there_from_its_start_and_let_go(
 
 def test_results_and_checks_see_it_there(loaded: Residuals, whole: Fitted) -> None:
     """As at its first instant it would seem to make the other recording worse."""
-    before, after = _sides(loaded, whole)["lift/force"]
+    before, after = sides_of(loaded, whole)["lift/force"]
     assert after < 0.5 * before
     [lift] = [c for c in channels_of(loaded, whole, loaded.check) if c.name == "lift/force"]
     left = [float(np.std(lift.measured - of)) for of in (lift.before, lift.after)]
@@ -205,7 +205,7 @@ def test_a_load_of_the_robot_file_is_the_other_recordings_own(
     assert all(before == after for before, after in sides)
     # Without any finding the base is the model: neither predicts them worse.
     work, base = found.work, found.work.base
-    for before, after in _sides(work, base).values():
+    for before, after in sides_of(work, base).values():
         assert before == after
     # What has no name is put to rows from which the load is gone, not to the load.
     noise = work.noise_floors()["lift/force"]

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch import confirmation
+from hydro_ident.mismatch import spoilt
 from hydro_ident.mismatch.confirmation import (
     _better_answers,
     _confirmed,
-    _made_worse,
     _variable,
     withdrawn,
 )
@@ -24,6 +23,7 @@ from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.spoilt import made_worse
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.mismatch.verify import Verification
 from hydro_model.effects.catalogue import resolve
@@ -96,6 +96,8 @@ def test_a_silent_name_is_not_taken_from_a_channel_that_it_describes(rubbing: Re
         ({"lift/force": (10.0, 10.3)}, True, False),
         ({"lift/force": (10.0, 10.3), "lift/flow_a": (1.0, 0.5)}, False, False),
         ({"lift/force": (10.0, 12.1), "lift/flow_a": (1.0, 0.5)}, False, True),
+        # More is gained there than lost here.
+        ({"lift/force": (1.0, 1.3), "lift/flow_a": (10.0, 5.0)}, False, False),
     ],
 )
 def test_a_name_that_leaves_no_channel_better_than_none_would_goes(
@@ -105,15 +107,16 @@ def test_a_name_that_leaves_no_channel_better_than_none_would_goes(
     silent: bool,
     goes: bool,
 ) -> None:
+    """Sides in units of what the sensors' noise leaves."""
     whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
     verification = replace(finding.verification, silent=silent)
     finding = replace(finding, verification=verification, channels=tuple(sides))
-    monkeypatch.setattr(confirmation, "_sides", lambda work, whole: sides)
-    failed = _made_worse(rubbing, whole, [finding])
+    floors = rubbing.noise_floors()
+    told = {n: (floors[n] * before, floors[n] * after) for n, (before, after) in sides.items()}
+    monkeypatch.setattr(spoilt, "sides_of", lambda work, whole: told)
+    failed = made_worse(rubbing, whole, [finding])
     assert [f.verification.stands for f in failed] == ([False] if goes else [])
-    assert not failed or "lift/force are predicted worse (RMSE 10 to 1" in (
-        failed[0].verification.reason
-    )
+    assert not failed or "lift/force are predicted worse (RMSE" in failed[0].verification.reason
 
 
 # What comes in the place of a refused name -------------------------------------------------------
