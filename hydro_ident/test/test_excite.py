@@ -158,8 +158,8 @@ def test_listed_effects_are_predicted_beside_the_rest(robot: Robot, folder: Path
         for cylinder in ("lift_cylinder", "tilt_cylinder")
         for name in ("coulomb_friction.force", "internal_leakage.coefficient")
     }
-    # More unknowns, and nothing is told better for it.
-    assert all(told[entry["name"]] > 0.99 * entry["std"] for entry in plain)
+    # More unknowns, and nothing is told better for it; pressures under leaks are a little others.
+    assert all(told[entry["name"]] > 0.98 * entry["std"] for entry in plain)
     for cylinder in ("lift_cylinder", "tilt_cylinder"):
         name = f"{cylinder}.viscous_friction"
         before = next(entry["std"] for entry in plain if entry["name"] == name)

@@ -29,15 +29,12 @@ def clean(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
 @pytest.mark.parametrize(
     ("name", "target"),
     [
-        # Robot-wide laws of the rails, with which every valve's flow is another one.
+        # A robot-wide law of a rail, with which every valve's flow is another one.
         ("supply_droop", "xs031"),
-        ("tank_back_pressure", "xs031"),
         # Readings: the signals that laws look at are others once these are undone.
         ("command_delay", "xs031"),
-        ("command_delay", "tilt_valve"),
         ("encoder_offset", "lift"),
         ("pressure_sensor_bias", "lift_cylinder/a"),
-        ("pressure_sensor_gain", "lift_cylinder/a"),
         # A law on one valve's signal, as ever.
         ("valve_deadband", "tilt_valve"),
     ],
