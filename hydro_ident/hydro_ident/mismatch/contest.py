@@ -20,7 +20,14 @@ from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, form_of, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import OF_VALVES, base_delay, in_reach, resolved, sized
+from hydro_ident.mismatch.worth import (
+    OF_VALVES,
+    base_delay,
+    bears,
+    in_reach,
+    resolved,
+    sized,
+)
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -83,6 +90,7 @@ class Contest:
             for c in contenders
             if resolved(self.training, without, c)
             and in_reach(self.training, without, c)
+            and bears(self.training, c)
             and self.encoders.tell(without, c)
         ]
         members = self.members(told or contenders)

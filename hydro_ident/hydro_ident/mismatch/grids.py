@@ -26,6 +26,8 @@ from hydro_model.signals import (
     VALVE_SIGNAL,
 )
 
+#: Torque over which the flanks of a drive's play come to bear.
+FLANK = "contact_torque"
 #: Shapes tried around the typical value: of the first needed parameter, of further ones, and of
 #: those optional ones that a fit from the typical value alone would not find.
 FIRST_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -128,7 +130,7 @@ def _of_recording(
         at = quantiles(predictor, model, one, (VALVE_SIGNAL,))
         ends = [0.5 * (abs(low) + abs(high)) for low, high in zip(at, at[::-1], strict=True)]
         return [0.0, *(w for w in ends[: len(at) // 2] if 0.0 < w < spec.upper)]
-    if name == "backlash" and spec.name == "contact_torque":
+    if name == "backlash" and spec.name == FLANK:
         loads = quantiles(predictor, model, one, (PISTON_FORCE,))
         largest = max(abs(load) for load in loads)
         return [max(share * largest, spec.lower) for share in _CONTACT_SHARES]

@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.grids import FLANK
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.named import Contender
@@ -194,6 +195,26 @@ def in_reach(training: Training, without: Fitted, one: Contender) -> bool:
     acting = np.unique(training.predictor.material.channel[column > 0.0])
     own = column[np.isin(training.predictor.material.channel, acting)]
     return bool(own.size) and float(np.mean(own > _TOUCHED * own.max())) < _MOSTLY
+
+
+def bears(training: Training, one: Contender) -> bool:
+    """Whether the flanks of a drive's play come to bear under the torques that were recorded.
+
+    What only ever gives way further is no play, but a shaft or a link that is soft.
+
+    Parameters
+    ----------
+    training : Training
+    one : Contender
+    """
+    term = one.term
+    values = zip(term.effect.parameters, term.parameters.tolist(), strict=True)
+    flank = next((value for spec, value in values if spec.name == FLANK), None)
+    if flank is None or term.joint is None:
+        return True
+    stretches = training.predictor.material.stretches
+    loads = [np.abs(s.trace.joint_torque[:, term.joint]) for s in stretches]
+    return any(bool(np.any(load > flank)) for load in loads)
 
 
 def sized(one: Contender) -> bool:

@@ -21,10 +21,11 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound
 from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.worth import in_reach
+from hydro_ident.mismatch.worth import bears, in_reach
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
 from hydro_ident.results import Provenance
@@ -33,6 +34,8 @@ from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.drives import GEAR_BACKLASH
+from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -317,6 +320,18 @@ def test_what_a_joint_rests_on_most_of_the_time_is_no_contact(
     ground = resolve(replace(material.robot, effects=(spec,)))[0]
     ground = replace(ground, cylinder=None, target=material.robot.name)
     assert in_reach(clean.training, clean.base, replace(one, term=ground))
+
+
+def test_flanks_that_never_bear_are_no_play(clean: Residuals) -> None:
+    """Torques of joints without cylinders, as far as 60 N m."""
+    (stretch, *_), torque = clean.training.predictor.material.stretches, 60.0 * np.ones((9, 2))
+    loaded = replace(stretch, trace=replace(stretch.trace, joint_torque=torque))
+    material = replace(clean.training.predictor.material, stretches=(loaded,))
+    training = replace(clean.training, predictor=Predictor(material))
+    for flank, bear in ((20.0, True), (290.0, False)):
+        term = ActiveEffect(GEAR_BACKLASH, None, np.array([0.1, flank]), joint=1)
+        one = Contender(term, clean.base, 100.0, 100.0, 4.0)
+        assert bears(training, one) is bear
 
 
 def test_in_few_motions_a_shape_at_its_end_tells_of_no_law() -> None:
