@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hydro_model.robot import FloatArray
 
@@ -153,25 +152,38 @@ class Hold:
         return still + self.position, still, still.copy()
 
 
-def _from_end(t: ArrayLike, duration_s: float) -> tuple[FloatArray, FloatArray]:
-    """Time from the nearer end, and 1 on the first half and -1 on the second.
+# A controller samples one time in every cycle: by plain numbers, where they are quicker.
 
-    Of one time (1,), or of N (N, 1): to go with rows of coordinates.
-    """
-    at = np.asarray(t, dtype=float)[..., None]
+
+def _from_end(times_s: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray]:
+    """Time from the nearer end, and 1 on the first half and -1 on the second, (N, 1) each."""
+    at = times_s[:, None]
     return np.minimum(at, duration_s - at), np.where(at < 0.5 * duration_s, 1.0, -1.0)
 
 
-def _windowed(
-    centre: FloatArray, t: ArrayLike, duration_s: float, ramp_s: float, signal: Sample
-) -> Sample:
-    """`centre` plus window times signal, by the product rule.
+def _window(t: float, duration_s: float, ramp_s: float) -> tuple[float, float, float]:
+    """A window with quintic flanks: 0 at both ends with two vanishing derivatives, 1 between."""
+    if t < ramp_s:
+        w, first, second = smooth_step(t / ramp_s)
+        return w, first / ramp_s, second / ramp_s**2
+    if t > duration_s - ramp_s:
+        w, first, second = smooth_step((duration_s - t) / ramp_s)
+        return w, -first / ramp_s, second / ramp_s**2
+    return 1.0, 0.0, 0.0
 
-    The window has quintic flanks: 0 at both ends with two vanishing derivatives, 1 between.
-    """
-    near_s, way = _from_end(t, duration_s)
+
+def _windows(times_s: FloatArray, duration_s: float, ramp_s: float) -> Sample:
+    """The same at N times, (N, 1) each."""
+    near_s, way = _from_end(times_s, duration_s)
     w, first, second = smooth_step(np.minimum(near_s / ramp_s, 1.0))
-    w1, w2 = way * first / ramp_s, second / ramp_s**2
+    return w, way * first / ramp_s, second / ramp_s**2
+
+
+def _windowed(
+    centre: FloatArray, window: tuple[_Number, _Number, _Number], signal: Sample
+) -> Sample:
+    """`centre` plus window times signal, by the product rule."""
+    w, w1, w2 = window
     g, g1, g2 = signal
     return centre + w * g, w * g1 + w1 * g, w * g2 + 2.0 * w1 * g1 + w2 * g
 
@@ -202,15 +214,19 @@ class Fourier:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
-        return self._at(t)
+        rate = 2.0 * np.pi * self.fundamental_hz * np.arange(1, self.sine.shape[1] + 1)
+        s, c = np.sin(rate * t), np.cos(rate * t)
+        signal = (
+            self.sine @ s + self.cosine @ c,
+            self.sine @ (rate * c) - self.cosine @ (rate * s),
+            -self.sine @ (rate * rate * s) - self.cosine @ (rate * rate * c),
+        )
+        return _windowed(self.centre, _window(t, self.duration_s, self.ramp_s), signal)
 
     def sample_many(self, times_s: FloatArray) -> Sample:
         """Position, velocity and acceleration at N times, (N, k) each."""
-        return self._at(times_s)
-
-    def _at(self, t: ArrayLike) -> Sample:
         rate = 2.0 * np.pi * self.fundamental_hz * np.arange(1, self.sine.shape[1] + 1)
-        angle = np.multiply.outer(t, rate)
+        angle = np.multiply.outer(times_s, rate)
         s, c = np.sin(angle), np.cos(angle)
         sine, cosine = self.sine.T, self.cosine.T
         signal = (
@@ -218,7 +234,8 @@ class Fourier:
             (rate * c) @ sine - (rate * s) @ cosine,
             -(rate * rate * s) @ sine - (rate * rate * c) @ cosine,
         )
-        return _windowed(self.centre, t, self.duration_s, self.ramp_s, signal)
+        windows = _windows(times_s, self.duration_s, self.ramp_s)
+        return _windowed(self.centre, windows, signal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,20 +261,24 @@ class Chirp:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
-        return self._at(t)
+        sweep = (self.to_hz - self.from_hz) / self.duration_s
+        angle = 2.0 * np.pi * (self.from_hz * t + 0.5 * sweep * t * t)
+        rate, rise = 2.0 * np.pi * (self.from_hz + sweep * t), 2.0 * np.pi * sweep
+        s, c = np.sin(angle), np.cos(angle)
+        a = self.amplitude
+        signal = (a * s, a * (rate * c), a * (rise * c - rate * rate * s))
+        return _windowed(self.centre, _window(t, self.duration_s, self.ramp_s), signal)
 
     def sample_many(self, times_s: FloatArray) -> Sample:
         """Position, velocity and acceleration at N times, (N, k) each."""
-        return self._at(times_s)
-
-    def _at(self, t: ArrayLike) -> Sample:
-        at, sweep = np.asarray(t, dtype=float), (self.to_hz - self.from_hz) / self.duration_s
+        at, sweep = times_s, (self.to_hz - self.from_hz) / self.duration_s
         angle = 2.0 * np.pi * (self.from_hz * at + 0.5 * sweep * at * at)
         rate, rise = 2.0 * np.pi * (self.from_hz + sweep * at), 2.0 * np.pi * sweep
         s, c = np.sin(angle), np.cos(angle)
         signal = (s, rate * c, rise * c - rate * rate * s)
         of_joints = [np.multiply.outer(part, self.amplitude) for part in signal]
-        return _windowed(self.centre, t, self.duration_s, self.ramp_s, (*of_joints,))
+        windows = _windows(times_s, self.duration_s, self.ramp_s)
+        return _windowed(self.centre, windows, (of_joints[0], of_joints[1], of_joints[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,14 +302,19 @@ class Cruise:
 
     def sample(self, t: float) -> Sample:
         """Position, velocity and acceleration at `t`."""
-        return self._at(t)
+        speed = self.travel / (self.duration_s - self.ramp_s)
+        if t > self.duration_s - self.ramp_s:
+            # The second flank is the first one run backwards from the end.
+            covered, rate, slope = self._flank(self.duration_s - t)
+            return self.start + self.travel - speed * covered, speed * rate, -speed * slope
+        if t < self.ramp_s:
+            covered, rate, slope = self._flank(t)
+            return self.start + speed * covered, speed * rate, speed * slope
+        return self.start + speed * (t - 0.5 * self.ramp_s), speed, np.zeros_like(speed)
 
     def sample_many(self, times_s: FloatArray) -> Sample:
         """Position, velocity and acceleration at N times, (N, k) each."""
-        return self._at(times_s)
-
-    def _at(self, t: ArrayLike) -> Sample:
-        near_s, way = _from_end(t, self.duration_s)
+        near_s, way = _from_end(times_s, self.duration_s)
         s = np.minimum(near_s / self.ramp_s, 1.0)
         rate, slope, _ = smooth_step(s)
         covered_s = self.ramp_s * s**4 * (2.5 + s * (-3.0 + s)) + np.maximum(
@@ -298,3 +324,10 @@ class Cruise:
         speed = self.travel / (self.duration_s - self.ramp_s)
         end = np.where(way > 0.0, self.start, self.start + self.travel)
         return end + way * covered_s * speed, rate * speed, way * slope / self.ramp_s * speed
+
+    def _flank(self, t: float) -> tuple[float, float, float]:
+        """Distance, speed and acceleration of the rising flank at unit cruise speed."""
+        s = t / self.ramp_s
+        value, first, _ = smooth_step(s)
+        covered = self.ramp_s * s**4 * (2.5 + s * (-3.0 + s))
+        return covered, value, first / self.ramp_s
