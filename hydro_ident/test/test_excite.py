@@ -158,8 +158,11 @@ def test_listed_effects_are_predicted_beside_the_rest(robot: Robot, folder: Path
         for cylinder in ("lift_cylinder", "tilt_cylinder")
         for name in ("coulomb_friction.force", "internal_leakage.coefficient")
     }
-    # More unknowns, and nothing is told better for it; pressures under leaks are a little others.
-    assert all(told[entry["name"]] > 0.98 * entry["std"] for entry in plain)
+    # More unknowns, and nothing is told better for it. Pressures under leaks are others, and with
+    # them what a motion tells of edges.
+    others = [entry for entry in plain if not entry["name"].rpartition(".")[2].startswith("c_")]
+    assert len(others) > 8
+    assert all(told[entry["name"]] > 0.99 * entry["std"] for entry in others)
     for cylinder in ("lift_cylinder", "tilt_cylinder"):
         name = f"{cylinder}.viscous_friction"
         before = next(entry["std"] for entry in plain if entry["name"] == name)

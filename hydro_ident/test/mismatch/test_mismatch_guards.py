@@ -56,6 +56,13 @@ def _direction(run: Any) -> np.ndarray:
     return np.tanh(speed / 0.01)
 
 
+def _held_out(run: Any, work: Residuals) -> np.ndarray:
+    """Samples of a run that lie in held-out blocks, (N,)."""
+    split = work.split
+    number = np.floor(np.arange(len(run.q)) * 0.002 / split.block_s["run"]).astype(int)
+    return np.asarray(number % split.every == split.every - 1)
+
+
 @pytest.fixture(scope="module")
 def plain(crane_run: object) -> Any:
     """A machine that has the datasheet's structure."""
@@ -136,9 +143,7 @@ def test_what_is_checked_on_took_no_part_in_the_fit(clean: Residuals) -> None:
 def test_nothing_in_the_held_out_blocks_moves_the_fit(
     plain: Any, clean: Residuals, lay_out: Callable[..., Residuals]
 ) -> None:
-    split = clean.split
-    number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
-    held = number % split.every == split.every - 1
+    held = _held_out(plain, clean)
     other = lay_out(_pushed(plain, np.where(held, 3000.0 * _direction(plain), 0.0)))
     old, new = clean.base.model, other.base.model
     assert new.theta == pytest.approx(old.theta, rel=0.05, abs=0.02 * np.abs(old.theta).max())
@@ -224,9 +229,7 @@ def test_what_held_for_the_training_blocks_alone_does_not_stand(
     plain: Any, clean: Residuals, lay_out: Callable[..., Residuals]
 ) -> None:
     """Friction that is gone whenever a block is held out: only unseen rows can tell."""
-    split = clean.split
-    number = np.floor(np.arange(len(plain.q)) * 0.002 / split.block_s["run"]).astype(int)
-    held = number % split.every == split.every - 1
+    held = _held_out(plain, clean)
     work = lay_out(_pushed(plain, np.where(held, 0.0, 2500.0 * _direction(plain))))
     whole, named = _named(work)
     assert named.term.parameters[0] == pytest.approx(2500.0, rel=0.2)
