@@ -35,16 +35,23 @@ def _load(start_s: float) -> EffectSpec:
     return EffectSpec("payload_change", "xs031", {"mass": MASS_KG, "start_s": start_s})
 
 
+def _runs(
+    make_run: tuple[Callable[..., Robot], Callable[..., Any]], *how: tuple[float, float, int]
+) -> list[Any]:
+    """Runs of one machine by when it takes its load up, their length and seed."""
+    true_crane, simulated_run = make_run
+    return [
+        simulated_run(replace(true_crane(), effects=(_load(start_s),)), seconds, seed=seed)
+        for start_s, seconds, seed in how
+    ]
+
+
 @pytest.fixture(scope="module")
 def loaded(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
 ) -> Residuals:
     """Two recordings of one machine, which takes its load up early in the second."""
-    true_crane, simulated_run = make_run
-    here, there = (
-        simulated_run(replace(true_crane(), effects=(_load(start),)), SECONDS, seed=seed)
-        for start, seed in ((HERE_S, 0), (THERE_S, 3))
-    )
+    here, there = _runs(make_run, (HERE_S, SECONDS, 0), (THERE_S, SECONDS, 3))
     return lay_out(here, [there])
 
 
@@ -186,11 +193,7 @@ def test_a_load_of_the_robot_file_is_the_other_recordings_own(
     make_run: tuple[Callable[..., Robot], Callable[..., Any]],
 ) -> None:
     """What the file lists is held against rows to verify on as these have it, with or without."""
-    true_crane, simulated_run = make_run
-    here, there = (
-        simulated_run(replace(true_crane(), effects=(_load(start),)), SECONDS, seed=seed)
-        for start, seed in ((HERE_S, 0), (THERE_S, 3))
-    )
+    here, there = _runs(make_run, (HERE_S, SECONDS, 0), (THERE_S, SECONDS, 3))
     listed = replace(load_robot("xs031"), effects=(_load(HERE_S),))
     found = diagnose(listed, [here.recording("run")], [there.recording("check")])
     assert (found.verdict, found.findings) == (MATCHES, ())
@@ -219,11 +222,7 @@ def test_a_load_that_comes_later_than_the_other_recording_ends_is_verified_there
     make_run: tuple[Callable[..., Robot], Callable[..., Any]], lay_out: Callable[..., Residuals]
 ) -> None:
     """Its rows show the load at their own instant: they are not silent."""
-    true_crane, simulated_run = make_run
-    here, there = (
-        simulated_run(replace(true_crane(), effects=(_load(start),)), seconds, seed=seed)
-        for start, seconds, seed in ((19.0, 24.0, 0), (THERE_S, 14.0, 3))
-    )
+    here, there = _runs(make_run, (19.0, 24.0, 0), (THERE_S, 14.0, 3))
     work = lay_out(here, [there])
     (one,) = resolve(replace(load_robot("xs031"), effects=(_load(19.0),)))
     whole = fit(work.training, work.base.model.with_term(one))
