@@ -55,7 +55,7 @@ def test_a_mode_is_found_wherever_its_frequency_lies(diagnosed: Diagnosed) -> No
     mode = {"inertia": 250.0, "frequency": 7.1, "damping": 0.03}
     found = diagnosed(EffectSpec("structural_flexibility", "lift_cylinder", mode))
     assert [f.named.names for f in found.findings] == [("structural_flexibility",)]
-    inertia, frequency, _ = found.findings[0].named.term.parameters
+    inertia, frequency, *_ = found.findings[0].named.term.parameters
     assert inertia == pytest.approx(250.0, rel=0.15)
     assert frequency == pytest.approx(7.1, rel=0.03)
 

@@ -10,12 +10,14 @@ import numpy as np
 from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import stroke
-from hydro_model.effects import ActiveEffect, Readings, Stage
+from hydro_model.effects import ActiveEffect, Readings
+from hydro_model.effects.bending import Load
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.rows import signal_rows
+from hydro_model.effects.targets import joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import LEVER, PISTON_FORCE, PISTON_POSITION
+from hydro_model.signals import PISTON_FORCE, PISTON_POSITION
 
 
 def held_torque(
@@ -39,15 +41,15 @@ def held_torque(
     for one in changes:
         if one.effect.change is None:
             continue
+        if one.effect.known_torques is not None:
+            load = Load.of(robot, joint_of(robot, one), *state)
+            total += one.effect.known_torques(load, one.parameters, trace.step_s)
+            continue
         changed = one.effect.change(robot, one.target, one.parameters)
         # A tilt is in the regressor, whose masses are the fit's and not the robot file's.
         changed = replace(changed, gravity_m_s2=robot.gravity_m_s2)
         acts = acting_share(one, trace.time_s)[:, None]
         total += acts * (inverse_dynamics(changed, *state) - plain)
-        if Stage.FRICTION in one.effect.stages:
-            at, signals = moving_signals(robot, one, trace, moved)
-            law = one.effect.evaluate(signals, one.parameters, Stage.FRICTION, trace.step_s)
-            total[:, at] += law * signals[:, LEVER]
     return total
 
 

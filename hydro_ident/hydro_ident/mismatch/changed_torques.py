@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from hydro_ident.estimate.force_rows import Motion
-from hydro_model.effects.effect import RobotChange
-from hydro_model.effects.targets import ActiveEffect
+from hydro_ident.mismatch.material import Stretch
+from hydro_model.effects.bending import Load
+from hydro_model.effects.targets import ActiveEffect, joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 
@@ -16,15 +19,23 @@ _KEPT_CHANGES = 4
 
 
 @dataclass(slots=True)
+class _Kept:
+    """What is kept of a robot over a motion: its torques, its joints' loads, what changes add."""
+
+    robot: Robot
+    moved: Motion
+    plain: FloatArray | None = None
+    loads: dict[int, Load] = field(default_factory=dict)
+    extra: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
 class ChangedTorques:
     """Torques of a robot with a change at work less those without it, over stretches."""
 
-    _plain: dict[int, tuple[Robot, Motion, FloatArray]] = field(default_factory=dict)
-    _extra: dict[int, dict[tuple[object, ...], FloatArray]] = field(default_factory=dict)
+    _stretches: dict[int, _Kept] = field(default_factory=dict)
 
-    def extra(
-        self, robot: Robot, one: ActiveEffect, change: RobotChange, number: int, moved: Motion
-    ) -> FloatArray:
+    def extra(self, robot: Robot, one: ActiveEffect, stretch: Stretch) -> FloatArray:
         """What the whole change adds, whenever it begins, (N, n); not to be changed.
 
         Parameters
@@ -32,24 +43,36 @@ class ChangedTorques:
         robot : Robot
             Without the change.
         one : ActiveEffect
-        change : callable
-            The effect's own, of the robot.
-        number : int
-            Of the stretch.
-        moved : Motion
-            Of the stretch.
+            With a change of the robot.
+        stretch : Stretch
+            With its motion.
         """
-        kept = self._plain.get(number)
-        if kept is None or kept[0] is not robot or kept[1] is not moved:
-            kept = self._plain[number] = robot, moved, _torques(robot, moved)
-            self._extra[number] = {}
-        changes, key = self._extra[number], _whenever(one)
-        if key not in changes:
-            if len(changes) >= _KEPT_CHANGES:
-                changes.pop(next(iter(changes)))
-            other = change(robot, one.target, one.parameters)
-            changes[key] = _torques(other, moved) - kept[2]
-        return changes[key]
+        moved = stretch.moved
+        if moved is None:
+            return np.zeros_like(stretch.trace.q)
+        kept = self._stretches.get(stretch.number)
+        if kept is None or kept.robot is not robot or kept.moved is not moved:
+            kept = self._stretches[stretch.number] = _Kept(robot, moved)
+        key = _whenever(one)
+        if key not in kept.extra:
+            if len(kept.extra) >= _KEPT_CHANGES:
+                kept.extra.pop(next(iter(kept.extra)))
+            kept.extra[key] = _taken(kept, one, stretch.trace.step_s)
+        return kept.extra[key]
+
+
+def _taken(kept: _Kept, one: ActiveEffect, step_s: float) -> FloatArray:
+    """Torques (N, n) that an effect takes beyond the plain robot's."""
+    robot, moved, effect = kept.robot, kept.moved, one.effect
+    if effect.known_torques is not None:
+        joint = joint_of(robot, one)
+        if joint not in kept.loads:
+            kept.loads[joint] = Load.of(robot, joint, moved.q, moved.qd, moved.qdd)
+        return effect.known_torques(kept.loads[joint], one.parameters, step_s)
+    if kept.plain is None:
+        kept.plain = _torques(robot, moved)
+    changed = robot if effect.change is None else effect.change(robot, one.target, one.parameters)
+    return _torques(changed, moved) - kept.plain
 
 
 def _torques(robot: Robot, moved: Motion) -> FloatArray:

@@ -23,7 +23,7 @@ from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
-from hydro_model.effects.targets import ActiveEffect, parts
+from hydro_model.effects.targets import ActiveEffect, joint_of, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import LEVER
 
@@ -53,7 +53,7 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
     stages = set(one.effect.stages)
     if one.effect.change is not None:
         _add_change(signals, without, one, result)
-    if Stage.FRICTION in stages:
+    if Stage.FRICTION in stages and one.effect.known_torques is None:
         _add_friction(signals, without, one, result)
     if stages & _BALANCE:
         _add_balance(signals, without, one, result)
@@ -142,15 +142,13 @@ def _plain_residual(signals: Signals, model: Model) -> FloatArray:
 
 
 def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
-    change, plain, material = one.effect.change, model.robot, signals.material
-    if change is None:
-        return
+    plain, material = model.robot, signals.material
     for s, stretch in enumerate(signals.stretches(model)):
         places = [p for p in material.places if p.stretch == s]
         places = [p for p in places if not material.is_flow(p.channel)]
         if not places or stretch.moved is None:
             continue
-        extra = signals.changes.extra(plain, one, change, stretch.number, stretch.moved)
+        extra = signals.changes.extra(plain, one, stretch)
         extra = extra * acting_share(one, stretch.trace.time_s)[:, None]
         for cylinder in () if material.forces.torque else plain.cylinders:
             joint = plain.joint_index(cylinder.joint)
@@ -162,7 +160,7 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
 
 def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
     material = signals.material
-    own = {_joint_of(material.robot, part): part for part in parts(material.robot, one)}
+    own = {joint_of(material.robot, part): part for part in parts(material.robot, one)}
     for place in material.places:
         if material.is_flow(place.channel) or material.joint_of(place.channel) not in own:
             continue
@@ -230,9 +228,3 @@ def _edges_at(robot: Robot, chamber: Chamber, trace: Trace, delay_s: float) -> F
     valve = robot.valve_of(chamber.cylinder.name)
     first, second = chamber.edges
     return opening * float(getattr(valve, first)) + closing * float(getattr(valve, second))
-
-
-def _joint_of(robot: Robot, one: ActiveEffect) -> int:
-    if one.joint is not None:
-        return one.joint
-    return robot.joint_index(robot.cylinders[one.cylinder or 0].joint)

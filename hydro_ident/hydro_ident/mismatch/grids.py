@@ -16,6 +16,7 @@ from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.effect import Effect
 from hydro_model.effects.friction import BEND
 from hydro_model.effects.law import ParameterSpec
+from hydro_model.effects.mechanics import CARRIED
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_edges import SHIFT
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
@@ -154,7 +155,7 @@ def _lengths(
 
 def _single(effect: Effect, spec: ParameterSpec) -> list[float] | None:
     """The one value, or the few, of parameters that no factors are tried of; None for others."""
-    if spec is BEND or spec is TRAVEL or spec is SHIFT:
+    if spec in (BEND, TRAVEL, SHIFT, CARRIED):
         return [0.0, spec.typical]
     if spec.typical == 0.0:
         return [0.0]

@@ -1,11 +1,9 @@
-"""Compiled mass matrix by composite bodies, and the solution of small positive systems.
+"""Compiled mass matrix by composite bodies.
 
 The shared arguments are described in `hydro_model.rigid_body_kernels`.
 """
 
 from __future__ import annotations
-
-import math
 
 from hydro_model.chain_kernels import (
     BODY,
@@ -120,35 +118,3 @@ def mass_matrix_placed(
             mass[i, j - 1] = on_axis(scratch, j - 1, COLUMN, axis, j - 1, part)
             mass[j - 1, i] = mass[i, j - 1]
     add_part_rates(axis, prismatic, parts, scratch, mass)
-
-
-@kernel
-def solve_spd(mass: Array, rhs: Array) -> bool:
-    """Solve ``mass x = rhs`` in place by Cholesky; `mass` is overwritten, `rhs` becomes x.
-
-    Returns
-    -------
-    bool
-        False where the matrix is not positive definite (or not finite).
-    """
-    n = rhs.shape[0]
-    for i in range(n):
-        for j in range(i + 1):
-            value = mass[i, j]
-            for k in range(j):
-                value -= mass[i, k] * mass[j, k]
-            if j < i:
-                mass[i, j] = value / mass[j, j]
-            elif value > 0.0:
-                mass[i, i] = math.sqrt(value)
-            else:
-                return False
-    for i in range(n):
-        for k in range(i):
-            rhs[i] -= mass[i, k] * rhs[k]
-        rhs[i] /= mass[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            rhs[i] -= mass[k, i] * rhs[k]
-        rhs[i] /= mass[i, i]
-    return True

@@ -31,7 +31,7 @@ from hydro_model.chain_kernels import (
     on_axis,
     place,
 )
-from hydro_model.composite_kernels import ARMATURE, mass_matrix_placed, solve_spd
+from hydro_model.composite_kernels import ARMATURE, mass_matrix_placed
 from hydro_model.kernel import inlined, kernel
 from hydro_model.part_kernels import (
     add_part_forces,
@@ -49,7 +49,6 @@ __all__ = [
     "place",
     "regressor_kernel",
     "required_torque_kernel",
-    "solve_spd",
 ]
 
 

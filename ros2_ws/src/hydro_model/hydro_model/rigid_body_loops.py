@@ -11,6 +11,7 @@ from hydro_model import rigid_body_kernels as kernels
 from hydro_model.chain_kernels import SHIFT, Array
 from hydro_model.closed_chain import HOST
 from hydro_model.kernel import kernel
+from hydro_model.linear_kernels import solve_spd
 from hydro_model.part_kernels import part_moment, place_parts
 
 
@@ -151,7 +152,7 @@ def accelerations(
         )
         for i in range(n):
             out[k, i] = tau[k, i] - bias[i]
-        if not (kernels.solve_spd(mass, out[k]) and _finite(out[k])):
+        if not (solve_spd(mass, out[k]) and _finite(out[k])):
             return k
     return -1
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hydro_model.kernel import copy, inlined, kernel
+from hydro_model.linear_kernels import factorise, solve_factored
 from hydro_model.simulate_arrays import KEEP_MASS, RATES
 from hydro_model.solver_kernels import scaled_rates
 
@@ -58,12 +59,14 @@ def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> 
     """Forward differences around `z`, whose right-hand side `f` was evaluated just before."""
     z = solver.z
     rigid = 2 * model.axis.shape[0]
-    # From the last state to the first: while only pressures move, the mass matrix stands.
+    # From the last state to the first: while only pressures move, the mass matrix stands, and so
+    # it does for states of effects but where they bend links.
+    moved = rigid if model.hinges.shape[0] == 0 else z.shape[0]
     for j in range(z.shape[0] - 1, -1, -1):
         kept = z[j]
         z[j] = kept + _DIFFERENCE * max(abs(kept), 1.0)
         step = z[j] - kept
-        mode = KEEP_MASS if j >= rigid else RATES
+        mode = KEEP_MASS if j >= moved else RATES
         good = scaled_rates(model, work, time, inputs, z, solver.column, solver.y, mode)
         z[j] = kept
         if not good:
@@ -71,47 +74,6 @@ def jacobian(model: Any, work: Any, solver: Any, time: float, inputs: Array) -> 
         for i in range(z.shape[0]):
             solver.jacobian[i, j] = (solver.column[i] - solver.f[i]) / step
     return True
-
-
-@kernel
-def _factorise(matrix: Array, pivot: Array) -> bool:
-    """LU with partial pivoting in place; False where singular or not finite."""
-    size = matrix.shape[0]
-    for k in range(size):
-        best = k
-        for i in range(k + 1, size):
-            if abs(matrix[i, k]) > abs(matrix[best, k]):
-                best = i
-        pivot[k] = best
-        if not abs(matrix[best, k]) > 0.0:
-            return False
-        if best != k:
-            for j in range(size):
-                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
-        for i in range(k + 1, size):
-            if matrix[i, k] != 0.0:
-                factor = matrix[i, k] / matrix[k, k]
-                matrix[i, k] = factor
-                for j in range(k + 1, size):
-                    matrix[i, j] -= factor * matrix[k, j]
-    return True
-
-
-@kernel
-def _solve(matrix: Array, pivot: Array, b: Array) -> None:
-    size = matrix.shape[0]
-    for k in range(size):
-        b[k], b[pivot[k]] = b[pivot[k]], b[k]
-    for i in range(size):
-        total = b[i]
-        for j in range(i):
-            total -= matrix[i, j] * b[j]
-        b[i] = total
-    for i in range(size - 1, -1, -1):
-        total = b[i]
-        for j in range(i + 1, size):
-            total -= matrix[i, j] * b[j]
-        b[i] = total / matrix[i, i]
 
 
 @inlined
@@ -152,12 +114,12 @@ def try_step(model: Any, work: Any, solver: Any, time: float, inputs: Array, h: 
         for j in range(z.shape[0]):
             matrix[i, j] = -solver.jacobian[i, j]
         matrix[i, i] += 1.0 / (GAMMA * h)
-    if not _factorise(matrix, solver.pivot):
+    if not factorise(matrix, solver.pivot):
         return math.inf
     for stage in range(STAGES):
         if not _stage(model, work, solver, time, inputs, h, stage):
             return math.inf
-        _solve(matrix, solver.pivot, solver.k[stage])
+        solve_factored(matrix, solver.pivot, solver.k[stage])
     error = 0.0
     for i in range(z.shape[0]):
         # Stiffly accurate: the last increment is the difference to the embedded third order.

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from hydro_model.chain_arrays import chain_arrays
 from hydro_model.chain_kernels import SCRATCH
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects.bending import usual_inertia
 from hydro_model.effects.compiled import law_address, signals_read
+from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, upwards
+from hydro_model.effects.targets import joint_of
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 from hydro_model.signals import MAX_STATES, SIGNAL_COUNT, STATE_0, VALVE_SIGNAL
 
@@ -80,6 +83,8 @@ class ModelArrays(NamedTuple):
     commanded: IntArray  # (m, 2) rows of `terms` up to the last whose states are `known`
     known: IntArray  # (c,) states that follow from the commands alone
     judged: IntArray  # the others: those whose errors hold a step short
+    hinges: IntArray  # (h, 3) effect that bends a link, its joint, first state in the vector
+    usual: FloatArray  # (h,) inertia about that joint with all joints in the middle, kg m^2
     owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
     rates: IntArray  # (k,) address of the rate law of each effect state
     initials: IntArray  # (k,) address of the law of its value at rest
@@ -96,6 +101,7 @@ class Work(NamedTuple):
     mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
     bias: FloatArray  # (n,) and its bias
     factor: FloatArray  # (n, n)
+    pivot: IntArray  # (n,)
     force: FloatArray  # (n,) joint forces, then accelerations
     signals: FloatArray  # (m + 1 + d, SIGNAL_COUNT) what laws see; rows as of `spans`
     friction: FloatArray  # (m,) N
@@ -127,6 +133,7 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     rigid = 2 * robot.dof
     owners = _owners(active, rigid + 2 * len(cylinders))
     commanded, known = _commanded(active, terms, spans, owners, len(cylinders))
+    hinges = _hinges(robot, active, owners)
     scale = [1.0] * rigid + [PRESSURE_SCALE_PA] * (2 * len(cylinders))
     return ModelArrays(
         rotation=chain.rotation,
@@ -151,6 +158,8 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         commanded=commanded,
         known=known,
         judged=np.setdiff1d(np.arange(rigid + 2 * len(cylinders) + len(states)), known),
+        hinges=hinges,
+        usual=np.array([usual_inertia(robot, int(joint)) for joint in hinges[:, 1]]),
         owners=owners,
         rates=np.array([law_address(state.rate) for state in states], dtype=np.int64),
         initials=np.array([law_address(state.initial) for state in states], dtype=np.int64),
@@ -173,6 +182,7 @@ def new_work(robot: Robot) -> Work:
         mass=np.zeros((n, n)),
         bias=np.zeros(n),
         factor=np.zeros((n, n)),
+        pivot=np.zeros(n, dtype=np.int64),
         force=np.zeros(n),
         signals=signals,
         friction=np.zeros(m),
@@ -203,6 +213,15 @@ def _owners(active: Sequence[ActiveEffect], first: int) -> IntArray:
         row[:] = first, len(one.effect.states), one.effect.robot_wide
         first += len(one.effect.states)
     return table
+
+
+def _hinges(robot: Robot, active: Sequence[ActiveEffect], owners: IntArray) -> IntArray:
+    rows = [
+        (index, joint_of(robot, one), owners[index, FIRST_STATE])
+        for index, one in enumerate(active)
+        if one.effect is STRUCTURAL_FLEXIBILITY and hinged(one.parameters)
+    ]
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
 
 def _places(robot: Robot) -> list[tuple[int | None, int | None]]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hydro_model.composite_kernels import solve_spd
 from hydro_model.effects.compiled import call_law
+from hydro_model.hinge_kernels import bend_links, put_hinges, rate_hinges
 from hydro_model.kernel import inlined, kernel
+from hydro_model.linear_kernels import factorise, solve_factored, solve_spd
 from hydro_model.rigid_body_kernels import mass_matrix_and_bias
 from hydro_model.signal_kernels import look, look_aside, look_at_tip
 from hydro_model.signals import (
@@ -193,8 +194,8 @@ def right_hand_side(
         Normalised valve signals, supply and tank pressure before effects, joint torques.
     y, dy : (2 n + 2 m + k,) array
     mode : int
-        `RATES`; or `KEEP_MASS` where joint positions and velocities are those of the call
-        before; or `REST`, which sets the effects' states in `y` to rest instead of computing
+        `RATES`; or `KEEP_MASS` where joint positions and velocities, and what links are bent by,
+        are those of the call before; or `REST`, which sets the effects' states in `y` to rest instead of computing
         their rates.
 
     Returns
@@ -222,6 +223,7 @@ def right_hand_side(
     if mode != KEEP_MASS:
         for j in range(n):
             work.q[j], work.qd[j] = y[j], y[n + j]
+        bend_links(model, work, y)
         mass_matrix_and_bias(
             work.q,
             work.qd,
@@ -240,7 +242,13 @@ def right_hand_side(
         work.force[j] -= work.bias[j]
         for k in range(n):
             work.factor[j, k] = work.mass[j, k]
-    if not solve_spd(work.factor, work.force):
+    if model.hinges.shape[0]:
+        put_hinges(model, work, y)
+        if not factorise(work.factor, work.pivot):
+            return False
+        solve_factored(work.factor, work.pivot, work.force)
+        rate_hinges(model, work, y, dy, mode)
+    elif not solve_spd(work.factor, work.force):
         return False
     for j in range(n):
         dy[j] = y[n + j]

@@ -13,7 +13,11 @@ import numpy as np
 from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
+from hydro_model.effects.bending import usual_inertia
+from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, set_tip
+from hydro_model.effects.targets import joint_of
+from hydro_model.hinge_kernels import MOST_SWUNG
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.valve import edge_flows
@@ -67,9 +71,49 @@ def reference_rates(
     common[sig.SUPPLY_FLOW], common[sig.RETURN_FLOW] = flows
     for one, where in wide:
         _drive(one, where, common, state, rates)
-    bias = inverse_dynamics(robot, q, qd, np.zeros(n))
-    rates[n : 2 * n] = np.linalg.solve(mass_matrix(robot, q), torque - bias)
+    bends = [(o, where) for o, where in effects if o.effect is STRUCTURAL_FLEXIBILITY]
+    bends = [(one, where) for one, where in bends if hinged(one.parameters)]
+    _accelerate(robot, bends, torque, state, rates)
     return rates
+
+
+def _accelerate(
+    robot: Robot,
+    bends: list[tuple[ActiveEffect, slice]],
+    torque: FloatArray,
+    state: FloatArray,
+    rates: FloatArray,
+) -> None:
+    """Accelerations of the joints, and of what hangs on hinges, solved for together."""
+    n, count = robot.dof, len(bends)
+    q, qd = state[:n], state[n : 2 * n]
+    bent_q, bent_qd = q.copy(), qd.copy()
+    for one, where in bends:
+        at = joint_of(robot, one)
+        share = one.parameters[3] * one.parameters[0] / usual_inertia(robot, at)
+        bent_q[at] += share * state[where][0]
+        bent_qd[at] += share * (state[where][1] - qd[at])
+    mass = mass_matrix(robot, bent_q)
+    bias = inverse_dynamics(robot, bent_q, bent_qd, np.zeros(n))
+    matrix, right = np.eye(n + count), np.concatenate([torque - bias, np.zeros(count)])
+    matrix[:n, :n] = mass
+    for row, (one, where) in enumerate(bends, n):
+        inertia, frequency, damping, carried = one.parameters
+        at, omega = joint_of(robot, one), 2.0 * np.pi * frequency
+        usual, own = usual_inertia(robot, at), mass[at, at]
+        grown = 1.0 + min(carried, 1.0) * (own / usual - 1.0)
+        less = min(1.0, MOST_SWUNG * own / (inertia * grown))
+        e, rate = state[where][0], state[where][1] - qd[at]
+        matrix[:n, row] = less * carried * inertia / usual * mass[:, at]
+        matrix[at, row] = less * inertia * grown
+        matrix[row, :n] = carried * mass[at] / own
+        matrix[row, at] += 1.0 - carried
+        right[row] = -omega * (omega * e + 2.0 * damping * rate) / grown
+        right[row] -= carried * bias[at] / own
+    solved = np.linalg.solve(matrix, right)
+    rates[n : 2 * n] = solved[:n]
+    for swing, (one, where) in zip(solved[n:], bends, strict=True):
+        rates[where.start + 1] = swing + solved[joint_of(robot, one)]
 
 
 def _cylinder(

@@ -11,7 +11,7 @@ from hydro_model.compile_notice import notice
 
 FIRST = """
 import numpy as np
-from hydro_model.composite_kernels import solve_spd
+from hydro_model.linear_kernels import solve_spd
 assert solve_spd(np.eye(2), np.ones(2))
 """
 FURTHER = """

@@ -10,7 +10,13 @@ import pinocchio
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_model import rigid_body, rigid_body_kernels, rigid_body_reference, spatial
+from hydro_model import (
+    linear_kernels,
+    rigid_body,
+    rigid_body_kernels,
+    rigid_body_reference,
+    spatial,
+)
 from hydro_model.chain_arrays import chain_arrays
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
@@ -323,7 +329,7 @@ def test_kernels_for_other_compiled_code(make_chain: MakeChain, dof: int) -> Non
     assert np.array_equal(bias, rigid_body.inverse_dynamics(robot, q, qd, 0.0 * qd))
     solution = mass @ qdd
     factor = mass.copy()
-    assert rigid_body_kernels.solve_spd(factor, solution)
+    assert linear_kernels.solve_spd(factor, solution)
     assert np.allclose(solution, qdd, atol=1e-10)
-    assert not rigid_body_kernels.solve_spd(-mass, solution)
-    assert not rigid_body_kernels.solve_spd(np.full((dof, dof), np.nan), solution)
+    assert not linear_kernels.solve_spd(-mass, solution)
+    assert not linear_kernels.solve_spd(np.full((dof, dof), np.nan), solution)

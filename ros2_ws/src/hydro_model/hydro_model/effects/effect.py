@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +28,9 @@ from hydro_model.effects.readings import Readings
 from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import SIGNAL_COUNT, STATE_0
+
+if TYPE_CHECKING:
+    from hydro_model.effects.bending import Load
 
 __all__ = [
     "CHANNELS",
@@ -51,6 +55,8 @@ RobotChange = Callable[[Robot, str, FloatArray], Robot]
 ReadingChange = Callable[[Readings, int, FloatArray], Readings]
 #: (signals, parameters, sample time) to internal states over a recording.
 KnownStates = Callable[[FloatArray, FloatArray, float], FloatArray]
+#: (what a joint carries along a recording, parameters, sample time) to joint torques (N, n).
+KnownTorques = Callable[["Load", FloatArray, float], FloatArray]
 
 #: Kinds of residual channels.
 CHANNELS = ("force", "flow_a", "flow_b", "timing")
@@ -80,6 +86,9 @@ class Effect:
     known_states : callable or None
         (signals, parameters, sample time in s) to what a whole recording tells of the states,
         (N, k), where it tells more than their rates do.
+    known_torques : callable or None
+        (load of the joint, parameters, sample time in s) to what all joints' torques gain by it,
+        (N, n): where a recording tells more than the laws see, in the place of `change` and laws.
     needs_cylinder : bool
         False where the laws look at the motion alone, so that the effect can act on a joint
         without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute
@@ -133,6 +142,7 @@ class Effect:
     separating_experiment: str
     states: tuple[InternalState, ...] = ()
     known_states: KnownStates | None = None
+    known_torques: KnownTorques | None = None
     needs_cylinder: bool = True
     drive_only: bool = False
     channels: tuple[str, ...] = ("force",)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from hydro_model.signals import (
     TIP_SLOPE,
 )
 
+if TYPE_CHECKING:
+    from hydro_model.effects.bending import Load
+
 #: Time constant of the differentiator that stands for the other joint's acceleration in a
 #: roll-out, s: a filter's lag far above the hydraulic mode.
 COUPLING_LAG_S = 0.01
@@ -38,10 +42,20 @@ WAY = ParameterSpec(
     "way", "1", "z: 0 the tip's height, 1 the joint's position, -1 its negative", -2.0, 2.0, 0.0,
     optional=True,
 )  # fmt: skip
+#: How much of what a joint carries sets a mode going beside the joint's own acceleration.
+CARRIED = ParameterSpec(
+    "carried", "1", "c: 0 nothing but the joint's acceleration, 1 gravity and other joints, too",
+    0.0, 3.0, 1.0, optional=True, default=0.0,
+)  # fmt: skip
 #: How deep in a contact's stiffness is stated, m (rad of a joint).
 PRESSED_M = 0.1
 #: Time in which a pin comes to lie where the load has turned, s.
 PLAY_TIME_S = 0.004
+
+
+def hinged(p: FloatArray) -> bool:
+    """Whether a mode carries more than its joint's own acceleration meets."""
+    return bool(p[3] > 0.0)
 
 
 def _mode_acceleration(s: Row, p: Row) -> float:
@@ -50,6 +64,8 @@ def _mode_acceleration(s: Row, p: Row) -> float:
 
 
 def _mode_force(s: Row, p: Row) -> float:
+    if p[3] > 0.0:
+        return 0.0  # what hangs on a hinge weighs on all joints: hydro_model.hinge_kernels
     omega = 2.0 * math.pi * p[1]
     slip = s[STATE_1] - s[JOINT_VELOCITY]
     return -p[0] * omega * (omega * s[STATE_0] + 2.0 * p[2] * slip) / s[LEVER]
@@ -67,12 +83,20 @@ def _less_inertia(robot: Robot, target: str, parameters: FloatArray) -> Robot:
     """The joint without the inertia that the flexible mode carries instead.
 
     Of the joint's own acceleration alone, to which the mode gives it back: taken off the link, it
-    would be missing where other joints move it.
+    would be missing where other joints move it. A hinge that carries more leaves the links whole.
     """
+    if hinged(parameters):
+        return robot
     at = robot.joint_index(_joint_name(robot, target))
     joints = list(robot.joints)
     joints[at] = replace(joints[at], armature=joints[at].armature - float(parameters[0]))
     return replace(robot, joints=tuple(joints))
+
+
+def _bent(load: Load, p: FloatArray, sample_time_s: float) -> FloatArray:
+    from hydro_model.effects.bending import bent  # kernels: only where a recording is looked at
+
+    return bent(load, p, sample_time_s)
 
 
 def _joint_name(robot: Robot, target: str) -> str:
@@ -176,13 +200,16 @@ def _contact(s: Row, p: Row) -> float:
 STRUCTURAL_FLEXIBILITY = Effect(
     name="structural_flexibility",
     channel="force",
-    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J",
+    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J; where a"
+    " hinge carries c of the load: e'' = -W^2 e - 2 zeta W e' - qdd - c (T / M_ii - qdd), and"
+    " c J / M_ii M_ji e'' at joint j",
     source="one mode of the link as an inertia on a hinge spring (first assumed mode); Book,"
     " J. Dynamic Systems, Measurement and Control 115 (1993)",
     parameters=(
         ParameterSpec("inertia", "kg m^2", "J on the spring", 0.0, 1e6, 300.0, linear=True),
         ParameterSpec("frequency", "Hz", "W / 2 pi, joint held", 0.5, 50.0, 5.0),
         ParameterSpec("damping", "1", "zeta", 0.0, 1.0, 0.03, optional=True),
+        CARRIED,
     ),
     terms=(Term(Stage.FRICTION, _mode_force),),
     states=(
@@ -194,8 +221,10 @@ STRUCTURAL_FLEXIBILITY = Effect(
     separating_experiment="a chirp over the mode at two strokes: the hydraulic mode moves, the"
     " structure's stays",
     needs_cylinder=False,
-    limits="one mode, without sag under gravity; its own joint alone sets it going, and feels it."
-    " What the joint's acceleration meets moves to the spring, so below the mode nothing changes",
+    known_torques=_bent,
+    limits="one mode; of two of them, each knows the other's joint and not its deflection. With"
+    " c = 0 its own joint alone sets it going, and feels it, without sag under gravity: what the"
+    " joint's acceleration meets moves to the spring, so below the mode nothing changes",
 )
 
 BACKLASH = Effect(

@@ -113,6 +113,19 @@ def at_work(robot: Robot, effect: Effect, place: Place, parameters: FloatArray) 
     return ActiveEffect(effect, *own, prismatic)
 
 
+def joint_of(robot: Robot, one: ActiveEffect) -> int:
+    """Index of the joint that an effect acts on, by itself or by its cylinder (else the first).
+
+    Parameters
+    ----------
+    robot : Robot
+    one : ActiveEffect
+    """
+    if one.joint is not None:
+        return one.joint
+    return robot.joint_index(robot.cylinders[one.cylinder or 0].joint)
+
+
 def parts(robot: Robot, one: ActiveEffect) -> list[ActiveEffect]:
     """An effect at each of its targets, by the same numbers, where it acts on the whole robot.
 

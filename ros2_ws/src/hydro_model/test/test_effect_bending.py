@@ -1,0 +1,183 @@
+"""A bending link over a recording, against pinocchio's chain with a joint more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+from scipy.integrate import solve_ivp
+
+from hydro_model.effects import CATALOGUE
+from hydro_model.effects.bending import Load, bent, middle_pose, usual_inertia
+from hydro_model.effects.law import Stage
+from hydro_model.effects.rows import signal_rows
+from hydro_model.rigid_body import inverse_dynamics, mass_matrix
+from hydro_model.robot import EffectSpec, FloatArray, Robot
+from hydro_model.robot_files import load_robot
+from hydro_model.simulate import Model, simulate
+from hydro_model.simulate_reference import reference_rates
+
+STEP = 0.002
+FROM_PINOCCHIO = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]
+
+
+def open_chain() -> Robot:
+    """The crane without its cylinders' bodies, which move with the links in a way of their own."""
+    robot = load_robot("xs031")
+    bare = tuple(replace(c, barrel=None, rod=None) for c in robot.cylinders)
+    return replace(robot, cylinders=bare)
+
+
+def motion(robot: Robot, seconds: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Some turns of all joints around the middle, from rest."""
+    time = np.arange(round(seconds / STEP) + 1)[:, None] * STEP
+    pace = np.array([2.1, 3.3, 4.7])[: robot.dof]
+    q = 0.3 * np.sin(pace * time) ** 3
+    qd = 0.9 * pace * np.sin(pace * time) ** 2 * np.cos(pace * time)
+    qdd = 0.9 * pace**2 * np.sin(pace * time) * (2.0 - 3.0 * np.sin(pace * time) ** 2)
+    return middle_pose(robot) + q, qd, qdd
+
+
+def hinged(robot: Robot, at: int) -> pinocchio.Model:
+    """The chain with a passive joint on top of joint `at`: its links hang on the second."""
+    model = pinocchio.Model()
+    model.gravity.linear = robot.gravity_m_s2
+    parent = 0
+    for i, joint in enumerate(robot.joints):
+        kind = pinocchio.JointModelRevoluteUnaligned(joint.axis)
+        placement = pinocchio.SE3(joint.rotation, joint.translation_m)
+        parent = model.addJoint(parent, kind, placement, joint.name)
+        if i == at:
+            kind = pinocchio.JointModelRevoluteUnaligned(joint.axis)
+            parent = model.addJoint(parent, kind, pinocchio.SE3.Identity(), "hinge")
+        inertia = pinocchio.Inertia.FromDynamicParameters(robot.link_inertia[i][FROM_PINOCCHIO])
+        model.appendBodyToJoint(parent, inertia, pinocchio.SE3.Identity())
+    return model
+
+
+def hinge_torques(
+    robot: Robot, at: int, spring: tuple[float, float], moved: tuple[FloatArray, ...]
+) -> FloatArray:
+    """Torques at the joints that move as told while the hinge swings by itself, (N, n)."""
+    model = hinged(robot, at)
+    data, (q, qd, qdd) = model.createData(), moved
+    time = np.arange(len(q)) * STEP
+    free = at + 1
+
+    def full(row: FloatArray, own: float) -> FloatArray:
+        return np.insert(row, free, own)
+
+    def rates(t: float, y: FloatArray) -> FloatArray:
+        state = [np.array([np.interp(t, time, c) for c in values.T]) for values in moved]
+        at_rest = pinocchio.rnea(
+            model, data, full(state[0], y[0]), full(state[1], y[1]), full(state[2], 0.0)
+        )
+        mass = pinocchio.crba(model, data, full(state[0], y[0]))[free, free]
+        return np.array([y[1], (-spring[0] * y[0] - spring[1] * y[1] - at_rest[free]) / mass])
+
+    sag = pinocchio.rnea(model, data, full(q[0], 0.0), full(qd[0], 0.0), full(qdd[0], 0.0))
+    start = [-sag[free] / spring[0], 0.0]
+    out = solve_ivp(rates, (0.0, time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-10)
+    torques = []
+    for k, y in enumerate(out.y.T):
+        own = full(q[k], y[0]), full(qd[k], y[1]), full(qdd[k], rates(time[k], y)[1])
+        torques.append(np.delete(pinocchio.rnea(model, data, *own), free))
+    return np.array(torques)
+
+
+@pytest.mark.parametrize("at", [0, 1])
+def test_what_hangs_on_a_hinge_weighs_on_all_joints_before_it(at: int) -> None:
+    """All of the link on it, 4 Hz: to first order in what it bends by."""
+    robot = open_chain()
+    moved = motion(robot, 4.0)
+    inertia = float(mass_matrix(robot, middle_pose(robot))[at, at])
+    omega, damping = 2.0 * np.pi * 4.0, 0.1
+    spring = inertia * omega**2, 2.0 * damping * inertia * omega
+    real = hinge_torques(robot, at, spring, moved) - inverse_dynamics(robot, *moved)
+    told = bent(Load.of(robot, at, *moved), np.array([inertia, 4.0, damping, 1.0]), STEP)
+    missed, size = np.std(told - real, axis=0), np.std(real, axis=0)
+    assert (missed < 0.02 * size.max()).all()
+
+
+def test_a_mode_of_its_joint_alone_is_the_law_of_roll_outs() -> None:
+    robot, at = load_robot("xs031"), 0
+    q, qd, qdd = motion(robot, 4.0)
+    mode = np.array([400.0, 5.0, 0.05, 0.0])
+    told = bent(Load.of(robot, at, q, qd, qdd), mode, STEP)
+    rows = signal_rows(robot, None, at, np.arange(len(q)) * STEP, q, qd, qdd)
+    law = CATALOGUE["structural_flexibility"].evaluate(rows, mode, Stage.FRICTION, STEP)
+    assert not told[:, 1].any()
+    own = law - 400.0 * qdd[:, at]
+    np.testing.assert_allclose(told[:, at], own, atol=3e-3 * np.abs(own).max())
+
+
+def test_unknown_samples_are_passed_over() -> None:
+    """The mode goes on after a hole, and nothing of it is unknown but what the hole says itself."""
+    robot = load_robot("xs031")
+    q, qd, qdd = motion(robot, 2.0)
+    mode = np.array([400.0, 5.0, 0.3, 1.0])
+    whole = bent(Load.of(robot, 0, q, qd, qdd), mode, STEP)
+    q[500:510] = np.nan
+    told = bent(Load.of(robot, 0, q, qd, qdd), mode, STEP)
+    assert np.isfinite(np.delete(told, range(500, 510), axis=0)).all()
+    np.testing.assert_allclose(told[900:], whole[900:], atol=1e-2 * np.abs(whole).max())
+
+
+# Roll-outs ---------------------------------------------------------------------------------------
+
+
+def dry(share: float, effects: tuple[EffectSpec, ...] = ()) -> Robot:
+    """The crane as a chain under torques, `share` of the first joint's inertia on its hub."""
+    robot = replace(open_chain(), cylinders=(), valves=())
+    hub = share / (1.0 - share) * usual_inertia(robot, 0)
+    joints = replace(robot.joints[0], armature=hub), *robot.joints[1:]
+    return replace(robot, joints=joints, effects=effects)
+
+
+def test_hinges_of_a_roll_out_are_the_readable_equations() -> None:
+    crane = load_robot("xs031")
+    lift = {"inertia": 4000.0, "frequency": 4.0, "damping": 0.05, "carried": 1.2}
+    tilt = {"inertia": 9000.0, "frequency": 6.0, "damping": 0.1, "carried": 0.7}
+    listed = [("lift_cylinder", lift), ("tilt_cylinder", tilt)]
+    specs = tuple(EffectSpec("structural_flexibility", *one) for one in listed)
+    model = Model(replace(crane, effects=specs))
+    state = np.array([0.7, -1.1, 0.2, -0.3, 6e6, 5e6, 4e6, 3e6, 0.01, 0.3, -0.02, 0.1])
+    inputs = model.inputs([0.3, -0.2], 18e6, 1e6)
+    expected = reference_rates(model.robot, model.active, 0.0, inputs, state)
+    np.testing.assert_allclose(model.rates(0.0, state, inputs), expected, rtol=1e-9)
+
+
+def test_a_hub_and_what_hangs_on_it_swing_as_the_chain_with_a_joint_more() -> None:
+    """With c = M / J the equations are those of a hub with the rest on a spring."""
+    hub, omega, damping = 0.3, 2.0 * np.pi * 4.0, 0.05
+    plain = dry(hub)
+    usual = usual_inertia(plain, 0)
+    inertia = (1.0 - hub) * usual
+    mode = {"inertia": inertia, "frequency": 4.0, "damping": damping, "carried": usual / inertia}
+    robot = replace(plain, effects=(EffectSpec("structural_flexibility", "lift", mode),))
+    time, start = np.arange(501) * STEP, middle_pose(robot)
+    still = np.zeros(2)
+    holds = inverse_dynamics(robot, start, still, still)
+    torque = holds + np.outer(np.sin(9.0 * time), [2500.0, 0.0])
+    run = simulate(robot, time, np.zeros((501, 0)), start, torque=torque)
+    rigid = simulate(plain, time, np.zeros((501, 0)), start, torque=torque)
+
+    model = hinged(plain, 0)
+    model.armature = np.array([plain.joints[0].armature, 0.0, 0.0])
+    data, spring = model.createData(), (inertia * omega**2, 2.0 * damping * inertia * omega)
+
+    def rates(t: float, y: FloatArray) -> FloatArray:
+        held = torque[min(int(t / STEP + 1e-9), 500)]
+        passive = -spring[0] * y[1] - spring[1] * y[4]
+        forces = np.array([held[0], passive, held[1]])
+        return np.concatenate([y[3:], pinocchio.aba(model, data, y[:3], y[3:], forces)])
+
+    sag = -holds[0] / spring[0]
+    y0 = np.array([start[0], sag, start[1], 0.0, 0.0, 0.0])
+    out = solve_ivp(rates, (0.0, 1.0), y0, "LSODA", time, rtol=1e-8, atol=1e-10, max_step=STEP)
+    real = out.y.T[:, [0, 2]]
+    missed, size = np.std(run.q - real, axis=0), np.std(rigid.q - real, axis=0)
+    assert (missed < 0.02 * size).all()
+    np.testing.assert_allclose(run.effect_states[0], [sag, 0.0], rtol=1e-6)
