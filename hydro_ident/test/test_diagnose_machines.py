@@ -60,6 +60,18 @@ def test_a_mode_is_found_wherever_its_frequency_lies(diagnosed: Diagnosed) -> No
     assert frequency == pytest.approx(7.1, rel=0.03)
 
 
+def test_a_hinge_in_a_link_is_one_mode_that_all_joints_feel(diagnosed: Diagnosed) -> None:
+    """It is told how far along the link it is, and nothing is left for the joint behind it."""
+    hinge = {"inertia": 2500.0, "frequency": 4.5, "damping": 0.05, "carried": 1.0, "place": 0.4}
+    found = diagnosed(EffectSpec("structural_flexibility", "lift_cylinder", hinge))
+    assert [f.named.names for f in found.findings] == [("structural_flexibility",)]
+    assert found.findings[0].named.term.target == "lift_cylinder"
+    inertia, frequency, _, carried, place = found.findings[0].named.term.parameters
+    assert inertia * carried == pytest.approx(2500.0, rel=0.1)
+    assert frequency == pytest.approx(4.5, rel=0.03)
+    assert place == pytest.approx(0.4, abs=0.1)
+
+
 def test_pins_whose_contacts_bend_are_pins(diagnosed: Diagnosed) -> None:
     """How a law turns around says more than its load does, and is no cause of its own."""
     pins = {"radius": 4e-3, "distance": 8e-5}

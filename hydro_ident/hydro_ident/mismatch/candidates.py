@@ -16,6 +16,7 @@ import numpy as np
 from hydro_ident.mismatch.grids import is_signed, tried_at
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.places import (
+    bounded_bend,
     bounded_bodies,
     bounded_tilt,
     grounds,
@@ -138,6 +139,8 @@ def _at_targets(material: Material, effect: Effect) -> list[ActiveEffect]:
         result = [bounded_bodies(robot, one) for one in result]
     if effect.name == "base_tilt":
         result = [bounded_tilt(robot, one) for one in result]
+    if effect.name == "structural_flexibility":
+        result = [bounded_bend(robot, one) for one in result]
     if effect.shared:
         everywhere = ActiveEffect(effect, None, effect.typical.copy(), target=robot.name)
         result.append(replace(everywhere, index=EVERY_CHAMBER))

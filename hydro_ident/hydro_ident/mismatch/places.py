@@ -13,7 +13,10 @@ from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.onset import spacing
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_model.effects.bending import next_parallel
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
+from hydro_model.effects.mechanics import PLACE
+from hydro_model.effects.targets import joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 from hydro_model.signals import (
@@ -97,6 +100,15 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
         replace(spec, upper=min(spec.upper, LARGEST_SHARE * mass_kg))
         for spec, mass_kg in zip(one.effect.parameters, steel, strict=True)
     )
+    return replace(one, effect=replace(one.effect, parameters=specs))
+
+
+def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
+    """A link that bends at its joint alone where no parallel joint follows it."""
+    if next_parallel(robot, joint_of(robot, one)) >= 0:
+        return one
+    kept = one.effect.parameters
+    specs = tuple(replace(s, lower=0.0, upper=0.0) if s is PLACE else s for s in kept)
     return replace(one, effect=replace(one.effect, parameters=specs))
 
 

@@ -16,6 +16,7 @@ from hydro_ident.mismatch.skew import TORQUES, is_listed, largest_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
+from hydro_model.effects.mechanics import CARRIED, PLACE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray, Robot, Valve
@@ -253,4 +254,7 @@ def is_free(term: ActiveEffect, index: int) -> bool:
     if spec is TRAVEL or spec is KNEE:
         # A play stays one, and a parabola: other branches start from theirs.
         return bool(term.parameters[index] > 0.0)
+    if spec is CARRIED or spec is PLACE:
+        # A mode that its own joint alone sets going stays one.
+        return bool(term.parameters[term.effect.parameters.index(CARRIED)] > 0.0)
     return name not in term.effect.edges and (term.effect.name, name) not in HELD

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hydro_model.chain_arrays import chain_arrays
 from hydro_model.chain_kernels import SCRATCH
 from hydro_model.effects import ActiveEffect, Stage
-from hydro_model.effects.bending import usual_inertia
+from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, upwards
@@ -83,8 +83,8 @@ class ModelArrays(NamedTuple):
     commanded: IntArray  # (m, 2) rows of `terms` up to the last whose states are `known`
     known: IntArray  # (c,) states that follow from the commands alone
     judged: IntArray  # the others: those whose errors hold a step short
-    hinges: IntArray  # (h, 3) effect that bends a link, its joint, first state in the vector
-    usual: FloatArray  # (h,) inertia about that joint with all joints in the middle, kg m^2
+    hinges: IntArray  # (h, 4) effect that bends a link, joint, first state, next joint (or -1)
+    bends: FloatArray  # (h, 2) where along the link, and what it moves in the middle, kg m^2
     owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
     rates: IntArray  # (k,) address of the rate law of each effect state
     initials: IntArray  # (k,) address of the law of its value at rest
@@ -159,7 +159,7 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         known=known,
         judged=np.setdiff1d(np.arange(rigid + 2 * len(cylinders) + len(states)), known),
         hinges=hinges,
-        usual=np.array([usual_inertia(robot, int(joint)) for joint in hinges[:, 1]]),
+        bends=_bends(robot, active, hinges),
         owners=owners,
         rates=np.array([law_address(state.rate) for state in states], dtype=np.int64),
         initials=np.array([law_address(state.initial) for state in states], dtype=np.int64),
@@ -216,12 +216,21 @@ def _owners(active: Sequence[ActiveEffect], first: int) -> IntArray:
 
 
 def _hinges(robot: Robot, active: Sequence[ActiveEffect], owners: IntArray) -> IntArray:
-    rows = [
-        (index, joint_of(robot, one), owners[index, FIRST_STATE])
-        for index, one in enumerate(active)
-        if one.effect is STRUCTURAL_FLEXIBILITY and hinged(one.parameters)
-    ]
-    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+    rows = []
+    for index, one in enumerate(active):
+        if one.effect.name == STRUCTURAL_FLEXIBILITY.name and hinged(one.parameters):
+            joint = joint_of(robot, one)
+            after = next_parallel(robot, joint)
+            rows.append((index, joint, owners[index, FIRST_STATE], after))
+    return np.array(rows, dtype=np.int64).reshape(-1, 4)
+
+
+def _bends(robot: Robot, active: Sequence[ActiveEffect], hinges: IntArray) -> FloatArray:
+    rows = np.zeros((len(hinges), 2))
+    for row, (index, joint, _, after) in zip(rows, hinges, strict=True):
+        place = float(active[index].parameters[4]) if after >= 0 else 0.0
+        row[:] = place, usual_inertia(robot, int(joint), place)
+    return rows
 
 
 def _places(robot: Robot) -> list[tuple[int | None, int | None]]:

@@ -195,8 +195,8 @@ def right_hand_side(
     y, dy : (2 n + 2 m + k,) array
     mode : int
         `RATES`; or `KEEP_MASS` where joint positions and velocities, and what links are bent by,
-        are those of the call before; or `REST`, which sets the effects' states in `y` to rest instead of computing
-        their rates.
+        are those of the call before; or `REST`, which sets the effects' states in `y` to rest
+        instead of computing their rates.
 
     Returns
     -------

@@ -13,7 +13,7 @@ import numpy as np
 from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
-from hydro_model.effects.bending import usual_inertia
+from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, set_tip
 from hydro_model.effects.targets import joint_of
@@ -47,9 +47,8 @@ def reference_rates(
     (2 n + 2 m + k,) array
     """
     n, m = robot.dof, len(robot.cylinders)
-    q, qd = state[:n], state[n : 2 * n]
     rates = np.zeros_like(state)
-    rates[:n] = qd
+    rates[:n] = state[n : 2 * n]
     common = np.full(sig.SIGNAL_COUNT, np.nan)
     common[sig.TIME] = time_s
     common[sig.ATMOSPHERIC_PRESSURE] = robot.atmospheric_pressure_pa
@@ -71,7 +70,7 @@ def reference_rates(
     common[sig.SUPPLY_FLOW], common[sig.RETURN_FLOW] = flows
     for one, where in wide:
         _drive(one, where, common, state, rates)
-    bends = [(o, where) for o, where in effects if o.effect is STRUCTURAL_FLEXIBILITY]
+    bends = [(o, where) for o, where in effects if o.effect.name == STRUCTURAL_FLEXIBILITY.name]
     bends = [(one, where) for one, where in bends if hinged(one.parameters)]
     _accelerate(robot, bends, torque, state, rates)
     return rates
@@ -86,34 +85,42 @@ def _accelerate(
 ) -> None:
     """Accelerations of the joints, and of what hangs on hinges, solved for together."""
     n, count = robot.dof, len(bends)
-    q, qd = state[:n], state[n : 2 * n]
-    bent_q, bent_qd = q.copy(), qd.copy()
-    for one, where in bends:
-        at = joint_of(robot, one)
-        share = one.parameters[3] * one.parameters[0] / usual_inertia(robot, at)
-        bent_q[at] += share * state[where][0]
-        bent_qd[at] += share * (state[where][1] - qd[at])
-    mass = mass_matrix(robot, bent_q)
-    bias = inverse_dynamics(robot, bent_q, bent_qd, np.zeros(n))
+    q, qd = state[:n].copy(), state[n : 2 * n].copy()
+    shapes = [_shape(robot, one) for one, _ in bends]
+    usual = [usual_inertia(robot, joint_of(robot, o), o.parameters[4]) for o, _ in bends]
+    for (one, where), shape, own in zip(bends, shapes, usual, strict=True):
+        share = one.parameters[3] * one.parameters[0] / own
+        rate = state[where][1] - state[n + joint_of(robot, one)]
+        q, qd = q + share * shape * state[where][0], qd + share * shape * rate
+    mass, bias = mass_matrix(robot, q), inverse_dynamics(robot, q, qd, np.zeros(n))
     matrix, right = np.eye(n + count), np.concatenate([torque - bias, np.zeros(count)])
     matrix[:n, :n] = mass
-    for row, (one, where) in enumerate(bends, n):
-        inertia, frequency, damping, carried = one.parameters
-        at, omega = joint_of(robot, one), 2.0 * np.pi * frequency
-        usual, own = usual_inertia(robot, at), mass[at, at]
-        grown = 1.0 + min(carried, 1.0) * (own / usual - 1.0)
-        less = min(1.0, MOST_SWUNG * own / (inertia * grown))
-        e, rate = state[where][0], state[where][1] - qd[at]
-        matrix[:n, row] = less * carried * inertia / usual * mass[:, at]
-        matrix[at, row] = less * inertia * grown
-        matrix[row, :n] = carried * mass[at] / own
-        matrix[row, at] += 1.0 - carried
+    for row, ((one, where), s, middle) in enumerate(zip(bends, shapes, usual, strict=True), n):
+        inertia, frequency, damping, carried, _ = one.parameters
+        at, omega, moved = joint_of(robot, one), 2.0 * np.pi * frequency, s @ mass @ s
+        grown = 1.0 + min(carried, 1.0) * (moved / middle - 1.0)
+        less = min(1.0, MOST_SWUNG * moved / (inertia * grown))
+        share = carried * inertia / middle
+        e, rate = state[where][0], state[where][1] - state[n + at]
+        matrix[:n, row] = less * share * mass @ s
+        matrix[at, row] += less * (inertia * grown - share * moved) / s[at]
+        matrix[row, :n] = carried * (mass @ s) / moved
+        matrix[row, at] += (1.0 - carried) / s[at]
         right[row] = -omega * (omega * e + 2.0 * damping * rate) / grown
-        right[row] -= carried * bias[at] / own
+        right[row] -= carried * (s @ bias) / moved
     solved = np.linalg.solve(matrix, right)
     rates[n : 2 * n] = solved[:n]
     for swing, (one, where) in zip(solved[n:], bends, strict=True):
         rates[where.start + 1] = swing + solved[joint_of(robot, one)]
+
+
+def _shape(robot: Robot, one: ActiveEffect) -> FloatArray:
+    """How far the joints move with a hinge's deflection, (n,)."""
+    joint, shape = joint_of(robot, one), np.zeros(robot.dof)
+    shape[joint] = 1.0
+    if next_parallel(robot, joint) >= 0:
+        shape[joint : joint + 2] = 1.0 - one.parameters[4], one.parameters[4]
+    return shape
 
 
 def _cylinder(

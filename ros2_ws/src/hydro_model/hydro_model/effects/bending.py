@@ -23,35 +23,40 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 _TURN = 0.1
 #: Step of the torques' derivatives, rad and rad/s (m and m/s on a prismatic joint).
 _STEP = 1.0e-4
+#: How far from one the cosine between axes may be that count as parallel.
+_PARALLEL = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Load:
     """What a joint carries along a recording, as the robot's rigid bodies tell; N samples.
 
+    Of k joints: the one that a link bends at, and the next one out where it turns about the same
+    axis (`next_parallel`). A link that bends between the two turns both.
+
     Attributes
     ----------
     joint : int
     acceleration : (N,) array
         Of the joint, rad/s^2.
-    torque : (N,) array
-        At the joint, gravity included, N m.
-    column : (N, n) array
-        Torques at all joints per acceleration of this one, kg m^2.
-    by_position, by_velocity : (N, n) array
-        Slopes of all joints' torques in this one's position and velocity.
-    usual : float
-        Inertia about the joint with all joints in the middle of their ranges (at 0 where they
-        turn without end), kg m^2.
+    torque : (N, k) array
+        At the k joints, gravity included, N m.
+    columns : (N, n, k) array
+        Torques at all joints per acceleration of each of the k, kg m^2.
+    by_position, by_velocity : (N, n, k) array
+        Slopes of all joints' torques in position and velocity of each of the k.
+    usual : (k, k) array
+        Inertia about the k with all joints in the middle of their ranges (at 0 where they turn
+        without end), kg m^2.
     """
 
     joint: int
     acceleration: FloatArray
     torque: FloatArray
-    column: FloatArray
+    columns: FloatArray
     by_position: FloatArray
     by_velocity: FloatArray
-    usual: float
+    usual: FloatArray
 
     @staticmethod
     def of(robot: Robot, joint: int, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> Load:
@@ -72,20 +77,25 @@ class Load:
         RobotError
             A shape does not fit the robot.
         """
-        step = np.zeros(robot.dof)
-        step[joint] = _STEP
-        slopes = []
-        for ahead, behind in (((q + step, qd), (q - step, qd)), ((q, qd + step), (q, qd - step))):
-            gained = inverse_dynamics(robot, *ahead, qdd) - inverse_dynamics(robot, *behind, qdd)
-            slopes.append(gained / (2.0 * _STEP))
+        own = [joint] if next_parallel(robot, joint) < 0 else [joint, joint + 1]
+        slopes = [
+            [
+                inverse_dynamics(robot, q + step, qd, qdd)
+                - inverse_dynamics(robot, q - step, qd, qdd),
+                inverse_dynamics(robot, q, qd + step, qdd)
+                - inverse_dynamics(robot, q, qd - step, qdd),
+            ]
+            for step in _STEP * np.eye(robot.dof)[own]
+        ]
+        by_position, by_velocity = np.moveaxis(np.array(slopes), 0, -1) / (2.0 * _STEP)
         return Load(
             joint=joint,
             acceleration=qdd[:, joint],
-            torque=inverse_dynamics(robot, q, qd, qdd)[:, joint],
-            column=mass_matrix(robot, q)[:, joint],
-            by_position=slopes[0],
-            by_velocity=slopes[1],
-            usual=usual_inertia(robot, joint),
+            torque=inverse_dynamics(robot, q, qd, qdd)[:, own],
+            columns=mass_matrix(robot, q)[:, :, own],
+            by_position=by_position,
+            by_velocity=by_velocity,
+            usual=mass_matrix(robot, middle_pose(robot))[np.ix_(own, own)],
         )
 
 
@@ -95,27 +105,58 @@ def middle_pose(robot: Robot) -> FloatArray:
     return np.asarray(np.where(np.isfinite(ranges).all(axis=1), ranges.mean(axis=1), 0.0))
 
 
-def usual_inertia(robot: Robot, joint: int) -> float:
-    """Inertia about a joint with all joints in the middle of their ranges, kg m^2 (kg)."""
-    return float(mass_matrix(robot, middle_pose(robot))[joint, joint])
+def next_parallel(robot: Robot, joint: int) -> int:
+    """The next joint outwards if it and this one turn about parallel axes, else -1.
+
+    Parameters
+    ----------
+    robot : Robot
+    joint : int
+    """
+    own, after = robot.joints[joint], robot.joints[joint + 1 : joint + 2]
+    if own.prismatic or not after or after[0].prismatic:
+        return -1
+    same = float(own.axis @ (after[0].rotation @ after[0].axis)) > 1.0 - _PARALLEL
+    return joint + 1 if same else -1
+
+
+def usual_inertia(robot: Robot, joint: int, place: float = 0.0) -> float:
+    """Inertia that a deflection moves with all joints in the middle of their ranges, kg m^2.
+
+    Parameters
+    ----------
+    robot : Robot
+    joint : int
+    place : float
+        Where along the link it bends.
+    """
+    mass, shape = mass_matrix(robot, middle_pose(robot)), np.zeros(robot.dof)
+    shape[joint] = 1.0
+    if next_parallel(robot, joint) >= 0:
+        shape[joint : joint + 2] = 1.0 - place, place
+    return float(shape @ mass @ shape)
 
 
 def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     """Torques that a mode takes beyond the rigid links, (N, n).
 
-    With the deflection e: ``e'' = -W^2 e / m - 2 zeta W e' / m - qdd - c (T / M_ii - qdd)``, T with
-    what it changes by e and e'; at its own joint it takes ``J m e''``, at the others
-    ``c J / M M_ji e''``, and at all of them ``c J / M`` times what the load's torque changes by e
-    and e'. There ``m = 1 + min(c, 1) (M_ii / M - 1)`` and M is M_ii with the joints in the middle
-    of their ranges. Nothing of what is carried (c = 0) leaves a mode that its joint's own
-    acceleration alone sets going. All of it (c = 1) is a hinge between the joint and nearly all
-    that moves with it (J near M), to first order in its deflection.
+    A deflection e at the share d of the way to the next joint moves the links as ``s e`` does,
+    with ``s`` 1 - d at its own joint and d at the next one. With the mass matrix M, the joints'
+    torques T, ``mu = s^T M s`` and its value U with the joints in the middle of their ranges:
+    ``e'' = -W^2 e / m - 2 zeta W e' / m - a - c (s^T T / mu - a)``, T with what it changes by e
+    and e', and ``a = qdd / (1 - d)``. It takes ``c J / U M s e''`` at all joints, ``c J / U``
+    times what the torques change by e and e', and ``(J m - c J mu / U) e'' / (1 - d)`` at its
+    own. There ``m = 1 + min(c, 1) (mu / U - 1)``.
+
+    Nothing of what is carried (c = 0) leaves a mode that its joint's own acceleration alone sets
+    going. All of it (c = 1) is a hinge between the joint and nearly all that moves with it (J
+    near U), c = U / J one behind which U - J stays with the joint; to first order in e.
 
     Parameters
     ----------
     load : Load
-    parameters : (4,) array
-        J in kg m^2, W / 2 pi in Hz, zeta, c.
+    parameters : (5,) array
+        J in kg m^2, W / 2 pi in Hz, zeta, c, d.
     step_s : float
         Sampling interval.
 
@@ -123,15 +164,19 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     -------
     (N, n) array
     """
-    inertia, frequency, damping, carried = parameters
-    at, mass, usual = load.joint, load.column[:, load.joint], load.usual
+    inertia, frequency, damping, carried, place = parameters
+    shape = np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
+    usual, column = float(shape @ load.usual @ shape), load.columns @ shape
+    at = slice(load.joint, load.joint + shape.size)
+    mass = column[:, at] @ shape
     grown = 1.0 + min(carried, 1.0) * (mass / usual - 1.0)
-    omega = 2.0 * math.pi * frequency
+    omega, own = 2.0 * math.pi * frequency, load.acceleration / shape[0]
+    by_position, by_velocity = load.by_position @ shape, load.by_velocity @ shape
     swing = np.stack(
         [
-            omega**2 / grown + carried * load.by_position[:, at] / mass,
-            2.0 * damping * omega / grown + carried * load.by_velocity[:, at] / mass,
-            load.acceleration + carried * (load.torque / mass - load.acceleration),
+            omega**2 / grown + carried * (by_position[:, at] @ shape) / mass,
+            2.0 * damping * omega / grown + carried * (by_velocity[:, at] @ shape) / mass,
+            own + carried * (load.torque @ shape / mass - own),
         ],
         axis=1,
     )
@@ -139,8 +184,8 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     _swing(swing, step_s, max(math.ceil(omega * step_s / _TURN), 1), swung)
     e, rate, acceleration = swung.T[:, :, None]
     share = carried * inertia / usual
-    torque = share * (load.column * acceleration + load.by_position * e + load.by_velocity * rate)
-    torque[:, at] += (inertia * grown - share * mass) * swung[:, 2]
+    torque = share * (column * acceleration + by_position * e + by_velocity * rate)
+    torque[:, load.joint] += (inertia * grown - share * mass) / shape[0] * swung[:, 2]
     return np.asarray(torque)
 
 

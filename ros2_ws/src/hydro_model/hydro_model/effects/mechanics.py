@@ -47,6 +47,11 @@ CARRIED = ParameterSpec(
     "carried", "1", "c: 0 nothing but the joint's acceleration, 1 gravity and other joints, too",
     0.0, 3.0, 1.0, optional=True, default=0.0,
 )  # fmt: skip
+#: Where along its link such a mode bends it.
+PLACE = ParameterSpec(
+    "place", "1", "d: 0 at its joint, towards 1 at the next one where that is parallel (c > 0)",
+    0.0, 0.8, 0.0, optional=True,
+)  # fmt: skip
 #: How deep in a contact's stiffness is stated, m (rad of a joint).
 PRESSED_M = 0.1
 #: Time in which a pin comes to lie where the load has turned, s.
@@ -200,9 +205,9 @@ def _contact(s: Row, p: Row) -> float:
 STRUCTURAL_FLEXIBILITY = Effect(
     name="structural_flexibility",
     channel="force",
-    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J; where a"
-    " hinge carries c of the load: e'' = -W^2 e - 2 zeta W e' - qdd - c (T / M_ii - qdd), and"
-    " c J / M_ii M_ji e'' at joint j",
+    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J. Where"
+    " a hinge carries c of the load: e'' = -W^2 e - 2 zeta W e' - qdd - c (T_i / M_ii - qdd),"
+    "  T_j + c J / M_ii M_ji e''; with the next joint's torque where it lies on the way there",
     source="one mode of the link as an inertia on a hinge spring (first assumed mode); Book,"
     " J. Dynamic Systems, Measurement and Control 115 (1993)",
     parameters=(
@@ -210,6 +215,7 @@ STRUCTURAL_FLEXIBILITY = Effect(
         ParameterSpec("frequency", "Hz", "W / 2 pi, joint held", 0.5, 50.0, 5.0),
         ParameterSpec("damping", "1", "zeta", 0.0, 1.0, 0.03, optional=True),
         CARRIED,
+        PLACE,
     ),
     terms=(Term(Stage.FRICTION, _mode_force),),
     states=(
