@@ -39,11 +39,11 @@ def held_torque(
     state = (moved.q, moved.qd, moved.qdd)
     total, plain = np.zeros_like(moved.q), inverse_dynamics(robot, *state)
     for one in changes:
-        if one.effect.change is None:
-            continue
         if one.effect.known_torques is not None:
             load = Load.of(robot, joint_of(robot, one), *state)
             total += one.effect.known_torques(load, one.parameters, trace.step_s)
+            continue
+        if one.effect.change is None:
             continue
         changed = one.effect.change(robot, one.target, one.parameters)
         # A tilt is in the regressor, whose masses are the fit's and not the robot file's.

@@ -87,4 +87,4 @@ def _whenever(one: ActiveEffect) -> tuple[object, ...]:
         for spec, value in zip(effect.parameters, one.parameters, strict=True)
         if spec.name not in effect.edges
     ]
-    return effect.change, one.target, *values
+    return effect.name, one.target, *values

@@ -51,9 +51,10 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
         )
     result = np.zeros(signals.material.size)
     stages = set(one.effect.stages)
-    if one.effect.change is not None:
+    known = one.effect.known_torques is not None
+    if one.effect.change is not None or known:
         _add_change(signals, without, one, result)
-    if Stage.FRICTION in stages and one.effect.known_torques is None:
+    if Stage.FRICTION in stages and not known:
         _add_friction(signals, without, one, result)
     if stages & _BALANCE:
         _add_balance(signals, without, one, result)

@@ -13,9 +13,9 @@ from hydro_ident.mismatch.law_signals import wet_rows
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.onset import spacing
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_model.effects.bending import next_parallel
+from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
-from hydro_model.effects.mechanics import PLACE
+from hydro_model.effects.mechanics import CARRIED, PLACE
 from hydro_model.effects.targets import joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
@@ -41,6 +41,8 @@ INSTANT_S, MOST_INSTANTS = 2.0, 60
 _MOST_ENDS = 8
 #: Exponents of a ground: a spring's, and that of a body which is pressed in (Hertz).
 _EXPONENTS = (1.0, 1.5)
+#: Largest inertia of a mode, of what its joint moves in the middle of all ranges.
+_MOST_ON_JOINT = 2.0
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
 #: two tilts from which one shows.
 _POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
@@ -104,12 +106,17 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
 
 
 def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
-    """A link that bends at its joint alone where no parallel joint follows it."""
-    if next_parallel(robot, joint_of(robot, one)) >= 0:
-        return one
-    kept = one.effect.parameters
-    specs = tuple(replace(s, lower=0.0, upper=0.0) if s is PLACE else s for s in kept)
-    return replace(one, effect=replace(one.effect, parameters=specs))
+    """A mode of not far more than its joint carries, bent at it where no parallel one follows."""
+    joint = joint_of(robot, one)
+    usual, along = usual_inertia(robot, joint), next_parallel(robot, joint) >= 0
+    specs = []
+    for spec in one.effect.parameters:
+        if (spec is PLACE and not along) or (spec is CARRIED and usual <= 0.0):
+            spec = replace(spec, lower=0.0, upper=0.0)
+        elif spec.name == "inertia" and usual > 0.0:
+            spec = replace(spec, upper=_MOST_ON_JOINT * usual)
+        specs.append(spec)
+    return replace(one, effect=replace(one.effect, parameters=tuple(specs)))
 
 
 def bounded_tilt(robot: Robot, one: ActiveEffect) -> ActiveEffect:

@@ -1,17 +1,17 @@
 """Compiled hinges in a roll-out: links that bend under all that they carry.
 
 The equations are those of `hydro_model.effects.bending.bent`, the mass matrix M and the bias b
-those of the links as they are bent, ``c J / U s`` of the deflection ahead of their joints. With
-the joints' accelerations q'' they are
+those of the links as they are bent. With loads ``l = h M s + r u_i / (1 - d)`` and the inertia
+``B = h mu + r`` on each hinge's spring, the joints' accelerations and the hinges' follow together
+from
 
-``e'' = -r - (1 - c) q''_i / (1 - d) - c s^T (M q'' + b) / mu``
+- ``M q'' + sum l e'' = T - b``
+- ``l^T q'' + B e'' + sum h h_o s^T M s_o e_o'' = -J W^2 e - 2 zeta W J e' - h s^T b``
 
-with r what spring and damper pull, and ``M q'' + b + l e''`` is the joints' torque, where the load
-l is ``c J / U M s`` and, at the hinge's own joint, ``(J m - c J mu / U) / (1 - d)`` more. Put into
-each other, a hinge takes ``l ((1 - c) u_i / (1 - d) + c M s / mu)^T`` off M and adds
-``l (r + c s^T b / mu)`` to the torques.
+where the second sum is over the other hinges. The matrix is symmetric, and positive definite for
+whatever could be built.
 
-Arguments are described in `hydro_model.solver_kernels`; `h` is a row of `ModelArrays.hinges`.
+Arguments are described in `hydro_model.solver_kernels`; `a` is a row of `ModelArrays.hinges`.
 """
 
 from __future__ import annotations
@@ -19,116 +19,107 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hydro_model.effects.bending import on_spring
 from hydro_model.kernel import kernel
 from hydro_model.simulate_arrays import REST
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
-#: Most of the inertia that a deflection moves which swings: the joint itself has some left.
+#: Most of the inertia that a joint usually moves which swings: the joint itself does not. A fit
+#: beside noise may come out at more, which rolls nothing out.
 MOST_SWUNG = 0.98
 
 
 @kernel
-def _shape(model: Any, h: int, j: int) -> float:
+def _shape(model: Any, a: int, j: int) -> float:
     """How far joint j moves with a hinge's deflection."""
-    if j == model.hinges[h, 1]:
-        return float(1.0 - model.bends[h, 0])
-    return float(model.bends[h, 0]) if j == model.hinges[h, 3] else 0.0
+    if j == model.hinges[a, 1]:
+        return float(1.0 - model.bends[a, 0])
+    return float(model.bends[a, 0]) if j == model.hinges[a, 3] else 0.0
 
 
 @kernel
-def _along(model: Any, work: Any, h: int, j: int) -> float:
+def _along(model: Any, work: Any, a: int, j: int) -> float:
     """Torque at joint j per acceleration of a hinge's deflection, ``(M s)_j``."""
-    i, after = model.hinges[h, 1], model.hinges[h, 3]
-    total = _shape(model, h, i) * work.mass[j, i]
+    i, after = model.hinges[a, 1], model.hinges[a, 3]
+    total = _shape(model, a, i) * work.mass[j, i]
     if after >= 0:
-        total += model.bends[h, 0] * work.mass[j, after]
+        total += model.bends[a, 0] * work.mass[j, after]
     return float(total)
 
 
 @kernel
-def _moved(model: Any, work: Any, h: int) -> tuple[float, float]:
-    """Inertia that a hinge's deflection moves, ``mu``, and torque that it carries, ``s^T b``."""
-    mass, bias = 0.0, 0.0
+def _between(model: Any, work: Any, a: int, b: int) -> float:
+    """What two hinges' deflections have in common, ``s^T M s'``; of one with itself, ``mu``."""
+    total = 0.0
     for j in range(work.mass.shape[0]):
-        shape = _shape(model, h, j)
-        if shape != 0.0:
-            mass += shape * _along(model, work, h, j)
-            bias += shape * work.bias[j]
-    return mass, bias
+        if _shape(model, a, j) != 0.0:
+            total += _shape(model, a, j) * _along(model, work, b, j)
+    return total
 
 
 @kernel
-def _grown(model: Any, h: int, mass: float) -> float:
-    carried, usual = model.parameters[model.hinges[h, 0], 3], model.bends[h, 1]
-    return float(1.0 + min(carried, 1.0) * (mass / usual - 1.0))
-
-
-@kernel
-def _pull(model: Any, work: Any, y: Array, h: int, mass: float, bias: float) -> float:
-    """Acceleration by spring and damper, and by what the load weighs, of a hinge, less sign."""
-    p, i, first = model.parameters[model.hinges[h, 0]], model.hinges[h, 1], model.hinges[h, 2]
-    omega = 2.0 * math.pi * p[1]
-    rate = y[first + 1] - y[work.mass.shape[0] + i]
-    spring = omega * (omega * y[first] + 2.0 * p[2] * rate) / _grown(model, h, mass)
-    return float(spring + p[3] * bias / mass)
-
-
-@kernel
-def _drive(model: Any, work: Any, h: int, k: int, mass: float) -> float:
-    """What joint k's acceleration does to a hinge's, less sign."""
-    carried = model.parameters[model.hinges[h, 0], 3]
-    drive = carried * _along(model, work, h, k) / mass
-    if k == model.hinges[h, 1]:
-        drive += (1.0 - carried) / _shape(model, h, k)
-    return float(drive)
+def _swinging(model: Any, a: int) -> tuple[float, float]:
+    """Inertia of a hinge's mode, and the share of the load that moves with it."""
+    p, usual = model.parameters[model.hinges[a, 0]], model.bends[a, 1]
+    inertia = min(p[0], MOST_SWUNG * usual)
+    return inertia, min(p[3] * inertia / usual, 1.0)
 
 
 @kernel
 def bend_links(model: Any, work: Any, y: Array) -> None:
     """Positions and velocities in `work.q` and `work.qd` moved to where the links are bent."""
     n = work.mass.shape[0]
-    for h in range(model.hinges.shape[0]):
-        effect, i, first = model.hinges[h, 0], model.hinges[h, 1], model.hinges[h, 2]
-        share = model.parameters[effect, 3] * model.parameters[effect, 0] / model.bends[h, 1]
+    for a in range(model.hinges.shape[0]):
+        i, first, share = model.hinges[a, 1], model.hinges[a, 2], _swinging(model, a)[1]
         for j in range(n):
-            work.q[j] += share * _shape(model, h, j) * y[first]
-            work.qd[j] += share * _shape(model, h, j) * (y[first + 1] - y[n + i])
+            work.q[j] += share * _shape(model, a, j) * y[first]
+            work.qd[j] += share * _shape(model, a, j) * (y[first + 1] - y[n + i])
+
+
+@kernel
+def _pull(model: Any, work: Any, y: Array, a: int) -> float:
+    """Torque on a hinge by its spring, its damper and what it carries at rest, less sign."""
+    n = work.mass.shape[0]
+    p, i, first = model.parameters[model.hinges[a, 0]], model.hinges[a, 1], model.hinges[a, 2]
+    omega, weight = 2.0 * math.pi * p[1], 0.0
+    inertia, share = _swinging(model, a)
+    for j in range(n):
+        weight += _shape(model, a, j) * work.bias[j]
+    spring = omega * y[first] + 2.0 * p[2] * (y[first + 1] - y[n + i])
+    return float(inertia * omega * spring + share * weight)
 
 
 @kernel
 def put_hinges(model: Any, work: Any, y: Array) -> None:
-    """What hinges make of the mass matrix in `work.factor` and the torques in `work.force`."""
+    """Rows of the hinges in `work.factor` and `work.force`, behind those of the joints."""
     n = work.mass.shape[0]
-    for h in range(model.hinges.shape[0]):
-        p, i = model.parameters[model.hinges[h, 0]], model.hinges[h, 1]
-        mass, bias = _moved(model, work, h)
-        own, share = p[0] * _grown(model, h, mass), p[3] * p[0] / model.bends[h, 1]
-        less = min(MOST_SWUNG * mass / own, 1.0) if own > 0.0 else 1.0
-        pull = _pull(model, work, y, h, mass, bias)
+    for a in range(model.hinges.shape[0]):
+        i, row, usual = model.hinges[a, 1], n + a, model.bends[a, 1]
+        inertia, share = _swinging(model, a)
+        work.force[row] = -_pull(model, work, y, a)
         for j in range(n):
-            load = less * share * _along(model, work, h, j)
+            load = share * _along(model, work, a, j)
             if j == i:
-                load += less * (own - share * mass) / _shape(model, h, i)
-            work.force[j] += load * pull
-            for k in range(n):
-                work.factor[j, k] -= load * _drive(model, work, h, k, mass)
+                load += (inertia - share * usual) / _shape(model, a, i)
+            work.factor[row, j] = work.factor[j, row] = load
+        for b in range(a):
+            both = share * _swinging(model, b)[1] * _between(model, work, a, b)
+            work.factor[row, n + b] = work.factor[n + b, row] = both
+        work.factor[row, row] = on_spring(inertia, share, _between(model, work, a, a), usual)
 
 
 @kernel
 def rate_hinges(model: Any, work: Any, y: Array, dy: Array, mode: int) -> None:
     """Rates of the hinges' states at the accelerations in `work.force`, or their rest (`REST`)."""
     n = work.mass.shape[0]
-    for h in range(model.hinges.shape[0]):
-        effect, i, first = model.hinges[h, 0], model.hinges[h, 1], model.hinges[h, 2]
-        p = model.parameters[effect]
-        mass, bias = _moved(model, work, h)
+    for a in range(model.hinges.shape[0]):
+        i, first = model.hinges[a, 1], model.hinges[a, 2]
         if mode == REST:
-            omega = 2.0 * math.pi * p[1]
-            y[first] = -p[3] * bias / mass * _grown(model, h, mass) / (omega * omega)
-            y[first + 1] = y[n + i]
-            continue
-        swing = -_pull(model, work, y, h, mass, bias)
-        for k in range(n):
-            swing -= _drive(model, work, h, k, mass) * work.force[k]
-        dy[first + 1] = swing + work.force[i]
+            omega = 2.0 * math.pi * model.parameters[model.hinges[a, 0], 1]
+            y[first], y[first + 1] = 0.0, y[n + i]
+            stiffness = _swinging(model, a)[0] * omega * omega
+            if stiffness > 0.0:
+                y[first] = -_pull(model, work, y, a) / stiffness
+        else:
+            dy[first + 1] = work.force[n + a] + work.force[i]

@@ -100,14 +100,13 @@ class Work(NamedTuple):
     tip_slope: FloatArray  # (n,) how much the tip rises with each joint
     mass: FloatArray  # (n, n) mass matrix of the latest full evaluation
     bias: FloatArray  # (n,) and its bias
-    factor: FloatArray  # (n, n)
-    pivot: IntArray  # (n,)
-    force: FloatArray  # (n,) joint forces, then accelerations
+    factor: FloatArray  # (n + h, n + h)
+    force: FloatArray  # (n + h,) joint forces, then accelerations; behind them those of hinges
     signals: FloatArray  # (m + 1 + d, SIGNAL_COUNT) what laws see; rows as of `spans`
     friction: FloatArray  # (m,) N
 
 
-def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
+def model_arrays(robot: Robot, active: Sequence[ActiveEffect], plain: Robot) -> ModelArrays:
     """The arrays of a robot with the given effects.
 
     Parameters
@@ -115,6 +114,8 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     robot : Robot
     active : sequence of ActiveEffect
         Those with laws, in catalogue order, as `hydro_model.effects.resolve` returns them.
+    plain : Robot
+        Without what its effects change of it: a load takes no spring away and gives none.
 
     Returns
     -------
@@ -159,7 +160,7 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
         known=known,
         judged=np.setdiff1d(np.arange(rigid + 2 * len(cylinders) + len(states)), known),
         hinges=hinges,
-        bends=_bends(robot, active, hinges),
+        bends=_bends(plain, active, hinges),
         owners=owners,
         rates=np.array([law_address(state.rate) for state in states], dtype=np.int64),
         initials=np.array([law_address(state.initial) for state in states], dtype=np.int64),
@@ -167,8 +168,8 @@ def model_arrays(robot: Robot, active: Sequence[ActiveEffect]) -> ModelArrays:
     )
 
 
-def new_work(robot: Robot) -> Work:
-    """Working memory for a robot; signals that a roll-out does not know are NaN."""
+def new_work(robot: Robot, hinges: int) -> Work:
+    """Working memory for a robot with so many hinges; signals that no roll-out knows are NaN."""
     n, m = robot.dof, len(robot.cylinders)
     signals = np.full((len(_places(robot)), SIGNAL_COUNT), np.nan)
     for row, (cylinder, joint) in zip(signals, _places(robot), strict=True):
@@ -181,9 +182,8 @@ def new_work(robot: Robot) -> Work:
         tip_slope=np.zeros(n),
         mass=np.zeros((n, n)),
         bias=np.zeros(n),
-        factor=np.zeros((n, n)),
-        pivot=np.zeros(n, dtype=np.int64),
-        force=np.zeros(n),
+        factor=np.zeros((n + hinges, n + hinges)),
+        force=np.zeros(n + hinges),
         signals=signals,
         friction=np.zeros(m),
     )

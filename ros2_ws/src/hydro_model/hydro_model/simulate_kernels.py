@@ -8,7 +8,7 @@ from typing import Any
 from hydro_model.effects.compiled import call_law
 from hydro_model.hinge_kernels import bend_links, put_hinges, rate_hinges
 from hydro_model.kernel import inlined, kernel
-from hydro_model.linear_kernels import factorise, solve_factored, solve_spd
+from hydro_model.linear_kernels import solve_spd
 from hydro_model.rigid_body_kernels import mass_matrix_and_bias
 from hydro_model.signal_kernels import look, look_aside, look_at_tip
 from hydro_model.signals import (
@@ -242,14 +242,10 @@ def right_hand_side(
         work.force[j] -= work.bias[j]
         for k in range(n):
             work.factor[j, k] = work.mass[j, k]
-    if model.hinges.shape[0]:
-        put_hinges(model, work, y)
-        if not factorise(work.factor, work.pivot):
-            return False
-        solve_factored(work.factor, work.pivot, work.force)
-        rate_hinges(model, work, y, dy, mode)
-    elif not solve_spd(work.factor, work.force):
+    put_hinges(model, work, y)
+    if not solve_spd(work.factor, work.force):
         return False
+    rate_hinges(model, work, y, dy, mode)
     for j in range(n):
         dy[j] = y[n + j]
         dy[n + j] = work.force[j]

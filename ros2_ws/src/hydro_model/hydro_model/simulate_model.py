@@ -59,8 +59,8 @@ class Model:
             one for one in resolve(robot) if one.terms and one.terms[0].stage not in left_out
         )
         self.robot: Robot = changed_for_laws(with_changes(robot, time_s), self.active)
-        self.arrays: ModelArrays = model_arrays(self.robot, self.active)
-        self.work: Work = new_work(self.robot)
+        self.arrays: ModelArrays = model_arrays(self.robot, self.active, robot)
+        self.work: Work = new_work(self.robot, len(self.arrays.hinges))
 
     @property
     def state_size(self) -> int:

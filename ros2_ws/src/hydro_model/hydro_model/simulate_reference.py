@@ -13,7 +13,7 @@ import numpy as np
 from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
-from hydro_model.effects.bending import next_parallel, usual_inertia
+from hydro_model.effects.bending import middle_pose, next_parallel
 from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, set_tip
 from hydro_model.effects.targets import joint_of
@@ -84,34 +84,30 @@ def _accelerate(
     rates: FloatArray,
 ) -> None:
     """Accelerations of the joints, and of what hangs on hinges, solved for together."""
-    n, count = robot.dof, len(bends)
+    n, count, middle = robot.dof, len(bends), mass_matrix(robot, middle_pose(robot))
     q, qd = state[:n].copy(), state[n : 2 * n].copy()
-    shapes = [_shape(robot, one) for one, _ in bends]
-    usual = [usual_inertia(robot, joint_of(robot, o), o.parameters[4]) for o, _ in bends]
-    for (one, where), shape, own in zip(bends, shapes, usual, strict=True):
-        share = one.parameters[3] * one.parameters[0] / own
-        rate = state[where][1] - state[n + joint_of(robot, one)]
-        q, qd = q + share * shape * state[where][0], qd + share * shape * rate
+    shapes = np.array([_shape(robot, one) for one, _ in bends]).reshape(count, n)
+    usual = np.einsum("ai,ij,aj->a", shapes, middle, shapes)
+    parameters = np.array([one.parameters for one, _ in bends]).reshape(count, 5)
+    inertia = np.minimum(parameters[:, 0], MOST_SWUNG * usual)
+    share = np.minimum(parameters[:, 3] * inertia / usual, 1.0)
+    own = np.array([joint_of(robot, one) for one, _ in bends], dtype=int)
+    e = np.array([state[where][0] for _, where in bends])
+    rate = np.array([state[where][1] for _, where in bends]) - qd[own]
+    q, qd = q + (share * e) @ shapes, qd + (share * rate) @ shapes
     mass, bias = mass_matrix(robot, q), inverse_dynamics(robot, q, qd, np.zeros(n))
-    matrix, right = np.eye(n + count), np.concatenate([torque - bias, np.zeros(count)])
-    matrix[:n, :n] = mass
-    for row, ((one, where), s, middle) in enumerate(zip(bends, shapes, usual, strict=True), n):
-        inertia, frequency, damping, carried, _ = one.parameters
-        at, omega, moved = joint_of(robot, one), 2.0 * np.pi * frequency, s @ mass @ s
-        grown = 1.0 + min(carried, 1.0) * (moved / middle - 1.0)
-        less = min(1.0, MOST_SWUNG * moved / (inertia * grown))
-        share = carried * inertia / middle
-        e, rate = state[where][0], state[where][1] - state[n + at]
-        matrix[:n, row] = less * share * mass @ s
-        matrix[at, row] += less * (inertia * grown - share * moved) / s[at]
-        matrix[row, :n] = carried * (mass @ s) / moved
-        matrix[row, at] += (1.0 - carried) / s[at]
-        right[row] = -omega * (omega * e + 2.0 * damping * rate) / grown
-        right[row] -= carried * (s @ bias) / moved
-    solved = np.linalg.solve(matrix, right)
+    moved, omega = share[:, None] * shapes, 2.0 * np.pi * parameters[:, 1]
+    rest = inertia - share * usual
+    load = moved @ mass
+    load[range(count), own] += rest / shapes[range(count), own]
+    matrix = np.block([[mass, load.T], [load, moved @ mass @ moved.T]])
+    on_springs = inertia + share * (np.einsum("ai,ij,aj->a", shapes, mass, shapes) - usual)
+    matrix[range(n, n + count), range(n, n + count)] = np.maximum(on_springs, 0.02 * inertia)
+    pull = inertia * omega * (omega * e + 2.0 * parameters[:, 2] * rate)
+    solved = np.linalg.solve(matrix, np.concatenate([torque - bias, -pull - moved @ bias]))
     rates[n : 2 * n] = solved[:n]
-    for swing, (one, where) in zip(solved[n:], bends, strict=True):
-        rates[where.start + 1] = swing + solved[joint_of(robot, one)]
+    for swing, joint, (_, where) in zip(solved[n:], own, bends, strict=True):
+        rates[where.start + 1] = swing + solved[joint]
 
 
 def _shape(robot: Robot, one: ActiveEffect) -> FloatArray:

@@ -85,10 +85,10 @@ def test_a_valve_that_feels_pressure_is_no_matter_of_commands_alone(make_slider)
 
     robot = make_slider(effects=QUICK)
     active = Model(robot).active
-    assert model_arrays(robot, active).known.tolist() == [4, 5, 6, 7, 8]
+    assert model_arrays(robot, active, robot).known.tolist() == [4, 5, 6, 7, 8]
     effect = replace(active[-1].effect, terms=(Term(Stage.SIGNAL, felt),))
     changed = (*active[:-1], replace(active[-1], effect=effect))
-    arrays = model_arrays(robot, changed)
+    arrays = model_arrays(robot, changed, robot)
     assert arrays.known.size == 0
     assert arrays.judged.size == arrays.scale.size
 

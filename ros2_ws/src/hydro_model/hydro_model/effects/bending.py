@@ -1,8 +1,8 @@
-"""A link that bends, over a recording: what its mode carries is known there, and set in motion.
+"""A link that bends: how much of its load swings, and what that does along a recording.
 
-In a roll-out a mode is a law of its own joint alone (`structural_flexibility`). A recording tells
-the whole load: what hangs on a hinge is moved by gravity and by other joints, too, weighs on all
-joints before it, and makes the mode slower where it is stretched out.
+A recording tells the whole load of a joint: what hangs on a hinge is moved by gravity and by other
+joints, too, weighs on all joints before it, and makes the mode slower where it is stretched out.
+Roll-outs have the same equations in `hydro_model.hinge_kernels`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,10 @@ Array = Any  # numba types the kernels; mypy follows no numba import
 _TURN = 0.1
 #: Step of the torques' derivatives, rad and rad/s (m and m/s on a prismatic joint).
 _STEP = 1.0e-4
+#: Deflection beyond which nothing is followed, rad (m on a prismatic joint): a trial may buckle.
+LARGEST = 1.0
+#: Least of a mode's inertia that is on its spring in any pose.
+_LEAST_ON_SPRING = 0.02
 #: How far from one the cosine between axes may be that count as parallel.
 _PARALLEL = 1.0e-6
 
@@ -101,8 +105,14 @@ class Load:
 
 def middle_pose(robot: Robot) -> FloatArray:
     """All joints in the middle of their ranges, (n,); at 0 where they turn without end."""
-    ranges = np.array([(joint.lower, joint.upper) for joint in robot.joints])
-    return np.asarray(np.where(np.isfinite(ranges).all(axis=1), ranges.mean(axis=1), 0.0))
+    return np.array(
+        [
+            0.5 * (joint.lower + joint.upper)
+            if math.isfinite(joint.lower) and math.isfinite(joint.upper)
+            else 0.0
+            for joint in robot.joints
+        ]
+    )
 
 
 def next_parallel(robot: Robot, joint: int) -> int:
@@ -137,20 +147,39 @@ def usual_inertia(robot: Robot, joint: int, place: float = 0.0) -> float:
     return float(shape @ mass @ shape)
 
 
+@kernel
+def on_spring(inertia: Any, share: Any, mass: Any, usual: Any) -> Any:
+    """Inertia that swings on the spring in a pose, kg m^2; numbers, or arrays by ``py_func``.
+
+    Parameters
+    ----------
+    inertia : float
+    share : float
+        h of `bent`.
+    mass : float or (N,) array
+        What the deflection moves, ``s^T M s``, in that pose.
+    usual : float
+        The same with all joints in the middle of their ranges.
+    """
+    return np.maximum(inertia + share * (mass - usual), _LEAST_ON_SPRING * inertia)
+
+
 def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     """Torques that a mode takes beyond the rigid links, (N, n).
 
-    A deflection e at the share d of the way to the next joint moves the links as ``s e`` does,
-    with ``s`` 1 - d at its own joint and d at the next one. With the mass matrix M, the joints'
-    torques T, ``mu = s^T M s`` and its value U with the joints in the middle of their ranges:
-    ``e'' = -W^2 e / m - 2 zeta W e' / m - a - c (s^T T / mu - a)``, T with what it changes by e
-    and e', and ``a = qdd / (1 - d)``. It takes ``c J / U M s e''`` at all joints, ``c J / U``
-    times what the torques change by e and e', and ``(J m - c J mu / U) e'' / (1 - d)`` at its
-    own. There ``m = 1 + min(c, 1) (mu / U - 1)``.
+    A deflection e at the share d of the way to the next joint moves the links by ``h s e``, with
+    ``s`` 1 - d at its own joint and d at the next one, and a further inertia r by
+    ``e / (1 - d)`` more than its own joint. With the mass matrix M, the joints' torques T and
+    ``mu = s^T M s``, U with the joints in the middle of their ranges:
+
+    ``(h mu + r) e'' = -J W^2 e - 2 zeta W J e' - h s^T T - r qdd_i / (1 - d)``
+
+    with ``h = c J / U`` and ``r = J - h U``. It takes ``h M s e''`` and h times what the torques T
+    change by e and e', and at its own joint ``r e'' / (1 - d)``.
 
     Nothing of what is carried (c = 0) leaves a mode that its joint's own acceleration alone sets
-    going. All of it (c = 1) is a hinge between the joint and nearly all that moves with it (J
-    near U), c = U / J one behind which U - J stays with the joint; to first order in e.
+    going. A hinge between the joint and all but H of the inertia has J = U - H and c = U / J
+    (h = 1, r = -H: the hub does not swing).
 
     Parameters
     ----------
@@ -165,28 +194,36 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     (N, n) array
     """
     inertia, frequency, damping, carried, place = parameters
+    if inertia <= 0.0:
+        return np.zeros(load.columns.shape[:2])
+    place = place if carried > 0.0 else 0.0
     shape = np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
-    usual, column = float(shape @ load.usual @ shape), load.columns @ shape
-    at = slice(load.joint, load.joint + shape.size)
-    mass = column[:, at] @ shape
-    grown = 1.0 + min(carried, 1.0) * (mass / usual - 1.0)
-    omega, own = 2.0 * math.pi * frequency, load.acceleration / shape[0]
-    by_position, by_velocity = load.by_position @ shape, load.by_velocity @ shape
-    swing = np.stack(
-        [
-            omega**2 / grown + carried * (by_position[:, at] @ shape) / mass,
-            2.0 * damping * omega / grown + carried * (by_velocity[:, at] @ shape) / mass,
-            own + carried * (load.torque @ shape / mass - own),
-        ],
-        axis=1,
-    )
+    at, usual = slice(load.joint, load.joint + shape.size), float(shape @ load.usual @ shape)
+    share = carried * inertia / usual if carried > 0.0 else 0.0
+    ahead = min(share, 1.0)  # a trial of a larger mode bends no further than it deflects
+    rest, column = inertia - share * usual, load.columns @ shape
+    swings = on_spring.py_func(inertia, share, column[:, at] @ shape, usual)
+    omega, by_position, by_velocity = (
+        2.0 * math.pi * frequency, load.by_position @ shape, load.by_velocity @ shape
+    )  # fmt: skip
+    terms = [
+        inertia * omega**2 + share * ahead * (by_position[:, at] @ shape),
+        2.0 * damping * inertia * omega + share * ahead * (by_velocity[:, at] @ shape),
+        share * (load.torque @ shape) + rest * load.acceleration / shape[0],
+    ]
+    swing = np.stack([term / swings for term in terms], axis=1)
     swung = np.empty_like(swing)
-    _swing(swing, step_s, max(math.ceil(omega * step_s / _TURN), 1), swung)
+    _swing(swing, step_s, _parts(swing[:, 0], step_s), swung)
     e, rate, acceleration = swung.T[:, :, None]
-    share = carried * inertia / usual
     torque = share * (column * acceleration + by_position * e + by_velocity * rate)
-    torque[:, load.joint] += (inertia * grown - share * mass) / shape[0] * swung[:, 2]
+    torque[:, load.joint] += rest / shape[0] * swung[:, 2]
     return np.asarray(torque)
+
+
+def _parts(stiffness: FloatArray, step_s: float) -> int:
+    """Parts of a sample in which a mode turns through little."""
+    stiffest = float(np.nanmax(stiffness, initial=0.0))
+    return max(math.ceil(math.sqrt(stiffest) * step_s / _TURN), 1)
 
 
 @kernel
@@ -194,14 +231,17 @@ def _swing(terms: Array, step: float, parts: int, out: Array) -> None:
     """Deflection, its rate and acceleration, (N, 3), by the trapezoidal rule from where it rests.
 
     Terms (N, 3) are its stiffness k, resistance c and drive d: ``e'' = -k e - c e' - d``. Between
-    samples they move evenly, in so many parts; where one is unknown (NaN) it stays as it was.
+    samples they move evenly, in so many parts; where one is unknown (NaN) it stays as it was, and
+    it ends at `LARGEST`.
     """
     h, e, v, begun = step / parts, 0.0, 0.0, False
     for i in range(terms.shape[0]):
         now = terms[i]
         known = not math.isnan(now[0] + now[1] + now[2])
         if known and not begun:
-            e, begun = -now[2] / now[0], True
+            begun = True
+            if now[0] > 0.0:
+                e = -now[2] / now[0]
         out[i, 0], out[i, 1], out[i, 2] = e, v, -now[0] * e - now[1] * v - now[2]
         if not known or i + 1 == terms.shape[0]:
             continue
@@ -219,3 +259,5 @@ def _swing(terms: Array, step: float, parts: int, out: Array) -> None:
             pull -= later_k * (e + 0.5 * h * v) + now[2] + high * (after[2] - now[2])
             then = (v + 0.5 * h * pull) / (1.0 + 0.5 * h * later_c + 0.25 * h * h * later_k)
             e, v = e + 0.5 * h * (v + then), then
+            if abs(e) > LARGEST:
+                e, v = math.copysign(LARGEST, e), 0.0

@@ -59,8 +59,8 @@ PLAY_TIME_S = 0.004
 
 
 def hinged(p: FloatArray) -> bool:
-    """Whether a mode carries more than its joint's own acceleration meets."""
-    return bool(p[3] > 0.0)
+    """Whether a mode is one that carries more than its joint's own acceleration meets."""
+    return bool(p[0] > 0.0 and p[3] > 0.0)
 
 
 def _mode_acceleration(s: Row, p: Row) -> float:
@@ -205,9 +205,10 @@ def _contact(s: Row, p: Row) -> float:
 STRUCTURAL_FLEXIBILITY = Effect(
     name="structural_flexibility",
     channel="force",
-    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J. Where"
-    " a hinge carries c of the load: e'' = -W^2 e - 2 zeta W e' - qdd - c (T_i / M_ii - qdd),"
-    "  T_j + c J / M_ii M_ji e''; with the next joint's torque where it lies on the way there",
+    equation="F = J w' / (dx/dq),  e' = w - qd,  w' = -W^2 e - 2 zeta W (w - qd);  M_ii - J. With"
+    " a share h = c J / U of the load on it, r = J - h U: (h M_ii + r) e'' = -J W^2 e"
+    " - 2 zeta W J e' - h T_i - r qdd_i; at joint j h M_ji e'', at its own r e'' more; U: M_ii"
+    " with all joints in the middle; with the next joint's where it lies on the way there",
     source="one mode of the link as an inertia on a hinge spring (first assumed mode); Book,"
     " J. Dynamic Systems, Measurement and Control 115 (1993)",
     parameters=(
@@ -228,9 +229,10 @@ STRUCTURAL_FLEXIBILITY = Effect(
     " structure's stays",
     needs_cylinder=False,
     known_torques=_bent,
-    limits="one mode; of two of them, each knows the other's joint and not its deflection. With"
-    " c = 0 its own joint alone sets it going, and feels it, without sag under gravity: what the"
-    " joint's acceleration meets moves to the spring, so below the mode nothing changes",
+    limits="one mode. With c = 0 its own joint alone sets it going, and feels it, without sag"
+    " under gravity: what the joint's acceleration meets moves to the spring, so below the mode"
+    " nothing changes. Along a recording a hinge knows the links as the robot file has them, no"
+    " load that is taken up and no other hinge's deflection; in a roll-out it does",
 )
 
 BACKLASH = Effect(
