@@ -236,4 +236,6 @@ def _verdict(
         return PARTLY if doubts else EXPLAINED
     if unknown:
         return UNKNOWN
-    return NO_IMPROVEMENT if rejected else MATCHES
+    # What does not stand out where it was found, either, never was a finding.
+    stood_out = any(not f.verification.idle for f in rejected)
+    return NO_IMPROVEMENT if stood_out else MATCHES

@@ -66,6 +66,8 @@ class Verification:
         These rows do not exercise the finding: they speak neither for nor against it.
     comes_and_goes : bool
         Its size is not the same all along: something else resembles it on the average.
+    idle : bool
+        Beside the other findings it does not stand out on the training rows either.
     """
 
     p_value: float
@@ -77,6 +79,7 @@ class Verification:
     agreement: tuple[Agreement, ...] = ()
     silent: bool = False
     comes_and_goes: bool = False
+    idle: bool = False
 
 
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
@@ -150,16 +153,16 @@ def verify(
     against = against or _vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
     few = shape_at_a_bound(mine) if named.few > 1.0 else ""
-    reason = (
-        at_a_bound(mine) or few or _idle(without.squares - whole.squares, named, tried) or against
-    )
+    idle = _idle(without.squares - whole.squares, named, tried)
+    reason = at_a_bound(mine) or few or idle or against
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")
     going = "" if reason else _comes_and_goes(training, without, here)
     reason = reason or going
     sides = best.p_value, *best.sides, best.placebo
-    return Verification(*sides, not reason, reason, agreement, silent, bool(going))
+    quiet = bool(idle) and reason == idle
+    return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
 
 
 def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:

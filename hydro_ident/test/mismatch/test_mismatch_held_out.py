@@ -17,7 +17,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.notes import silent_notes
-from hydro_ident.mismatch.outcome import PARTLY, Diagnosis, Finding
+from hydro_ident.mismatch.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.verify import Verification, verify
@@ -268,6 +268,19 @@ def test_other_channels_do_not_speak_for_a_finding(work: Residuals) -> None:
     found = _verified(work, _named(work, 0.01), replace(work.check, mask=work.check.mask & ~lift))
     assert found.silent
     assert not found.stands
+
+
+def test_what_stands_out_nowhere_is_no_failed_improvement(work: Residuals) -> None:
+    """Refused by held-out rows it is one; what its own recording does not show never was one."""
+    whole, named = _named(work, 0.0005)
+    faint = whole, replace(named, spread=1.0e9)
+    for finding, check, verdict in (
+        (faint, work.check, MATCHES),
+        ((whole, replace(named, p_value=1.0)), _unseen(work), NO_IMPROVEMENT),
+    ):
+        refused = _verified(work, finding, check)
+        assert not refused.stands
+        assert _verdict([], [Finding(named, refused, ("lift/force",))], [], False) == verdict
 
 
 def test_silent_findings_are_said_to_be(work: Residuals) -> None:
