@@ -41,8 +41,9 @@ INSTANT_S, MOST_INSTANTS = 2.0, 60
 _MOST_ENDS = 8
 #: Exponents of a ground: a spring's, and that of a body which is pressed in (Hertz).
 _EXPONENTS = (1.0, 1.5)
-#: Largest inertia of a mode, of what its joint moves in the middle of all ranges.
-_MOST_ON_JOINT = 2.0
+#: Inertia of a mode, of what its joint moves in the middle of all ranges, and the frequency up to
+#: which rows of forces (up to 10 Hz) show more of it than that it gives way.
+_LEAST_OF_JOINT, _MOST_OF_JOINT, _QUICKEST_MODE_HZ = 0.005, 2.0, 15.0
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
 #: two tilts from which one shows.
 _POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
@@ -106,7 +107,11 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
 
 
 def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
-    """A mode of not far more than its joint carries, bent at it where no parallel one follows."""
+    """A mode of some of what its joint moves, bent at that where no parallel joint follows.
+
+    What is less than a two-hundredth of it, or quicker than the rows of forces, is no link that
+    bends; of a joint without cylinder it is the rotor's (`named.DRIVE_LIMITS`).
+    """
     joint = joint_of(robot, one)
     usual, along = usual_inertia(robot, joint), next_parallel(robot, joint) >= 0
     specs = []
@@ -114,7 +119,10 @@ def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
         if (spec is PLACE and not along) or (spec is CARRIED and usual <= 0.0):
             spec = replace(spec, lower=0.0, upper=0.0)
         elif spec.name == "inertia" and usual > 0.0:
-            spec = replace(spec, upper=_MOST_ON_JOINT * usual)
+            least = 0.0 if one.cylinder is None else _LEAST_OF_JOINT * usual
+            spec = replace(spec, lower=least, upper=_MOST_OF_JOINT * usual)
+        elif spec.name == "frequency" and one.cylinder is not None:
+            spec = replace(spec, upper=_QUICKEST_MODE_HZ)
         specs.append(spec)
     return replace(one, effect=replace(one.effect, parameters=tuple(specs)))
 

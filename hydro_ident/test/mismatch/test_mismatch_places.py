@@ -13,15 +13,17 @@ import pytest
 
 from hydro_ident.mismatch.diagnosis import _hardly_better, diagnose
 from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.places import bounded_tilt, tilts
+from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, tilts
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.stepping import given_steps, is_free
-from hydro_model.effects.catalogue import CATALOGUE
+from hydro_model.effects.bending import usual_inertia
+from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import Robot
+from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 TILT = CATALOGUE["base_tilt"]
+MODE = {"inertia": 100.0, "frequency": 5.0}
 
 _LINK = (
     '<link name="{name}"><inertial><origin xyz="{at}"/><mass value="8"/><inertia ixx="0.4"'
@@ -122,3 +124,28 @@ def test_what_leaves_more_than_it_explains_is_not_explained(
     error = np.where(time % 2.0 > 0.0, 1.0, -1.0)
     one = ChannelResult("lift/force", "N", time, np.zeros(100), -error, -left * error, floor)
     assert _hardly_better([SimpleNamespace(channels=channels)], [one]) is hardly  # type: ignore[list-item]
+
+
+def bend(robot: Robot, target: str) -> dict[str, tuple[float, float]]:
+    """Bounds of a mode's parameters at a cylinder, or at a joint without one."""
+    bare = replace(robot, effects=(EffectSpec("structural_flexibility", target, MODE),))
+    specs = bounded_bend(robot, resolve(bare)[0]).effect.parameters
+    return {spec.name: (spec.lower, spec.upper) for spec in specs}
+
+
+def test_a_mode_is_some_of_what_its_joint_moves() -> None:
+    crane = load_robot("xs031")
+    usual = usual_inertia(crane, 0)
+    lift, tilt = bend(crane, "lift_cylinder"), bend(crane, "tilt_cylinder")
+    assert lift["inertia"] == pytest.approx((0.005 * usual, 2.0 * usual))
+    assert lift["frequency"] == (0.5, 15.0)
+    assert lift["place"] == (0.0, 0.8)
+    # Nothing follows the last joint; a slide has none that turns with it.
+    assert tilt["place"] == (0.0, 0.0)
+
+
+def test_a_joint_that_moves_no_mass_has_no_hinge() -> None:
+    crane = load_robot("xs031")
+    bare = tuple(replace(c, barrel=None, rod=None) for c in crane.cylinders)
+    empty = replace(crane, link_inertia=0.0 * crane.link_inertia, cylinders=bare)
+    assert bend(empty, "lift_cylinder")["carried"] == (0.0, 0.0)
