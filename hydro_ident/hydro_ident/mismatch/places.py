@@ -41,9 +41,11 @@ INSTANT_S, MOST_INSTANTS = 2.0, 60
 _MOST_ENDS = 8
 #: Exponents of a ground: a spring's, and that of a body which is pressed in (Hertz).
 _EXPONENTS = (1.0, 1.5)
-#: Inertia of a mode, of what its joint moves in the middle of all ranges, and the frequency up to
-#: which rows of forces (up to 10 Hz) show more of it than that it gives way.
-_LEAST_OF_JOINT, _MOST_OF_JOINT, _QUICKEST_MODE_HZ = 0.005, 2.0, 15.0
+#: Inertia of a mode, of what its joint moves in the middle of all ranges.
+_LEAST_OF_JOINT, _MOST_OF_JOINT = 0.005, 2.0
+#: What a steel structure is damped by at most, and the frequency in Hz up to which rows of forces
+#: (up to 10 Hz) show more of a mode than that it gives way.
+_MODE_ENDS = {"frequency": 15.0, "damping": 0.5}
 #: Poses at which a base is tilted, by how much in rad, and the share of the larger effect of the
 #: two tilts from which one shows.
 _POSES, _SMALL_TURN, _SHOWS = 8, 1.0e-3, 1.0e-2
@@ -109,8 +111,8 @@ def bounded_bodies(robot: Robot, one: ActiveEffect) -> ActiveEffect:
 def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
     """A mode of some of what its joint moves, bent at that where no parallel joint follows.
 
-    What is less than a two-hundredth of it, or quicker than the rows of forces, is no link that
-    bends; of a joint without cylinder it is the rotor's (`named.DRIVE_LIMITS`).
+    What is less than a two-hundredth of it, quicker than the rows of forces or damped like oil is
+    no link that bends; of a joint without cylinder it is the rotor's (`named.DRIVE_LIMITS`).
     """
     joint = joint_of(robot, one)
     usual, along = usual_inertia(robot, joint), next_parallel(robot, joint) >= 0
@@ -121,8 +123,8 @@ def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
         elif spec.name == "inertia" and usual > 0.0:
             least = 0.0 if one.cylinder is None else _LEAST_OF_JOINT * usual
             spec = replace(spec, lower=least, upper=_MOST_OF_JOINT * usual)
-        elif spec.name == "frequency" and one.cylinder is not None:
-            spec = replace(spec, upper=_QUICKEST_MODE_HZ)
+        elif spec.name in _MODE_ENDS and one.cylinder is not None:
+            spec = replace(spec, upper=_MODE_ENDS[spec.name])
         specs.append(spec)
     return replace(one, effect=replace(one.effect, parameters=tuple(specs)))
 

@@ -139,6 +139,7 @@ def test_a_mode_is_some_of_what_its_joint_moves() -> None:
     lift, tilt = bend(crane, "lift_cylinder"), bend(crane, "tilt_cylinder")
     assert lift["inertia"] == pytest.approx((0.005 * usual, 2.0 * usual))
     assert lift["frequency"] == (0.5, 15.0)
+    assert lift["damping"] == (0.0, 0.5)
     assert lift["place"] == (0.0, 0.8)
     # Nothing follows the last joint; a slide has none that turns with it.
     assert tilt["place"] == (0.0, 0.0)
