@@ -103,8 +103,8 @@ SABOTAGES = (
         "wrong_joint",
         "friction of a cylinder is put down to another joint",
         "mismatch/contributions.py",
-        "return robot.joint_index(robot.cylinders[one.cylinder or 0].joint)",
-        "return robot.dof - 1 - robot.joint_index(robot.cylinders[one.cylinder or 0].joint)",
+        "own = {joint_of(material.robot, part): part for part in parts(material.robot, one)}",
+        "own = {1 - joint_of(material.robot, part): part for part in parts(material.robot, one)}",
         f"{_GUARDS}::test_an_effect_acts_in_the_channel_of_its_own_joint_alone",
     ),
     Sabotage(

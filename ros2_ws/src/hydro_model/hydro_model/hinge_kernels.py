@@ -11,7 +11,8 @@ from
 where the second sum is over the other hinges. The matrix is symmetric, and positive definite for
 whatever could be built.
 
-Arguments are described in `hydro_model.solver_kernels`; `a` is a row of `ModelArrays.hinges`.
+Arguments are described in `hydro_model.solver_kernels`; `a` is a row of `ModelArrays.hinges`, `dy`
+the rate of the state `y`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Compiled solution of small systems of linear equations."""
+"""Compiled solution of small systems of linear equations.
+
+`matrix` (n, n) is overwritten by its factors, `pivot` (n,) by the rows that were exchanged, `b`
+(n,) by the solution.
+"""
 
 from __future__ import annotations
 

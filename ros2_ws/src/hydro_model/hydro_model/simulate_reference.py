@@ -29,6 +29,7 @@ def reference_rates(
     time_s: float,
     inputs: FloatArray,
     state: FloatArray,
+    plain: Robot | None = None,
 ) -> FloatArray:
     """Time derivative of the state ``[q, qd, p_a, p_b, effect states]``.
 
@@ -41,6 +42,9 @@ def reference_rates(
     inputs : (m + 2 + n,) array
         Normalised valve signals, supply and tank pressure before effects, joint torques.
     state : (2 n + 2 m + k,) array
+    plain : Robot, optional
+        Without what its effects change of it, as `hydro_model.simulate_arrays.model_arrays`;
+        default: `robot`.
 
     Returns
     -------
@@ -72,19 +76,20 @@ def reference_rates(
         _drive(one, where, common, state, rates)
     bends = [(o, where) for o, where in effects if o.effect.name == STRUCTURAL_FLEXIBILITY.name]
     bends = [(one, where) for one, where in bends if hinged(one.parameters)]
-    _accelerate(robot, bends, torque, state, rates)
+    _accelerate(robot, plain or robot, bends, torque, state, rates)
     return rates
 
 
 def _accelerate(
     robot: Robot,
+    plain: Robot,
     bends: list[tuple[ActiveEffect, slice]],
     torque: FloatArray,
     state: FloatArray,
     rates: FloatArray,
 ) -> None:
     """Accelerations of the joints, and of what hangs on hinges, solved for together."""
-    n, count, middle = robot.dof, len(bends), mass_matrix(robot, middle_pose(robot))
+    n, count, middle = robot.dof, len(bends), mass_matrix(plain, middle_pose(plain))
     q, qd = state[:n].copy(), state[n : 2 * n].copy()
     shapes = np.array([_shape(robot, one) for one, _ in bends]).reshape(count, n)
     usual = np.einsum("ai,ij,aj->a", shapes, middle, shapes)

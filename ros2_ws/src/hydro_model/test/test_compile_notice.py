@@ -34,7 +34,7 @@ def said_by(program: str, cache: Path) -> str:
 
 
 def test_only_the_first_run_says_that_it_compiles(tmp_path: Path) -> None:
-    expected = notice("hydro_model.composite_kernels", str(tmp_path)) + "\n"
+    expected = notice("hydro_model.linear_kernels", str(tmp_path)) + "\n"
     assert [said_by(FIRST, tmp_path) for _ in range(2)] == [expected, ""]
 
 

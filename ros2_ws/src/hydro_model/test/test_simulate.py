@@ -148,7 +148,7 @@ def test_compiled_rates_equal_the_reference() -> None:
             state = model.rest(Q0 + rng.normal(size=2) * 0.2, rng.normal(size=2), p0, inputs)
             state[8:] *= rng.uniform(0.5, 1.5, len(state) - 8)
             ours = model.rates(0.3, state, inputs)
-            theirs = reference_rates(model.robot, model.active, 0.3, inputs, state)
+            theirs = reference_rates(model.robot, model.active, 0.3, inputs, state, robot)
             np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
 
 
@@ -178,11 +178,13 @@ def test_roll_out_agrees_with_scipy() -> None:
     first = model.inputs(volts[0] / 10.0, *rails)
     p0 = equilibrium_pressures(model.robot, Q0)
     state = model.rest(Q0, np.zeros(2), p0, first)
-    scale, moved = model.arrays.scale, model.robot
+    scale, laws = model.arrays.scale, model.active
     for k in range(len(times) - 1):
         inputs = model.inputs(volts[k] / 10.0, *rails)
         solved = solve_ivp(
-            lambda t, z, u=inputs: reference_rates(moved, model.active, t, u, z * scale) / scale,
+            lambda t, z, u=inputs: (
+                reference_rates(model.robot, laws, t, u, z * scale, robot) / scale
+            ),
             (times[k], times[k + 1]),
             state / scale,
             method="Radau",

@@ -32,6 +32,9 @@ from hydro_model.signals import SIGNAL_COUNT, STATE_0
 if TYPE_CHECKING:
     from hydro_model.effects.bending import Load
 
+    #: (what a joint carries along a recording, parameters, sample time) to joint torques (N, n).
+    KnownTorques = Callable[[Load, FloatArray, float], FloatArray]
+
 __all__ = [
     "CHANNELS",
     "ROBOT_STAGES",
@@ -55,8 +58,6 @@ RobotChange = Callable[[Robot, str, FloatArray], Robot]
 ReadingChange = Callable[[Readings, int, FloatArray], Readings]
 #: (signals, parameters, sample time) to internal states over a recording.
 KnownStates = Callable[[FloatArray, FloatArray, float], FloatArray]
-#: (what a joint carries along a recording, parameters, sample time) to joint torques (N, n).
-KnownTorques = Callable[["Load", FloatArray, float], FloatArray]
 
 #: Kinds of residual channels.
 CHANNELS = ("force", "flow_a", "flow_b", "timing")

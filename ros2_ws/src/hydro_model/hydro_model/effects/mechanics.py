@@ -59,7 +59,13 @@ PLAY_TIME_S = 0.004
 
 
 def hinged(p: FloatArray) -> bool:
-    """Whether a mode is one that carries more than its joint's own acceleration meets."""
+    """Whether a mode is one that carries more than its joint's own acceleration meets.
+
+    Parameters
+    ----------
+    p : (5,) array
+        Of `structural_flexibility`.
+    """
     return bool(p[0] > 0.0 and p[3] > 0.0)
 
 
