@@ -13,7 +13,7 @@ from hydro_model.effects import CATALOGUE
 from hydro_model.effects.bending import Load, bent, middle_pose, usual_inertia
 from hydro_model.effects.law import Stage
 from hydro_model.effects.rows import signal_rows
-from hydro_model.errors import SimulationError
+from hydro_model.errors import RobotError, SimulationError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
@@ -148,6 +148,15 @@ def test_a_mode_of_its_joint_alone_is_the_law_of_roll_outs() -> None:
     assert not told[:, 1].any()
     own = law - 400.0 * qdd[:, at]
     np.testing.assert_allclose(told[:, at], own, atol=3e-3 * np.abs(own).max())
+
+
+def test_nothing_hangs_on_a_hinge_of_links_without_mass() -> None:
+    robot = open_chain()
+    robot = replace(robot, link_inertia=0.0 * robot.link_inertia)
+    load = Load.of(robot, 0, *motion(robot, 0.1))
+    assert not bent(load, np.array([0.0, 5.0, 0.3, 1.0, 0.0]), STEP).any()
+    with pytest.raises(RobotError, match="expected links with inertia"):
+        bent(load, np.array([400.0, 5.0, 0.3, 1.0, 0.0]), STEP)
 
 
 def test_unknown_samples_are_passed_over() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_model.errors import RobotError
 from hydro_model.kernel import kernel
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
@@ -192,6 +193,11 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     Returns
     -------
     (N, n) array
+
+    Raises
+    ------
+    RobotError
+        Something is carried (c > 0) and the robot's links have no inertia about the joint.
     """
     inertia, frequency, damping, carried, place = parameters
     if inertia <= 0.0:
@@ -199,6 +205,11 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     place = place if carried > 0.0 else 0.0
     shape = np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
     at, usual = slice(load.joint, load.joint + shape.size), float(shape @ load.usual @ shape)
+    if carried > 0.0 and not usual > 0.0:
+        raise RobotError(
+            "structural_flexibility: expected links with inertia about the joint that carries"
+            f" them, found {usual:g} kg m^2"
+        )
     share = carried * inertia / usual if carried > 0.0 else 0.0
     ahead = min(share, 1.0)  # a trial of a larger mode bends no further than it deflects
     rest, column = inertia - share * usual, load.columns @ shape
