@@ -14,9 +14,9 @@ from hydro_ident.mismatch.places import (
 )
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.effect import Effect
+from hydro_model.effects.flexibility import CARRIED
 from hydro_model.effects.friction import BEND
 from hydro_model.effects.law import ParameterSpec
-from hydro_model.effects.mechanics import CARRIED
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_edges import SHIFT
 from hydro_model.effects.valve_effects import KNEE, TRAVEL

@@ -15,7 +15,7 @@ from hydro_ident.mismatch.onset import spacing
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
-from hydro_model.effects.mechanics import CARRIED, PLACE
+from hydro_model.effects.flexibility import CARRIED, PLACE
 from hydro_model.effects.targets import joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot

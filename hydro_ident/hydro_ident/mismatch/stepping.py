@@ -15,8 +15,8 @@ from hydro_ident.mismatch.settings import LEAST_EXCESS
 from hydro_ident.mismatch.skew import TORQUES, is_listed, largest_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.base_parameters import with_base
+from hydro_model.effects.flexibility import CARRIED, PLACE
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
-from hydro_model.effects.mechanics import CARRIED, PLACE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_effects import KNEE, TRAVEL
 from hydro_model.robot import FloatArray, Robot, Valve

@@ -13,7 +13,7 @@ from hydro_model.chain_kernels import SCRATCH
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.compiled import law_address, signals_read
-from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
+from hydro_model.effects.flexibility import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, upwards
 from hydro_model.effects.targets import joint_of
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve

@@ -14,7 +14,7 @@ from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.effects.bending import middle_pose, next_parallel
-from hydro_model.effects.mechanics import STRUCTURAL_FLEXIBILITY, hinged
+from hydro_model.effects.flexibility import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, set_tip
 from hydro_model.effects.targets import joint_of
 from hydro_model.hinge_kernels import MOST_SWUNG
