@@ -18,7 +18,7 @@ import yaml
 
 from hydro_ident.design.fourier_stage import optimised_blocks, visit_blocks
 from hydro_ident.design.information import ForceInformation, Residual
-from hydro_ident.design.limits import Limits, half_range, margins, middle
+from hydro_ident.design.limits import Limits, half_range, margins
 from hydro_ident.design.prediction import Prediction, predict
 from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import (
@@ -31,6 +31,7 @@ from hydro_ident.design.stages import (
 )
 from hydro_ident.errors import IdentError
 from hydro_model.errors import RobotError
+from hydro_model.joint_ranges import middle
 from hydro_model.paths import JointPath, TipPath, load_path, shipped_paths
 from hydro_model.paths_check import PathCheck, check_path, joint_motion, joints_at_tip
 from hydro_model.robot import FloatArray, Robot

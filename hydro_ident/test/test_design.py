@@ -19,7 +19,7 @@ from hydro_ident.design.information import (
     required_forces,
     sandwich,
 )
-from hydro_ident.design.limits import force_range, middle
+from hydro_ident.design.limits import force_range
 from hydro_ident.design.poses import static_poses
 from hydro_ident.design.prediction import cavitating, expected_trace, predict, predicted_json
 from hydro_ident.design.pressures import _Chambers, required_hydraulics
@@ -32,6 +32,7 @@ from hydro_ident.estimate.inertial import fit_inertial, force_model, force_rows
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.experiment import LIMITS, design_excitation
 from hydro_ident.parameters import parameter_list
+from hydro_model.joint_ranges import middle
 from hydro_model.paths_segments import Fourier
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot

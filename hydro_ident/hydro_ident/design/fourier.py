@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.design.information import ForceInformation, moments, sandwich
-from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle, room
+from hydro_ident.design.limits import Limits, half_range, limit_ratios, room
+from hydro_model.joint_ranges import middle
 from hydro_model.paths_segments import Fourier
 from hydro_model.robot import FloatArray, Robot
 

@@ -6,11 +6,12 @@ import numpy as np
 
 from hydro_ident.design.fourier import Blocks, FourierDesign, Spectrum, start_blocks
 from hydro_ident.design.information import ForceInformation, moments
-from hydro_ident.design.limits import middle, natural_frequencies_hz
+from hydro_ident.design.limits import natural_frequencies_hz
 from hydro_ident.design.poses import CANDIDATES, short_order, static_poses
 from hydro_ident.design.program import SIZES, Entry, Program, number, numbers
 from hydro_ident.design.stages import add_static
 from hydro_ident.errors import IdentError
+from hydro_model.joint_ranges import middle
 from hydro_model.paths import JointPath
 from hydro_model.paths_check import joint_motion
 from hydro_model.robot import FloatArray, Robot

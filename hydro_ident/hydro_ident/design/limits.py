@@ -12,6 +12,7 @@ import numpy as np
 
 from hydro_model.cylinder import lever, stroke
 from hydro_model.joint_ranges import limits as joint_limits
+from hydro_model.joint_ranges import middle
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -97,11 +98,6 @@ def limit_ratios(
             robot, limits, cylinder, valves.get(cylinder.name), speed, force
         )
     return np.column_stack(columns)
-
-
-def middle(robot: Robot) -> FloatArray:
-    """The middle of the joints' ranges; of a joint without an end, of what it is used in."""
-    return np.asarray(joint_limits(robot).mean(axis=1))
 
 
 def half_range(robot: Robot) -> FloatArray:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_ident.design.limits import half_range, middle, natural_frequencies_hz
+from hydro_ident.design.limits import half_range, natural_frequencies_hz
 from hydro_ident.design.program import SIZES, Program, number, numbers
 from hydro_ident.errors import IdentError
+from hydro_model.joint_ranges import middle
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray
 

@@ -25,7 +25,7 @@ from hydro_control.gains import Gains
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_ident.design.information import ForceInformation, Residual, moments, sandwich
-from hydro_ident.design.limits import Limits, half_range, limit_ratios, middle
+from hydro_ident.design.limits import Limits, half_range, limit_ratios
 from hydro_ident.design.prediction import Motions, Prediction, predict
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.derivatives import FilterSettings
@@ -35,6 +35,7 @@ from hydro_ident.experiment import Design, design_excitation, start_pose
 from hydro_ident.study.gain_choice import gains_of
 from hydro_model.command import run_command
 from hydro_model.cylinder import stroke
+from hydro_model.joint_ranges import middle
 from hydro_model.paths import JointPath, load_path
 from hydro_model.paths_check import joint_motion
 from hydro_model.robot import FloatArray, Robot

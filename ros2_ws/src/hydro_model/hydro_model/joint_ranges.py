@@ -18,3 +18,13 @@ def limits(robot: Robot) -> FloatArray:
         low = joint.lower if np.isfinite(joint.lower) else -reach
         rows.append((low, joint.upper if np.isfinite(joint.upper) else reach))
     return np.array(rows, dtype=np.float64)
+
+
+def middle(robot: Robot) -> FloatArray:
+    """The middle of every joint's range, (n,); of one without an end, of what it is looked at in.
+
+    Parameters
+    ----------
+    robot : Robot
+    """
+    return np.asarray(limits(robot).mean(axis=1))

@@ -13,11 +13,12 @@ import numpy as np
 from hydro_model import cylinder as geometry
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
-from hydro_model.effects.bending import middle_pose, next_parallel
+from hydro_model.effects.bending import next_parallel
 from hydro_model.effects.flexibility import STRUCTURAL_FLEXIBILITY, hinged
 from hydro_model.effects.rows import constant_signals, other_joint, set_tip
 from hydro_model.effects.targets import joint_of
 from hydro_model.hinge_kernels import MOST_SWUNG
+from hydro_model.joint_ranges import middle
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.valve import edge_flows
@@ -89,10 +90,10 @@ def _accelerate(
     rates: FloatArray,
 ) -> None:
     """Accelerations of the joints, and of what hangs on hinges, solved for together."""
-    n, count, middle = robot.dof, len(bends), mass_matrix(plain, middle_pose(plain))
+    n, count, usually = robot.dof, len(bends), mass_matrix(plain, middle(plain))
     q, qd = state[:n].copy(), state[n : 2 * n].copy()
     shapes = np.array([_shape(robot, one) for one, _ in bends]).reshape(count, n)
-    usual = np.einsum("ai,ij,aj->a", shapes, middle, shapes)
+    usual = np.einsum("ai,ij,aj->a", shapes, usually, shapes)
     parameters = np.array([one.parameters for one, _ in bends]).reshape(count, 5)
     inertia = np.minimum(parameters[:, 0], MOST_SWUNG * usual)
     share = np.minimum(parameters[:, 3] * inertia / usual, 1.0)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hydro_model.errors import RobotError
+from hydro_model.joint_ranges import middle
 from hydro_model.kernel import kernel
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
@@ -100,20 +101,8 @@ class Load:
             columns=mass_matrix(robot, q)[:, :, own],
             by_position=by_position,
             by_velocity=by_velocity,
-            usual=mass_matrix(robot, middle_pose(robot))[np.ix_(own, own)],
+            usual=mass_matrix(robot, middle(robot))[np.ix_(own, own)],
         )
-
-
-def middle_pose(robot: Robot) -> FloatArray:
-    """All joints in the middle of their ranges, (n,); at 0 where they turn without end."""
-    return np.array(
-        [
-            0.5 * (joint.lower + joint.upper)
-            if math.isfinite(joint.lower) and math.isfinite(joint.upper)
-            else 0.0
-            for joint in robot.joints
-        ]
-    )
 
 
 def next_parallel(robot: Robot, joint: int) -> int:
@@ -141,7 +130,7 @@ def usual_inertia(robot: Robot, joint: int, place: float = 0.0) -> float:
     place : float
         Where along the link it bends.
     """
-    mass, shape = mass_matrix(robot, middle_pose(robot)), np.zeros(robot.dof)
+    mass, shape = mass_matrix(robot, middle(robot)), np.zeros(robot.dof)
     shape[joint] = 1.0
     if next_parallel(robot, joint) >= 0:
         shape[joint : joint + 2] = 1.0 - place, place
