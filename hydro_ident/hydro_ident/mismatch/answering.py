@@ -19,6 +19,7 @@ from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, FAR_SHARE, GROSS, GROSS_SHARE
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
+from hydro_ident.mismatch.wavering import wavering
 from hydro_model.terminal import advance
 
 #: Of a diagnosis, as `advance` counts them.
@@ -119,7 +120,8 @@ def _described(
         for f in rejected
         if f.verification.comes_and_goes and f.channels[0] not in named
     }
-    found = unexplained(work.training, whole, left, confirmer.holds, far, going)
+    wavers = wavering(work.training, whole, confirmer)
+    found = unexplained(work.training, whole, left, confirmer.holds, far, going, wavers)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found

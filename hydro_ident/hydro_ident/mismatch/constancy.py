@@ -10,6 +10,7 @@ a drag that comes and goes say, has it in some stretches and not in others.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -31,6 +32,25 @@ COMES_AND_GOES, COMES_AND_GOES_FLOW = 0.6, 1.0
 SHIFTS = (0.17, 0.29, 0.37, 0.46, 0.57, 0.68, 0.83)
 
 
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How an effect's size differs from stretch to stretch.
+
+    Attributes
+    ----------
+    mean : float
+        The size from all rows together.
+    deviation : float
+        Standard deviation of the sizes beyond chance.
+    chance : float
+        Share of chance in which they differ as much; 1 where too few stretches tell.
+    """
+
+    mean: float
+    deviation: float
+    chance: float
+
+
 def inconstancy(bench: Bench, column: FloatArray) -> float:
     """Standard deviation of an effect's size from stretch to stretch, over the size itself.
 
@@ -46,13 +66,30 @@ def inconstancy(bench: Bench, column: FloatArray) -> float:
     float
         0 where the stretches differ by no more than chance, or there are too few.
     """
+    sizes = sizes_of(bench, column, _TOGETHER)
+    if sizes.mean <= 0.0 or sizes.chance > FAMILY_ERROR_UNNAMED:
+        return 0.0
+    return sizes.deviation / sizes.mean
+
+
+def sizes_of(bench: Bench, column: FloatArray, together: int) -> Sizes:
+    """How a column's size differs between stretches of so many blocks.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of a model without it.
+    column : (N,) array
+        On the bench's rows.
+    together : int
+    """
     left = bench.beyond(column[:, None])[: bench.measured, 0]
     residual = bench.residual[: bench.measured]
-    stretch = bench.block[: bench.measured] // _TOGETHER
+    stretch = bench.block[: bench.measured] // together
     told = float(left @ left)
-    size = float(left @ residual) / told if told > 0.0 else 0.0
-    if size <= 0.0:
-        return 0.0
+    if told <= 0.0:
+        return Sizes(0.0, 0.0, 1.0)
+    mean = float(left @ residual) / told
     usual = [
         spread / freedom
         for shift in SHIFTS
@@ -63,12 +100,11 @@ def inconstancy(bench: Bench, column: FloatArray) -> float:
     ]
     spread, freedom, worth = _spread(left, residual, stretch)
     if freedom + 1 < _LEAST_STRETCHES or not usual:
-        return 0.0
+        return Sizes(mean, 0.0, 1.0)
     # Slow noise makes stretches differ, too: as much as those of what is not there.
     noise = max(1.0, float(np.median(usual)))
-    if float(chi2.sf(spread / noise, freedom)) > FAMILY_ERROR_UNNAMED:
-        return 0.0
-    return math.sqrt(max(0.0, spread - noise * freedom) / worth) / size
+    deviation = math.sqrt(max(0.0, spread - noise * freedom) / worth)
+    return Sizes(mean, deviation, float(chi2.sf(spread / noise, freedom)))
 
 
 def _spread(

@@ -40,14 +40,28 @@ def flaw_of_form(
     wandering : bool
         It is one of time that does not repeat: no form's.
     """
+    share = 0.0 if wandering else _share(training, fitted, one)
+    return least_of_form(training, fitted, one.channel, share)
+
+
+def least_of_form(
+    training: Training, fitted: Fitted, channel: int, share: float = PRECISION_UNNAMED
+) -> float:
+    """Rms below which what is left is a flaw of named effects' form, or a share of the measured.
+
+    Parameters
+    ----------
+    training : Training
+    fitted : Fitted
+    channel : int
+    share : float
+        Of what the channel measures.
+    """
     predictor = training.predictor
-    own = (predictor.material.channel == one.channel) & training.mask
+    own = (predictor.material.channel == channel) & training.mask
     parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
     named = FORM_TOLERANCE * float(np.sqrt(sum(float(np.var(part)) for part in parts)))
-    if wandering:
-        return named
-    share = _share(training, fitted, one)
-    return max(named, share * measured_size(training, fitted.model, one.channel))
+    return max(named, share * measured_size(training, fitted.model, channel) if share else 0.0)
 
 
 def _share(training: Training, fitted: Fitted, one: Dependence) -> float:

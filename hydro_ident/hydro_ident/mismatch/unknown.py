@@ -26,6 +26,7 @@ from hydro_ident.mismatch.settings import (
 from hydro_ident.mismatch.state_space import OF_READINGS
 from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.wavering import Wavering
 from hydro_ident.mismatch.worth import SAME_AS_DELAY, mere_delay
 from hydro_model.effects.catalogue import CATALOGUE
 
@@ -117,6 +118,7 @@ def unexplained(
     holds: Callable[[Dependence], bool | None],
     far: Mapping[str, float] = MappingProxyType({}),
     going: Mapping[str, str] = MappingProxyType({}),
+    wavers: Mapping[str, Wavering] = MappingProxyType({}),
 ) -> tuple[Unexplained, ...]:
     """Significant dependence, and what is left far beyond the sensors: one entry per channel.
 
@@ -134,6 +136,8 @@ def unexplained(
         the sensors' noise leaves.
     going : mapping of str to str
         Channels in which something comes and goes, and the effect that it resembles.
+    wavers : mapping of str to Wavering
+        Channels in which a force against the motion does.
     """
     material = training.predictor.material
     longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
@@ -167,6 +171,8 @@ def unexplained(
         name = material.channels[one.channel]
         if name in far and one.channel not in result:
             result[one.channel] = _at_large(ChannelWords(material.robot, name), one, far[name])
+        elif name in wavers and one.channel not in result:
+            result[one.channel] = _wavers(ChannelWords(material.robot, name), one, wavers[name])
         elif name in going and one.channel not in result:
             result[one.channel] = _going(name, one, going[name])
     return tuple(result[k] for k in sorted(result))
@@ -181,6 +187,20 @@ def _at_large(words: ChannelWords, best: Dependence, times: float) -> Unexplaine
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
     return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
+
+
+def _wavers(words: ChannelWords, best: Dependence, one: Wavering) -> Unexplained:
+    """A force against the motion that comes and goes."""
+    unit = words.unit("piston_force")
+    text = (
+        f"a force against the motion in {words.channel} comes and goes: {one.mean:.3g} {unit} on"
+        f" the average, from one stretch of time to another by {one.deviation:.3g} {unit} more or"
+        " less (standard deviation); no effect of the catalogue does"
+    )
+    on = "time", "piston_velocity"
+    return Unexplained(
+        words.channel, on, best.share, one.p_value, text, best, confirmed=True, size=one.deviation
+    )
 
 
 def _going(channel: str, best: Dependence, name: str) -> Unexplained:

@@ -21,6 +21,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import PRECISION_UNNAMED
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.wavering import Wavering, wavering
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
@@ -123,6 +124,56 @@ def test_what_comes_and_goes_is_told(crane_run: Any, lay_out: Callable[..., Resi
     assert one.depends_on == ("time",)
     assert "comes and goes" in one.text
     assert "coulomb_friction" in one.text
+
+
+@pytest.fixture(scope="module")
+def minute(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Any:
+    """A minute's run of the plain machine."""
+    crane, simulated_run = make_run
+    return simulated_run(crane(), 60.0)
+
+
+def _there(run: Any) -> np.ndarray:
+    """Times, three eighths of all, at which two swings of no common period are up together."""
+    turned = 0.6 * np.arange(len(run.q)) * 0.002
+    return np.sin(turned) + np.sin(1.7 * turned) > 0.3
+
+
+def _wavers(work: Residuals) -> dict[str, Wavering]:
+    return wavering(work.training, work.base, Confirmer(work.training, work.check, work.base))
+
+
+def test_a_drag_without_a_rhythm_is_told_with_what_it_is_at_times(
+    minute: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    there = _there(minute)
+    work = lay_out(_dragged(minute, 0.1 * there))
+    wavers = _wavers(work)
+    one = wavers["lift/force"]
+    assert one.mean == pytest.approx(250.0 * there.mean(), rel=0.15)
+    # Stretches of one to three seconds hold both: they differ by less than all instants do.
+    assert 0.6 < one.deviation / (250.0 * there.std()) < 1.0
+    holds = Confirmer(work.training, work.check, work.base).holds
+    # Where no smooth function of time is told, which follows some of it.
+    left = [replace(d, p_value=1.0) for d in dependences(work.training, work.base)]
+    (told,) = unexplained(work.training, work.base, left, holds, wavers=wavers)
+    assert told.channel == "lift/force"
+    assert told.depends_on == ("time", "piston_velocity")
+    assert "comes and goes" in told.text
+
+
+@pytest.mark.parametrize("kind", ["nothing", "all along", "whatever moves"])
+def test_what_does_not_come_and_go_against_the_motion(
+    minute: Any, lay_out: Callable[..., Residuals], kind: str
+) -> None:
+    """Nothing, dry friction all along, and as large a force that knows nothing of the motion."""
+    there = _there(minute)
+    run = {
+        "nothing": minute,
+        "all along": _dragged(minute, np.full(there.size, 0.1)),
+        "whatever moves": _pushed(minute, np.where(there, 250.0, -250.0)),
+    }[kind]
+    assert not _wavers(lay_out(run))
 
 
 # The form's own flaws -------------------------------------------------------------------------
