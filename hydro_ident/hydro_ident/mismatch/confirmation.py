@@ -23,7 +23,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
 from hydro_ident.mismatch.spoilt import made_worse, sides_of
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
-from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.verify import FAINTLY, Verification, verify
 from hydro_ident.mismatch.where import VARIABLES
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -240,7 +240,8 @@ def _explain_less(
             u.dependence.gain > total * (_BESIDE_SILENT if u.confirmed else _CONFIRMED_SHARE)
             for u in own
         )
-        if (finding.verification.silent and doubtful) or any(
+        silent = finding.verification.silent and finding.verification.p_value > FAINTLY
+        if (silent and doubtful) or any(
             u.dependence.gain > limit for u, limit in zip(own, most, strict=True)
         ):
             taken.append(finding)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hydro_ident.bag.recording import Recording
@@ -18,6 +18,7 @@ from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.model import Modelled, robot_of
 from hydro_ident.mismatch.notes import (
+    apart,
     apart_notes,
     data_notes,
     instant_notes,
@@ -149,12 +150,15 @@ def _diagnosed(
     notes += [refined.note] if refined is not None else []
     notes += small
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
+    ratios = apart(work, whole, channels)
     told = {name for f in (*findings, *minor) for name in f.channels}
     told |= {one.channel for one in unknown}
-    notes += left_notes(channels) + apart_notes(work, whole, channels, told)
+    untold = {name: ratio for name, ratio in ratios.items() if name not in told}
+    notes += left_notes(channels) + apart_notes(untold)
     notes += instant_notes(work, whole)
+    doubtful = _doubtful(work, findings, channels, ratios)
     return Diagnosis(
-        _verdict(findings, [*rejected, *taken], unknown, _doubtful(work, findings, channels)),
+        _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
         modelled.robot,
         tuple(findings),
@@ -205,14 +209,21 @@ def _rolled_out(work: Residuals, whole: Fitted, before: Robot, after: Robot) -> 
 
 
 def _doubtful(
-    work: Residuals, findings: Sequence[Finding], channels: Sequence[ChannelResult]
+    work: Residuals,
+    findings: Sequence[Finding],
+    channels: Sequence[ChannelResult],
+    ratios: Mapping[str, float],
 ) -> bool:
-    """Whether what was found may be something else, whatever held-out rows say of it."""
+    """Whether what was found may be something else, whatever held-out rows say of it.
+
+    `ratios` are those of channels of which other recordings know more.
+    """
     material = work.training.predictor.material
     # Where one pressure is not known, another law may look like what was found.
     unpaired = any(name in f.channels for f in findings for name in material.unpaired)
     few = material.motions < FEW_MOTIONS
-    return few or unpaired or _hardly_better(findings, channels)
+    elsewhere = any(f.channels[0] in ratios for f in findings)
+    return few or unpaired or elsewhere or _hardly_better(findings, channels)
 
 
 def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -88,9 +88,7 @@ def left_notes(channels: Sequence[ChannelResult]) -> list[str]:
     ]
 
 
-def apart_notes(
-    work: Residuals, whole: Fitted, channels: Sequence[ChannelResult], told: Collection[str]
-) -> list[str]:
+def apart(work: Residuals, whole: Fitted, channels: Sequence[ChannelResult]) -> dict[str, float]:
     """Channels of which the recordings to verify on know what those to fit did not show.
 
     A base takes up what its own recordings show in one motion alone, as a slow one does a mode;
@@ -103,26 +101,34 @@ def apart_notes(
         The final model.
     channels : sequence of ChannelResult
         On the rows to verify on.
-    told : collection of str
-        Channels in which something was found or is unexplained.
+
+    Returns
+    -------
+    dict of str to float
+        Error with which those rows are predicted, over that of the same model fitted to them.
     """
     far = [c.name for c in channels if rms(c.measured - c.after) > _MUCH * c.noise_floor]
-    far = [name for name in far if name not in told]
     there = fitted_there(work.training, work.check, whole) if far else None
     if there is None:
-        return []
-    check, notes = work.check, list[str]()
+        return {}
+    check, result = work.check, dict[str, float]()
     now = check.residual(at_own_instants(work.training, check, whole.model)[0])
     own = there.residual - there.columns @ there.bench.solve()
     for k, name in enumerate(check.predictor.material.channels):
         rows = check.rows(k, name) & check.moving
         if name in far and rms(now[rows]) > _APART * rms(own[rows]):
-            notes.append(
-                f"{name}: rows to verify on are predicted {rms(now[rows]) / rms(own[rows]):.2g}"
-                " times worse than by the same model fitted to them: what is missing shows in"
-                " their motion; diagnose the other way round, or with more of such motion to fit"
-            )
-    return notes
+            result[name] = rms(now[rows]) / rms(own[rows])
+    return result
+
+
+def apart_notes(ratios: Mapping[str, float]) -> list[str]:
+    """Those of channels that are apart, as `apart` returns them."""
+    return [
+        f"{name}: rows to verify on are predicted {ratio:.2g} times worse than by the same model"
+        " fitted to them: what is missing shows in their motion; diagnose the other way round, or"
+        " with more of such motion to fit"
+        for name, ratio in ratios.items()
+    ]
 
 
 def silent_notes(findings: Sequence[Finding]) -> list[str]:

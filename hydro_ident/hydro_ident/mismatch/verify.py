@@ -40,7 +40,7 @@ _FURTHER = 0.1
 #: ... and what goes with rows that it should hardly change: that takes luck, or more than found.
 _LUCK = 0.1
 #: Chance on held-out rows from which on they show a finding but faintly.
-_FAINTLY = 1.0e-3
+FAINTLY = 1.0e-3
 #: Correlation with the finding from which a shifted one is the same.
 _ALIKE = 0.7
 
@@ -180,7 +180,7 @@ def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
     """
     before, after = best.sides
     gains = any(after[n] < before[n] for n in acting if n in after)
-    if not size or (not silent and gains and best.p_value <= _FAINTLY):
+    if not size or (not silent and gains and best.p_value <= FAINTLY):
         return ""
     little = "hardly exercise it" if silent else "show it but faintly"
     little = little if silent or gains else "gain nothing by it"

@@ -10,7 +10,7 @@ import pytest
 
 from hydro_ident.mismatch.answering import _distance, _far
 from hydro_ident.mismatch.channel_results import channels_of
-from hydro_ident.mismatch.notes import apart_notes
+from hydro_ident.mismatch.notes import apart, apart_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals
@@ -79,10 +79,11 @@ def test_what_another_motion_knows_better_is_noted(
     plain, crane = simulated_run(true_crane(), 10.0), true_crane()
     spec = EffectSpec("payload_change", crane.name, {"mass": 60.0, "start_s": -10.0})
     loaded = simulated_run(replace(crane, effects=(spec,)), 10.0)
-    for given, apart in ((loaded, ["lift/force", "tilt/force"]), (plain, [])):
+    for given, names in ((loaded, ["lift/force", "tilt/force"]), (plain, [])):
         work = lay_out(plain, [given])
-        channels = channels_of(work, work.base, work.check)
-        notes = apart_notes(work, work.base, channels, ())
-        assert [note.partition(":")[0] for note in notes] == apart
-        assert not apart_notes(work, work.base, channels, apart)
+        ratios = apart(work, work.base, channels_of(work, work.base, work.check))
+        assert list(ratios) == names
+        assert all(ratio > 2.0 for ratio in ratios.values())
+        notes = apart_notes(ratios)
+        assert [note.partition(":")[0] for note in notes] == names
         assert all("diagnose the other way round" in note for note in notes)

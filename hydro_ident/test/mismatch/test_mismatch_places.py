@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.diagnosis import _hardly_better, diagnose
+from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, tilts
 from hydro_ident.mismatch.residuals import Residuals
@@ -124,6 +124,19 @@ def test_what_leaves_more_than_it_explains_is_not_explained(
     error = np.where(time % 2.0 > 0.0, 1.0, -1.0)
     one = ChannelResult("lift/force", "N", time, np.zeros(100), -error, -left * error, floor)
     assert _hardly_better([SimpleNamespace(channels=channels)], [one]) is hardly  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize(
+    ("channels", "doubtful"), [(("lift/force",), True), (("tilt/force", "lift/force"), False)]
+)
+def test_what_other_recordings_know_better_is_not_explained(
+    crane_run: Any, lay_out: Callable[..., Residuals], channels: tuple[str, ...], doubtful: bool
+) -> None:
+    """It is the finding's strongest channel that has to be predicted as well as it could be."""
+    work = lay_out(crane_run)
+    found = [SimpleNamespace(channels=channels)]
+    assert _doubtful(work, found, [], {"lift/force": 2.5}) is doubtful  # type: ignore[arg-type]
+    assert not _doubtful(work, found, [], {})  # type: ignore[arg-type]
 
 
 def bend(robot: Robot, target: str) -> dict[str, tuple[float, float]]:

@@ -13,6 +13,7 @@ from hydro_ident.mismatch import spoilt
 from hydro_ident.mismatch.confirmation import (
     _better_answers,
     _confirmed,
+    _explain_less,
     _variable,
     withdrawn,
 )
@@ -86,6 +87,16 @@ def test_a_silent_name_is_not_taken_from_a_channel_that_it_describes(rubbing: Re
     whole, finding = _found(rubbing, "coulomb_friction", {"force": FRICTION_N})
     _, findings, taken, _ = withdrawn(rubbing, whole, [finding])
     assert (findings, taken) == ([finding], [])
+
+
+@pytest.mark.parametrize(("p_value", "taken"), [(1.0, True), (0.002, True), (1.0e-4, False)])
+def test_a_name_that_held_out_rows_tell_is_not_taken_for_how_little_they_exercise_it(
+    rubbing: Residuals, p_value: float, taken: bool
+) -> None:
+    """A coupling in a channel that dry friction still is far from its floor in."""
+    whole, finding = _found(rubbing, "joint_coupling", {"viscous": 500.0})
+    told = replace(finding, verification=replace(finding.verification, p_value=p_value))
+    assert _explain_less(rubbing, whole, [told], []) == ([told] if taken else [])
 
 
 @pytest.mark.parametrize(
