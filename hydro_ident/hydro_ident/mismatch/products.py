@@ -20,6 +20,8 @@ it; that law is what becomes of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
@@ -79,6 +81,28 @@ def chance_beside(
     if by_signs <= _UNREACHED:
         by_signs = _beyond_flips(product, left, _freedom(change, block), tried)
     return max(by_signs, by_noise)
+
+
+def paid(chances: Sequence[float]) -> list[float]:
+    """Chances of one finding in several views of the same rows, with the choice paid for.
+
+    The smallest becomes their harmonic mean (Wilson, PNAS 116 (2019) 1195): itself where all
+    views say the same, so many times itself where the others say nothing. The others are
+    multiplied by the number of views.
+
+    Parameters
+    ----------
+    chances : sequence of float
+        Of at least one view, each above 0.
+
+    Returns
+    -------
+    list of float
+        At most 1 each.
+    """
+    count, least = len(chances), int(np.argmin(chances))
+    mean = count / sum(1.0 / chance for chance in chances)
+    return [min(1.0, mean if k == least else count * one) for k, one in enumerate(chances)]
 
 
 def _beyond_flips(product: float, left: FloatArray, freedom: float, tried: float) -> float:

@@ -30,6 +30,7 @@ from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound, shape_at_a_bound
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.products import paid
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
@@ -144,7 +145,10 @@ def verify(
     dear = instants / _FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
     # Two ways of looking, either of which may tell: both are paid for.
-    looks = [replace(one, p_value=min(1.0, len(looks) * instants * one.p_value)) for one in looks]
+    shared = paid([one.p_value for one in looks])
+    looks = [
+        replace(one, p_value=min(1.0, instants * p)) for one, p in zip(looks, shared, strict=True)
+    ]
     plainly = _PLAIN * max(named.spread, 1.0)
     own = whole.bench.noise.whitened(training.layout, here[training.mask])
     own = own[whole.bench.noise.settled(training.layout)]

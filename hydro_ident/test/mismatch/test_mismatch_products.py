@@ -7,9 +7,16 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from hydro_ident.mismatch.held_out import STANDS
-from hydro_ident.mismatch.products import _beyond_flips, chance, chance_beside, left_variance
+from hydro_ident.mismatch.products import (
+    _beyond_flips,
+    chance,
+    chance_beside,
+    left_variance,
+    paid,
+)
 
 #: 40 s of rows, in blocks of 1 s and of 0.2 s.
 ROWS, EACH, SHORT = 2000, 50, 10
@@ -169,3 +176,21 @@ def test_what_was_tried_often_can_still_be_rare_enough() -> None:
     )
     assert once == pytest.approx(5e-5)
     assert often == pytest.approx(5e-7)
+
+
+def test_two_views_that_say_the_same_are_one() -> None:
+    assert paid([0.02, 0.02])[0] == pytest.approx(0.02)
+    assert paid([1.0, 1e-4]) == pytest.approx([1.0, 2e-4], rel=1e-3)
+    assert paid([0.03, 0.01]) == pytest.approx([0.06, 0.015])
+    assert paid([0.3]) == pytest.approx([0.3])
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5, 0.9])
+def test_views_are_paid_for_however_alike_they_are(alike: float) -> None:
+    """Of two normal deviates with any correlation, under nothing, at the level that is asked."""
+    draws, rng = 40000, np.random.default_rng(7)
+    own = rng.normal(size=(draws, 2))
+    views = np.sqrt(alike) * rng.normal(size=(draws, 1)) + np.sqrt(1.0 - alike) * own
+    chances = norm.sf(views)
+    met = sum(min(paid(pair)) <= STANDS for pair in chances.tolist()) / draws
+    assert met <= STANDS + 3.0 * np.sqrt(STANDS / draws)
