@@ -45,7 +45,11 @@ def flaw_of_form(
 
 
 def least_of_form(
-    training: Training, fitted: Fitted, channel: int, share: float = PRECISION_UNNAMED
+    training: Training,
+    fitted: Fitted,
+    channel: int,
+    share: float = PRECISION_UNNAMED,
+    tolerance: float = FORM_TOLERANCE,
 ) -> float:
     """Rms below which what is left is a flaw of named effects' form, or a share of the measured.
 
@@ -54,13 +58,13 @@ def least_of_form(
     training : Training
     fitted : Fitted
     channel : int
-    share : float
-        Of what the channel measures.
+    share, tolerance : float
+        Of what the channel measures, and of what named effects do there.
     """
     predictor = training.predictor
     own = (predictor.material.channel == channel) & training.mask
     parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
-    named = FORM_TOLERANCE * float(np.sqrt(sum(float(np.var(part)) for part in parts)))
+    named = tolerance * float(np.sqrt(sum(float(np.var(part)) for part in parts)))
     return max(named, share * measured_size(training, fitted.model, channel) if share else 0.0)
 
 

@@ -28,6 +28,9 @@ from hydro_model.robot import FloatArray
 
 #: Blocks that make a stretch: what comes and goes may do so quickly or slowly.
 _TOGETHER = (1, 3)
+#: Share of what named effects do that their laws' form may leave: as much as true ones of forces
+#: change from stretch to stretch (`constancy`).
+_OF_NAMED = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,7 @@ def _wavering(training: Training, fitted: Fitted, channel: int, tried: int) -> W
         p > FAMILY_ERROR_UNNAMED
         or best.deviation < COMES_AND_GOES * best.mean
         or tried * _chance(bench, direction) > FAMILY_ERROR
-        or size < least_of_form(training, fitted, channel)
+        or size < least_of_form(training, fitted, channel, tolerance=_OF_NAMED)
     ):
         return None
     return Wavering(best.mean, best.deviation, p)

@@ -176,6 +176,22 @@ def test_what_does_not_come_and_go_against_the_motion(
     assert not _wavers(lay_out(run))
 
 
+@pytest.mark.parametrize(("gain", "told"), [(0.01, True), (0.2, False)])
+def test_beside_what_is_named_a_drag_is_no_small_part_of_it(
+    minute: Any, lay_out: Callable[..., Residuals], gain: float, told: bool
+) -> None:
+    """Its law's own form may leave a little of a large effect here and there."""
+    run = _dragged(minute, 0.1 * _there(minute))
+    p_a = run.p_a.copy()
+    p_a[:, 0] *= 1.0 + gain
+    work = lay_out(replace(run, p_a=p_a))
+    spec = EffectSpec("pressure_sensor_gain", "lift_cylinder/a", {"error": gain})
+    one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
+    whole = fit(work.training, work.base.model.with_term(one))
+    found = wavering(work.training, whole, Confirmer(work.training, work.check, whole))
+    assert ("lift/force" in found) is told
+
+
 # The form's own flaws -------------------------------------------------------------------------
 
 
