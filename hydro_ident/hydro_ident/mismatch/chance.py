@@ -156,6 +156,13 @@ def overdispersion(one: Score, raised: FloatArray | None = None) -> float:
     return max(1.0, factor**2 * float(np.sum(one.partial.chance[:, told] ** 2)) / own)
 
 
+def overdispersed(bench: Bench, left: FloatArray, residual: FloatArray) -> float:
+    """As `overdispersion`, of whitened columns (M, k) beyond a base and a residual (M,)."""
+    told = float(np.sum(left**2))
+    sums = bench.by_block(left * residual[:, None])
+    return max(1.0, float(np.sum(sums**2)) / told) if told > 0.0 else 1.0
+
+
 def chance_of(
     scores: Sequence[Score], flips: FloatArray, raised: Sequence[FloatArray] | None = None
 ) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
-from hydro_ident.mismatch.chance import overdispersion, told_best
+from hydro_ident.mismatch.chance import overdispersed, overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
@@ -113,8 +113,20 @@ class Contest:
         """
         bench, mask = without.bench, self.training.mask
         left = bench.beyond(best.entry.columns(mask.size)[mask][:, [told_best(best)]])
-        sums = bench.by_block(left * whole.bench.residual[:, None])
-        return max(1.0, float(np.sum(sums**2) / np.sum(left**2)))
+        return overdispersed(bench, left, whole.bench.residual)
+
+    def spread_left(self, without: Fitted, one: Contender) -> float:
+        """As `spread`, of a contender's own contribution.
+
+        Parameters
+        ----------
+        without : Fitted
+        one : Contender
+            Fitted on top of it.
+        """
+        bench, mask = without.bench, self.training.mask
+        column = self.training.predictor.contribution(one.fitted.model, one.term)[mask]
+        return overdispersed(bench, bench.beyond(column[:, None]), one.fitted.bench.residual)
 
     def _starts(self, without: Fitted, best: Score, scores: Sequence[Score]) -> list[ActiveEffect]:
         """Where fits of a trial begin: of what does not grow like its size, in further shapes.

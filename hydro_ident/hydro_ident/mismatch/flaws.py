@@ -6,11 +6,13 @@ several times over the stroke nor swing at frequencies at which nothing moves.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.precision import measured_size
+from hydro_ident.mismatch.precision import measured_sizes
 from hydro_ident.mismatch.settings import (
     FORM_TOLERANCE,
     PRECISION,
@@ -27,45 +29,61 @@ _DOES = ("piston_velocity", "piston_acceleration", "valve_signal")
 _MADE = 10.0
 
 
-def flaw_of_form(
-    training: Training, fitted: Fitted, one: Dependence, *, wandering: bool = False
-) -> float:
-    """Rms below which a function is a flaw of the model's form and precision, in its unit.
+@dataclass(frozen=True, slots=True, eq=False)
+class Flaws:
+    """What flaws of a fitted model may leave, with what it needs of all rows worked out once.
 
-    Parameters
+    Attributes
     ----------
     training : Training
     fitted : Fitted
-    one : Dependence
-    wandering : bool
-        It is one of time that does not repeat: no form's.
+    named : (K,) array
+        What named effects do in each channel, rms about its mean, in its unit.
+    measured : (K,) array
+        What each channel measures, rms.
     """
-    share = 0.0 if wandering else _share(training, fitted, one)
-    return least_of_form(training, fitted, one.channel, share)
 
+    training: Training
+    fitted: Fitted
+    named: FloatArray
+    measured: FloatArray
 
-def least_of_form(
-    training: Training,
-    fitted: Fitted,
-    channel: int,
-    share: float = PRECISION_UNNAMED,
-    tolerance: float = FORM_TOLERANCE,
-) -> float:
-    """Rms below which what is left is a flaw of named effects' form, or a share of the measured.
+    @staticmethod
+    def of(training: Training, fitted: Fitted) -> Flaws:
+        """Those of a model on its training rows."""
+        predictor, mask = training.predictor, training.mask
+        every = range(len(predictor.material.channels))
+        rows = [(predictor.material.channel == k) & mask for k in every]
+        squares = np.zeros(len(rows))
+        for term in fitted.model.terms:
+            part = predictor.contribution(fitted.model, term)
+            squares += [float(np.var(part[own])) if own.any() else 0.0 for own in rows]
+        return Flaws(training, fitted, np.sqrt(squares), measured_sizes(training, fitted.model))
 
-    Parameters
-    ----------
-    training : Training
-    fitted : Fitted
-    channel : int
-    share, tolerance : float
-        Of what the channel measures, and of what named effects do there.
-    """
-    predictor = training.predictor
-    own = (predictor.material.channel == channel) & training.mask
-    parts = [predictor.contribution(fitted.model, term)[own] for term in fitted.model.terms]
-    named = tolerance * float(np.sqrt(sum(float(np.var(part)) for part in parts)))
-    return max(named, share * measured_size(training, fitted.model, channel) if share else 0.0)
+    def least(
+        self, channel: int, share: float = PRECISION_UNNAMED, tolerance: float = FORM_TOLERANCE
+    ) -> float:
+        """Rms below which what is left is one of named effects' form or of what is measured.
+
+        Parameters
+        ----------
+        channel : int
+        share, tolerance : float
+            Of what the channel measures, and of what named effects do there.
+        """
+        return max(tolerance * float(self.named[channel]), share * float(self.measured[channel]))
+
+    def of_form(self, one: Dependence, *, wandering: bool = False) -> float:
+        """Rms below which a function is a flaw of the model's form and precision, in its unit.
+
+        Parameters
+        ----------
+        one : Dependence
+        wandering : bool
+            It is one of time that does not repeat: no form's.
+        """
+        share = 0.0 if wandering else _share(self.training, self.fitted, one)
+        return self.least(one.channel, share)
 
 
 def _share(training: Training, fitted: Fitted, one: Dependence) -> float:

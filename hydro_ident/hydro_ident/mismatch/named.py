@@ -24,6 +24,9 @@ LIMITS = {
 #: Within this factor beyond its limit a law still bears its own name as well: the limit is a
 #: convention, and by what damps a bristle one of 0.15 mm may come out at 0.08.
 _BORDER = 2.0
+#: ... and up to this factor within it a bristle bears the other name as well: what is meant by dry
+#: friction is often simulated by a bristle, of tenths of a millimetre.
+_BRISTLE = 3.0
 #: Limits on joints without cylinder: a mode above the 10 Hz that rows of torques keep is stiff
 #: there, and what its inertia does to its own joint alone is a rotor's.
 DRIVE_LIMITS = {"structural_flexibility": ("frequency", 0.0, 12.0, "rotor_inertia")}
@@ -72,9 +75,12 @@ class Contender:
         return self._named_within(1.0)
 
     @property
-    def border_name(self) -> str:
-        """The law's own name where it has run to another one's limit but not far; else that."""
-        return self._named_within(_BORDER)
+    def border_names(self) -> tuple[str, ...]:
+        """Further names near a limit: the law's own beyond it, a bristle's other within it."""
+        names = [self._named_within(_BORDER)]
+        if self.name == _PRESLIDING:
+            names.append(self._named_within(1.0 / _BRISTLE))
+        return tuple(name for name in dict.fromkeys(names) if name != self.name)
 
     def rivals(self, other: Contender) -> bool:
         """Whether two cannot stand side by side, by their laws or by the names that they bear."""
@@ -319,7 +325,7 @@ def named_of(
     shares = tuple(total[n] for n in names)
     told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
     # Near a limit either name may be meant.
-    return told.beside({told.modelled.border_name: shares[0]})
+    return told.beside(dict.fromkeys(told.modelled.border_names, shares[0]))
 
 
 def _cost_among(one: Contender, contenders: Sequence[Contender]) -> float:

@@ -10,6 +10,7 @@ from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.settings import PRECISION_UNCONFIRMED
 from hydro_ident.mismatch.training import Training
+from hydro_model.robot import FloatArray
 
 #: Slow drift of a pressure transducer as a share of its range, that of a kelvin's change: usual
 #: ones are compensated to 0.01 to 0.04 % of the range per kelvin.
@@ -19,12 +20,26 @@ DRIFT = 2.0e-4
 ACCURACY = 1.25e-3
 
 
-def measured_size(training: Training, model: Model, channel: int) -> float:
-    """Root mean square of what a channel measures on the training rows, in its unit."""
+def measured_sizes(training: Training, model: Model) -> FloatArray:
+    """Root mean square of what each channel measures on the training rows, (K,), in its unit.
+
+    Of a channel without rows, or that measures nothing, 1.
+    """
     material = training.predictor.material
     y, _ = training.predictor.base(model)
-    values = y[(material.channel == channel) & training.mask]
-    return float(np.sqrt(np.mean(values**2))) or 1.0
+    sums = np.bincount(
+        material.channel[training.mask],
+        weights=y[training.mask] ** 2,
+        minlength=len(material.channels),
+    )
+    counts = np.bincount(material.channel[training.mask], minlength=len(material.channels))
+    sizes = np.sqrt(sums / np.maximum(counts, 1))
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def measured_size(training: Training, model: Model, channel: int) -> float:
+    """That of one channel, as `measured_sizes`."""
+    return float(measured_sizes(training, model)[channel])
 
 
 def least_unconfirmed(training: Training, model: Model, channel: int) -> float:

@@ -84,13 +84,16 @@ class Revision:
             return without, None
         few = self._contest.few
         again = self._contest.members(self._contest.fitted(without, terms, noise))
-        fresh = named_of(again, one.p_value, one.spread, few, one.allowance)
+        # What was found beside all that has been named since had its sums spread by that.
+        leading = max(again, key=lambda c: c.held_out)
+        spread = min(one.spread, self._contest.spread_left(without, leading))
+        fresh = named_of(again, one.p_value, spread, few, one.allowance)
         if one.alike and same(fresh.term, one.term):
             shares = one.probability[-len(one.alike) :]
             own = 1.0 - sum(shares)
             odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
-            # A law's own name, near another one's limit, is the fresh set's matter.
-            odds.pop(one.modelled.border_name, None)
+            # Names near another law's limit are the fresh set's matter.
+            odds = {n: p for n, p in odds.items() if n not in one.modelled.border_names}
             fresh = fresh.beside(odds)
         return without, fresh
 

@@ -14,7 +14,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.flaws import flaw_of_form
+from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed
 from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
@@ -141,13 +141,13 @@ def unexplained(
     """
     material = training.predictor.material
     longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
-    result: dict[int, Unexplained] = {}
+    flaws, result = Flaws.of(training, fitted), dict[int, Unexplained]()
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
             continue
         slow = wanders(one, longest_s)
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
-        if one.share < least_share or one.size < _least_size(training, fitted, one, slow):
+        if one.share < least_share or one.size < _least_size(training, fitted, flaws, one, slow):
             continue
         if _mere_delay(training, fitted, one):
             continue
@@ -256,12 +256,14 @@ def _shape(words: ChannelWords, one: Dependence) -> str:
     return f"{words.name(one.variable)} in {unit} from {one.knots[0]:.3g} to {one.knots[-1]:.3g}"
 
 
-def _least_size(training: Training, fitted: Fitted, one: Dependence, wandering: bool) -> float:
+def _least_size(
+    training: Training, fitted: Fitted, flaws: Flaws, one: Dependence, wandering: bool
+) -> float:
     """Rms below which a function is no more than sensors and the model's form may make of it."""
     drift = _drift_share(one) * drift_of(training.predictor.material, one.channel)
     if wandering:
         drift = max(drift, least_unconfirmed(training, fitted.model, one.channel))
-    return max(drift, flaw_of_form(training, fitted, one, wandering=wandering))
+    return max(drift, flaws.of_form(one, wandering=wandering))
 
 
 def not_testable(

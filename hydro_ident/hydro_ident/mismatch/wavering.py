@@ -19,7 +19,7 @@ from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, Sizes, sizes_of
 from hydro_ident.mismatch.dependence import alone, values_of
 from hydro_ident.mismatch.fitting import Fitted
-from hydro_ident.mismatch.flaws import least_of_form
+from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.held_out import VERIFIED, rms
 from hydro_ident.mismatch.settings import FAMILY_ERROR, FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.state_space import factors_of
@@ -88,7 +88,7 @@ def _wavering(training: Training, fitted: Fitted, channel: int, tried: int) -> W
         p > FAMILY_ERROR_UNNAMED
         or best.deviation < COMES_AND_GOES * best.mean
         or tried * _chance(bench, direction) > FAMILY_ERROR
-        or size < least_of_form(training, fitted, channel, tolerance=_OF_NAMED)
+        or size < Flaws.of(training, fitted).least(channel, tolerance=_OF_NAMED)
     ):
         return None
     return Wavering(best.mean, best.deviation, p)

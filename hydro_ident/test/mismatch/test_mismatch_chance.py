@@ -168,7 +168,8 @@ def test_a_law_that_predicts_far_worse_is_not_in_the_set(laws: list[ActiveEffect
 @pytest.mark.parametrize(
     ("distance_m", "names"),
     [
-        (3e-4, ("presliding_friction",)),
+        (4e-4, ("presliding_friction",)),
+        (2e-4, ("presliding_friction", "coulomb_friction")),
         (8e-5, ("coulomb_friction", "presliding_friction")),
         (3e-5, ("coulomb_friction",)),
     ],
@@ -188,7 +189,8 @@ def test_a_bristle_near_the_limit_of_its_name_bears_both(
 @pytest.mark.parametrize(
     ("falls_off_m_s", "distance_m", "names"),
     [
-        (0.2, 3e-4, ("presliding_friction",)),
+        (0.2, 4e-4, ("presliding_friction",)),
+        (0.2, 2e-4, ("presliding_friction", "coulomb_friction")),
         (0.2, 8e-5, ("coulomb_friction", "presliding_friction")),
         (0.2, 3e-5, ("coulomb_friction",)),
         (0.07, 3e-5, ("coulomb_friction", "stribeck_friction")),
@@ -207,7 +209,8 @@ def test_a_friction_that_lost_its_dip_bears_the_name_of_what_is_left(
 @pytest.mark.parametrize(
     ("name", "further", "names"),
     [
-        ("presliding_friction", {"distance": 1e-3}, ("presliding_friction",)),
+        ("presliding_friction", {"distance": 2e-3}, ("presliding_friction",)),
+        ("presliding_friction", {"distance": 1e-3}, ("presliding_friction", "coulomb_friction")),
         ("presliding_friction", {"distance": 1.5e-4}, ("coulomb_friction",)),
         ("stribeck_friction", {"stribeck_velocity": 0.15}, ("stribeck_friction",)),
     ],
