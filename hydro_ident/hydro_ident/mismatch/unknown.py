@@ -172,7 +172,8 @@ def unexplained(
         if name in far and one.channel not in result:
             result[one.channel] = _at_large(ChannelWords(material.robot, name), one, far[name])
         elif name in wavers and one.channel not in result:
-            result[one.channel] = _wavers(ChannelWords(material.robot, name), one, wavers[name])
+            words = ChannelWords(material.robot, name)
+            result[one.channel] = _wavers(words, _over_time(one, found), wavers[name])
         elif name in going and one.channel not in result:
             result[one.channel] = _going(name, one, going[name])
     return tuple(result[k] for k in sorted(result))
@@ -187,6 +188,12 @@ def _at_large(words: ChannelWords, best: Dependence, times: float) -> Unexplaine
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
     return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
+
+
+def _over_time(one: Dependence, found: Sequence[Dependence]) -> Dependence:
+    """What a channel's direction of motion does over time, as smoothly as it is looked at."""
+    smooth = (d for d in found if d.channel == one.channel and d.variable == "time")
+    return next((d for d in smooth if d.times == "direction" and not d.period), one)
 
 
 def _wavers(words: ChannelWords, best: Dependence, one: Wavering) -> Unexplained:
