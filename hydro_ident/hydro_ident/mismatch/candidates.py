@@ -22,6 +22,7 @@ from hydro_ident.mismatch.places import (
     grounds,
     passages,
     pilots,
+    stations,
     tilts,
     visited,
 )
@@ -159,8 +160,8 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
         chosen = grounds(predictor, model, one)
     elif effect.name == "position_dependent_friction":
         scales = tried_at(predictor, model, one, effect.parameters[shape[0]])
-        begin, end = visited(predictor, model, one)
-        chosen = [(scale, begin, end) for scale in scales]
+        spans = stations(*visited(predictor, model, one))
+        chosen = [(scale, *span) for span in spans for scale in scales]
     else:
         grids = [tried_at(predictor, model, one, effect.parameters[i]) for i in shape]
         chosen = list(itertools.product(*grids))

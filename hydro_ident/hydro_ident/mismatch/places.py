@@ -68,6 +68,15 @@ def visited(predictor: Predictor, model: Model, one: ActiveEffect) -> tuple[floa
     return begin, end
 
 
+def stations(begin: float, end: float) -> list[tuple[float, float]]:
+    """Where five stations begin and end: along all that was visited, or half of it.
+
+    A hump that is narrower than a quarter of the way lies between stations along the whole.
+    """
+    half = 0.5 * (end - begin)
+    return [(begin, end), *((begin + k * half, begin + (k + 1.0) * half) for k in (0.0, 0.5, 1.0))]
+
+
 def rubbing(predictor: Predictor, model: Model, one: ActiveEffect) -> float:
     """Viscous friction that the model has at a cylinder, N s/m; 0 where it has none."""
     name = f"{one.target}.viscous_friction"

@@ -30,8 +30,6 @@ _FACTOR = 2.0
 HELD = {
     ("valve_rate_limit", "time_constant"),
     ("valve_hysteresis", "time_constant"),
-    ("position_dependent_friction", "begin"),
-    ("position_dependent_friction", "end"),
     ("backlash", "contact_force"),
     ("backlash", "drag"),
     ("external_contact", "way"),

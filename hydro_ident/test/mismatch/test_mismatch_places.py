@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
+from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, tilts
+from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, stations, tilts
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.stepping import given_steps, is_free
+from hydro_model.cylinder import stroke
 from hydro_model.effects.bending import usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
@@ -163,3 +165,32 @@ def test_a_joint_that_moves_no_mass_has_no_hinge() -> None:
     bare = tuple(replace(c, barrel=None, rod=None) for c in crane.cylinders)
     empty = replace(crane, link_inertia=0.0 * crane.link_inertia, cylinders=bare)
     assert bend(empty, "lift_cylinder")["carried"] == (0.0, 0.0)
+
+
+def test_five_stations_lie_along_all_that_was_visited_or_half_of_it() -> None:
+    expected = [(0.2, 0.6), (0.2, 0.4), (0.3, 0.5), (0.4, 0.6)]
+    np.testing.assert_allclose(stations(0.2, 0.6), expected)
+
+
+def test_a_hump_that_is_narrower_than_stations_lie_apart_is_found_where_it_is(
+    make_run: tuple, lay_out: Callable[..., Residuals]
+) -> None:
+    """Dry friction of 4 kN at one place of the stroke, gone within a tenth of it either way."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(true_crane(), 40.0)
+    piston = run.robot.cylinders[0]
+    along = stroke(piston, run.q[:, 0])
+    low, high = np.quantile(along, [0.001, 0.999])
+    place, half = low + 0.63 * (high - low), 0.1 * (high - low)
+    speed = np.gradient(np.convolve(along, np.ones(25) / 25.0, "same"), 0.002)
+    hump = 4000.0 * np.clip(1.0 - np.abs(along - place) / half, 0.0, 1.0)
+    p_a = run.p_a.copy()
+    p_a[:, 0] += hump * np.tanh(speed / 0.01) / piston.area_a_m2
+    work = lay_out(replace(run, p_a=p_a))
+    (found,) = Searcher(work.scan, work.base, set(), work.bank).run().named
+    assert found.names[0] == "position_dependent_friction"
+    specs = [spec.name for spec in found.term.effect.parameters]
+    values = dict(zip(specs, found.term.parameters, strict=True))
+    levels = [values[n] for n in ("retracted", "quarter", "middle", "three_quarters", "extended")]
+    assert max(levels) == pytest.approx(4000.0, rel=0.15)
+    assert values["end"] - values["begin"] < 0.6 * (high - low) / piston.stroke_m
