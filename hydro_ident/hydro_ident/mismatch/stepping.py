@@ -23,10 +23,9 @@ from hydro_model.robot import FloatArray, Robot, Valve
 
 #: A shape parameter moves by no more than this factor per pass.
 _FACTOR = 2.0
-#: Parameters that only round a law's corners, or say where its stations are: fitted, they would
-#: turn it into another one. Of a play, from what force on the pin lies: samples pass that or do
-#: not. Of a drift, those that its size says as well. Of a load, over what it is taken up: searched
-#: for with the instant.
+#: Parameters that only round a law's corners: fitted, they would turn it into another one. Of a
+#: play, from what force on the pin lies: samples pass that or do not. Of a drift, those that its
+#: size says as well. Of a load, over what it is taken up: searched for with the instant.
 HELD = {
     ("valve_rate_limit", "time_constant"),
     ("valve_hysteresis", "time_constant"),
