@@ -157,7 +157,16 @@ def overdispersion(one: Score, raised: FloatArray | None = None) -> float:
 
 
 def overdispersed(bench: Bench, left: FloatArray, residual: FloatArray) -> float:
-    """As `overdispersion`, of whitened columns (M, k) beyond a base and a residual (M,)."""
+    """As `overdispersion`, of columns and what a fit with them leaves.
+
+    Parameters
+    ----------
+    bench : Bench
+    left : (M, k) array
+        Whitened columns beyond the bench's base.
+    residual : (M,) array
+        Whitened.
+    """
     told = float(np.sum(left**2))
     sums = bench.by_block(left * residual[:, None])
     return max(1.0, float(np.sum(sums**2)) / told) if told > 0.0 else 1.0

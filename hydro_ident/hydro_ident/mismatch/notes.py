@@ -122,7 +122,13 @@ def apart(work: Residuals, whole: Fitted, channels: Sequence[ChannelResult]) -> 
 
 
 def apart_notes(ratios: Mapping[str, float]) -> list[str]:
-    """Those of channels that are apart, as `apart` returns them."""
+    """Those of channels of which other recordings know more.
+
+    Parameters
+    ----------
+    ratios : mapping of str to float
+        As `apart` returns them.
+    """
     return [
         f"{name}: rows to verify on are predicted {ratio:.2g} times worse than by the same model"
         " fitted to them: what is missing shows in their motion; diagnose the other way round, or"
