@@ -144,11 +144,7 @@ def verify(
     # Its instants are paid for, and what was refused before it: so far down chance has to be told.
     dear = instants / _FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
-    # Two ways of looking, either of which may tell: both are paid for.
-    shared = paid([one.p_value for one in looks])
-    looks = [
-        replace(one, p_value=min(1.0, instants * p)) for one, p in zip(looks, shared, strict=True)
-    ]
+    looks = _paid_for(looks, instants)
     plainly = _PLAIN * max(named.spread, 1.0)
     own = whole.bench.noise.whitened(training.layout, here[training.mask])
     own = own[whole.bench.noise.settled(training.layout)]
@@ -167,6 +163,14 @@ def verify(
     sides = best.p_value, *best.sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
+
+
+def _paid_for(looks: Sequence[Look], instants: int) -> list[Look]:
+    """Ways of looking, any of which may tell, with that and the instants tried paid for."""
+    shared = paid([one.p_value for one in looks])
+    return [
+        replace(one, p_value=min(1.0, instants * p)) for one, p in zip(looks, shared, strict=True)
+    ]
 
 
 def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:

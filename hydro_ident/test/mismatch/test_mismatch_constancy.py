@@ -176,7 +176,7 @@ def test_what_does_not_come_and_go_against_the_motion(
     assert not _wavers(lay_out(run))
 
 
-@pytest.mark.parametrize(("gain", "told"), [(0.01, True), (0.2, False)])
+@pytest.mark.parametrize(("gain", "told"), [(0.01, True), (0.04, False)])
 def test_beside_what_is_named_a_drag_is_no_small_part_of_it(
     minute: Any, lay_out: Callable[..., Residuals], gain: float, told: bool
 ) -> None:

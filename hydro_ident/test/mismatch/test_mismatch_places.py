@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, stations, tilts
@@ -187,10 +188,14 @@ def test_a_hump_that_is_narrower_than_stations_lie_apart_is_found_where_it_is(
     p_a = run.p_a.copy()
     p_a[:, 0] += hump * np.tanh(speed / 0.01) / piston.area_a_m2
     work = lay_out(replace(run, p_a=p_a))
-    (found,) = Searcher(work.scan, work.base, set(), work.bank).run().named
+    search = Searcher(work.scan, work.base, set(), work.bank).run()
+    (found,) = search.named
     assert found.names[0] == "position_dependent_friction"
     specs = [spec.name for spec in found.term.effect.parameters]
     values = dict(zip(specs, found.term.parameters, strict=True))
     levels = [values[n] for n in ("retracted", "quarter", "middle", "three_quarters", "extended")]
-    assert max(levels) == pytest.approx(4000.0, rel=0.15)
+    assert max(levels) == pytest.approx(4000.0, rel=0.05)
+    # With stations that stay where they were tried a fifth of it is left.
+    force = work.training.mask & (work.training.predictor.material.channel == 0)
+    assert rms(search.fitted.residual[force]) < 0.06 * rms(work.base.residual[force])
     assert values["end"] - values["begin"] < 0.6 * (high - low) / piston.stroke_m
