@@ -11,7 +11,7 @@ from typing import Any
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
 from hydro_model.output import add_json, report
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 
 #: Time without an answer after which a node is asked again.
 _AGAIN_S = 5.0
@@ -66,7 +66,7 @@ def run(arguments: Sequence[str]) -> int:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    stay_local()
+    prepare_middleware()
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node(f"lifecycle_{args.transition}", start_parameter_services=False)
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _start_ros(rclpy: Any, arguments: Sequence[str], signals: Any) -> None:
         if flag == "--params-file":
             read_yaml(Path(file))
     try:
-        stay_local()
+        prepare_middleware()
         rclpy.init(args=[NAME, *arguments], signal_handler_options=signals)
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         line = " ".join(str(error).split())

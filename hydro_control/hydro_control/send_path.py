@@ -11,7 +11,7 @@ from typing import Any
 from hydro_control.errors import ControlError
 from hydro_model.command import run_command
 from hydro_model.output import add_json, report
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 
 NAME = "send_path"
 #: Of what `--json` writes.
@@ -60,7 +60,7 @@ def run(arguments: Sequence[str]) -> int:
 
     topic = topics.TIP_TRAJECTORY if isinstance(path, TipPath) else topics.JOINT_TRAJECTORY
     message = tip_message(path) if isinstance(path, TipPath) else joint_message(path)
-    stay_local()
+    prepare_middleware()
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("send_path", start_parameter_services=False)
     try:

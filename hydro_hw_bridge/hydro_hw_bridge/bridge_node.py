@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from hydro_hw_bridge.endings import on_end, on_end_at_once
 from hydro_hw_bridge.errors import BridgeError
 from hydro_model.command import run_command
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 
 if TYPE_CHECKING:
     from hydro_hw_bridge.bridge import CanBridge
@@ -85,7 +85,7 @@ def _run(ros_arguments: list[str]) -> int:
 def _init(rclpy: object, ros_arguments: list[str], handlers: object) -> None:
     """rclpy.init, with what it finds wrong in the arguments as one line."""
     try:
-        stay_local()
+        prepare_middleware()
         rclpy.init(args=ros_arguments, signal_handler_options=handlers)  # type: ignore[attr-defined]
     except Exception as error:
         # rclpy has no common class for what it raises here.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_model.command import run_command
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def run(arguments: Sequence[str]) -> int:
     from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
 
-    stay_local()
+    prepare_middleware()
     rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     # A signal also has to end the identification, which spins nothing.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

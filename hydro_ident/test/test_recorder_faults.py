@@ -21,6 +21,7 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_ident.study.kills import (
     PERIOD_NS,
     PROMISE_S,
+    TOPICS,
     Publisher,
     kill_recorders,
     publishing,
@@ -92,9 +93,9 @@ def _errors(folder: Path) -> list[str]:
     return (folder / "errors.txt").read_text().splitlines()
 
 
-def _unbroken(path: Path) -> np.ndarray:
+def _unbroken(path: Path, topic: str = TOPIC) -> np.ndarray:
     """The cycles of a bag, of which none is missing between the first and the last."""
-    cycles = read_bag(path).series[TOPIC].stamp_ns // PERIOD_NS
+    cycles = read_bag(path).series[topic].stamp_ns // PERIOD_NS
     np.testing.assert_array_equal(np.diff(cycles), 1)
     return cycles
 
@@ -136,6 +137,28 @@ def test_killed_at_random_moments_it_loses_at_most_three_tenths_of_a_second() ->
         # A machine that keeps the publisher waiting keeps the recorder waiting, too.
         assert kill.lost_s <= PROMISE_S + 3.0 * kill.late_s, kill
         assert kill.missing == 0, kill
+
+
+@pytest.mark.ros
+def test_what_it_missed_while_it_stood_still_is_there_soon_after(
+    tmp_path: Path, publisher: Publisher, record: Callable[..., subprocess.Popen[str]]
+) -> None:
+    """While it stands, more comes than the queue before it holds, and nothing after that would
+    show what is missing: publishers say every 0.1 s up to where they sent, where Fast DDS itself
+    would wait for up to 3 s."""
+    process = record(_command(tmp_path))
+    _wait_for(lambda: (tmp_path / "said.txt").read_text().count("receiving") == len(TOPICS))
+    process.send_signal(signal.SIGSTOP)
+    seen = len(publisher.times)
+    _wait_for(lambda: len(publisher.times) > seen + 300)
+    publisher.stop = True
+    process.send_signal(signal.SIGCONT)
+    time.sleep(0.6)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0
+    (path,) = tmp_path.glob("*_t")
+    for topic in TOPICS:
+        assert _unbroken(path, topic)[-1] == len(publisher.times) - 1, topic
 
 
 @pytest.mark.ros

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from hydro_model.command import run_command
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.node_arguments import check_arguments
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def _run(arguments: Sequence[str]) -> int:
     import rclpy
     from rclpy.executors import ExternalShutdownException
 
-    stay_local()
+    prepare_middleware()
     rclpy.init(args=[sys.argv[0], *arguments])
     try:
         node = rclpy.create_node("visual_joints")

@@ -22,7 +22,7 @@ from hydro_model.command import run_command, warn
 from hydro_model.output import STDOUT, add_json, report
 from hydro_model.safe_yaml import UnusableYamlError, parse
 from hydro_model.terminal import advance, progress_bar
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.topics import LIVE_DEPTH, reliable
 
 #: Of what `--json` writes.
@@ -80,7 +80,7 @@ def _run(arguments: Sequence[str]) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     with stop_on_signals() as stop:
-        stay_local()
+        prepare_middleware()
         rclpy.init(args=["player", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         try:
             player = Player(channels)

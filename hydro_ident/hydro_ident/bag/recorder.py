@@ -26,7 +26,7 @@ from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
 from hydro_model.output import STDOUT, add_json, write_json
 from hydro_model.robot_files import load_robot
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.topics import (
     BASE_PARAMETERS,
     RECORDER_DEPTH,
@@ -116,7 +116,7 @@ def _record(
 
     stream = sys.stderr if json_file == STDOUT else sys.stdout
     with stop_on_signals() as stop:
-        stay_local()
+        prepare_middleware()
         rclpy.init(args=["recorder", *arguments], signal_handler_options=SignalHandlerOptions.NO)
         started = time.monotonic()
         try:

@@ -20,7 +20,7 @@ from hydro_hw_bridge.codec import Codec
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.messages import joint_state, set_stamp, stamp_ns
 
 ROBOT, _IDLE_S = "xs031", 0.5
@@ -111,6 +111,6 @@ if __name__ == "__main__":
 
     # As the controller: the threads' turns shall not be the floor.
     sys.setswitchinterval(0.0005)
-    stay_local()
+    prepare_middleware()
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     PARTS[sys.argv[1]](rclpy.create_node(f"echo_{sys.argv[1]}"), sys.argv[2])

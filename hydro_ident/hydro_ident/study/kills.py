@@ -30,7 +30,7 @@ from hydro_ident.errors import BagError, IdentError
 from hydro_ident.study.sources import digests_of
 from hydro_model.command import run_command
 from hydro_model.output import write_atomically
-from hydro_msgs_docs.local_topics import stay_local
+from hydro_msgs_docs.middleware import prepare_middleware
 
 TOPICS = ("/joint_states", "/chamber_pressures", "/valve_command", "/valve_state")
 #: What may be lost, and how long to wait for what must come.
@@ -152,7 +152,7 @@ def publishing() -> Iterator[Publisher]:
     from rclpy.node import Node
 
     context = rclpy.Context()
-    stay_local()
+    prepare_middleware()
     rclpy.init(context=context)
     publisher = Publisher(Node("kills", context=context))
     thread = threading.Thread(target=publisher.run, daemon=True)

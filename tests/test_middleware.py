@@ -1,4 +1,7 @@
-"""Topics stay on this computer unless the environment says otherwise: in scripts and nodes."""
+"""What nodes ask of the middleware: topics stay on this computer, what was missed comes soon.
+
+Unless the environment says otherwise, in scripts and nodes.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,18 @@ import re
 import subprocess
 import sys
 import time
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
-from hydro_msgs_docs.local_topics import LOCAL, RANGE, stay_local
+from hydro_msgs_docs.middleware import (
+    LOCAL,
+    PROFILES,
+    PROFILES_FILE,
+    RANGE,
+    prepare_middleware,
+)
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs")
@@ -28,21 +38,33 @@ def test_every_node_asks_for_it_before_it_starts() -> None:
             for k, line in enumerate(lines):
                 if re.match(r"\s*(rclpy|context)\.init\(", line):
                     starts += 1
-                    assert lines[k - 1].strip() == "stay_local()", f"{path}, line {k + 1}"
+                    assert lines[k - 1].strip() == "prepare_middleware()", f"{path}, line {k + 1}"
     assert starts >= 8
 
 
-@pytest.mark.parametrize("asked", [None, "SUBNET", "OFF", LOCAL])
+@pytest.mark.parametrize(
+    ("name", "ours", "asked"),
+    [
+        (RANGE, LOCAL, "SUBNET"),
+        (RANGE, LOCAL, "OFF"),
+        (PROFILES, str(PROFILES_FILE), "/somewhere/own.xml"),
+    ],
+)
 def test_what_the_environment_says_is_kept(
-    monkeypatch: pytest.MonkeyPatch, asked: str | None
+    monkeypatch: pytest.MonkeyPatch, name: str, ours: str, asked: str
 ) -> None:
-    if asked is None:
-        monkeypatch.delenv(RANGE, raising=False)
-    else:
-        monkeypatch.setenv(RANGE, asked)
-    monkeypatch.setattr(os, "environ", os.environ.copy())
-    stay_local()
-    assert os.environ[RANGE] == (asked or LOCAL)
+    monkeypatch.setattr(os, "environ", {})
+    prepare_middleware()
+    assert os.environ[name] == ours
+    os.environ[name] = asked
+    prepare_middleware()
+    assert os.environ[name] == asked
+
+
+def test_settings_are_packed_and_change_no_quality_of_service() -> None:
+    (profile,) = ET.parse(PROFILES_FILE).getroot()[0]
+    assert profile.attrib["is_default_profile"] == "true"
+    assert [child.tag.rpartition("}")[2] for child in profile] == ["times"]
 
 
 @pytest.mark.parametrize("asked", [None, "SUBNET"])
