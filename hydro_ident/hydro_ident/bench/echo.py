@@ -20,8 +20,8 @@ from hydro_hw_bridge.codec import Codec
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.hot_loop import HotSubscription, HotWait
-from hydro_msgs_docs.middleware import prepare_middleware
 from hydro_msgs_docs.messages import joint_state, set_stamp, stamp_ns
+from hydro_msgs_docs.middleware import prepare_middleware
 
 ROBOT, _IDLE_S = "xs031", 0.5
 
