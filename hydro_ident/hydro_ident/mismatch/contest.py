@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +14,12 @@ from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.onset import Sight, ends
 from hydro_ident.mismatch.places import instant_spacing, instants_of
-from hydro_ident.mismatch.prediction import DELAY
+from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, form_of, is_free
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.weighed import Weighed
 from hydro_ident.mismatch.whitening import Noise
 from hydro_ident.mismatch.worth import (
     OF_VALVES,
@@ -47,7 +48,7 @@ class Each:
     """What a finding became: itself, or one at every place, and the model with it."""
 
     named: list[Named]
-    fitted: Fitted
+    model: Model
 
 
 class Contest:
@@ -100,7 +101,7 @@ class Contest:
         allowance = base_delay(self.training, without, leading.term)
         return named_of(members, p, spread, self.few, allowance), leading in told
 
-    def spread(self, without: Fitted, best: Score, whole: Fitted) -> float:
+    def spread(self, without: Fitted, best: Score, whole: Weighed) -> float:
         """As `overdispersion`, of the residual that a fit leaves.
 
         Parameters
@@ -108,12 +109,12 @@ class Contest:
         without : Fitted
         best : Score
             Of the effect that was added to it.
-        whole : Fitted
+        whole : Weighed
             With it.
         """
         bench, mask = without.bench, self.training.mask
         left = bench.beyond(best.entry.columns(mask.size)[mask][:, [told_best(best)]])
-        return overdispersed(bench, left, whole.bench.residual)
+        return overdispersed(bench, left, whole.left)
 
     def spread_left(self, without: Fitted, one: Contender) -> float:
         """As `spread`, of a contender's own contribution.
@@ -126,7 +127,7 @@ class Contest:
         """
         bench, mask = without.bench, self.training.mask
         column = self.training.predictor.contribution(one.fitted.model, one.term)[mask]
-        return overdispersed(bench, bench.beyond(column[:, None]), one.fitted.bench.residual)
+        return overdispersed(bench, bench.beyond(column[:, None]), one.fitted.left)
 
     def _starts(self, without: Fitted, best: Score, scores: Sequence[Score]) -> list[ActiveEffect]:
         """Where fits of a trial begin: of what does not grow like its size, in further shapes.
@@ -223,7 +224,7 @@ class Contest:
         scores : sequence of Score
             Of the step that found it: where the fits of what was not tried start.
         """
-        whole = Each([found], found.modelled.fitted)
+        whole = Each([found], found.modelled.fitted.model)
         of_one = found.term.cylinder is not None or found.term.joint is not None
         if of_one or noise is None:
             return whole
@@ -252,8 +253,8 @@ class Contest:
                 alike[name] = float(np.exp(min(gain - own_gain, 0.0)))
             if gain - sum(c.cost for c in own) > most:
                 most = gain - sum(c.cost for c in own)
-                whole = Each([self._one_of(found, c) for c in own], together)
-        return whole if whole.named[0] is not found else Each([found.beside(alike)], whole.fitted)
+                whole = Each([self._one_of(found, c) for c in own], together.model)
+        return whole if whole.named[0] is not found else Each([found.beside(alike)], whole.model)
 
     def _at_all(
         self,
@@ -295,25 +296,24 @@ class Contest:
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise
     ) -> list[Contender]:
         """Contenders fitted: all roughly, those not far behind the best to the end."""
-        rough = [fit_term(self.training, without, t, noise, _ROUGH) for t in terms]
-        gains = [without.squares - one.squares for one in rough]
-        if not rough:
+        if not terms:
             return []
-        close = sorted(range(len(rough)), key=lambda k: -gains[k])[:_THOROUGH]
-        # The best always: where a delay has to move first, none is any good until it has.
-        close = [k for k in close if k == close[0] or gains[k] >= CLOSE_SHARE * max(gains)]
-        whole = [
-            fit(self.training, one.model, noise, PASSES) if k in close else one
-            for k, one in enumerate(rough)
-        ]
-        before = self.held_out(without)
-        return [self._contender(without, before, one) for one in whole]
+        before, close, result = self.held_out(without), dict[int, Fitted](), dict[int, Contender]()
+        for at, term in enumerate(terms):
+            close[at] = fit_term(self.training, without, term, noise, _ROUGH)
+            # A fit's rows take much memory: those are let go of that can only fall further back.
+            for k in _behind({k: without.squares - one.squares for k, one in close.items()}):
+                result[k] = self._contender(without, before, close.pop(k))
+        for k in list(close):
+            whole = fit(self.training, close.pop(k).model, noise, PASSES)
+            result[k] = self._contender(without, before, whole)
+        return [result[k] for k in range(len(terms))]
 
     def _contender(self, without: Fitted, before: float, whole: Fitted) -> Contender:
         term = whole.model.terms[-1]
         held = before - self.held_out(whole)
         gain = without.squares - whole.squares
-        return Contender(term, whole, gain, held, self._cost(without, whole))
+        return Contender(term, whole.weighed, gain, held, self._cost(without, whole))
 
     def _cost(self, without: Fitted, whole: Fitted) -> float:
         """What the numbers of the last term cost, in units of log-likelihood.
@@ -348,6 +348,14 @@ class Contest:
         guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
         left = one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s, reach_of(one))
         return float(np.sum(left))
+
+
+def _behind(gains: Mapping[int, float]) -> list[int]:
+    """Which of some rough fits are not worth a thorough one, by what each gains."""
+    ranked = sorted(gains, key=lambda k: -gains[k])
+    least = CLOSE_SHARE * gains[ranked[0]]
+    # The best always: where a delay has to move first, none is any good until it has.
+    return [k for n, k in enumerate(ranked) if n >= _THOROUGH or (n and gains[k] < least)]
 
 
 def _best_of_each(contenders: Sequence[Contender]) -> list[Contender]:

@@ -18,6 +18,7 @@ from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.settings import FORM_TOLERANCE
 from hydro_ident.mismatch.unknown_file import unexplained_dict
+from hydro_ident.mismatch.weighed import Weighed
 from hydro_ident.mismatch.where import where_of
 from hydro_ident.results import Provenance
 from hydro_ident.validation_results import channel_rollouts, free_run_dict
@@ -122,7 +123,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     fitted, term = as_modelled(found, one)
     place = {"variable": "everywhere", "low": 0.0, "high": 0.0, "text": ""}
     if found.work is not None:
-        where = where_of(found.work.training, fitted, term, one.channels[0])
+        where = where_of(found.work.training, fitted.model, term, one.channels[0])
         place = {
             "variable": where.variable,
             "low": where.low,
@@ -161,7 +162,7 @@ def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
     }
 
 
-def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
+def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted | Weighed, ActiveEffect]:
     """The first name's law as it stands in the final model, else as it was weighed."""
     best = one.named.first
     if found.whole is not None:
@@ -171,7 +172,7 @@ def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted, ActiveEffect]:
     return best.fitted, best.term
 
 
-def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
+def parameters_of(fitted: Fitted | Weighed, term: ActiveEffect) -> list[dict[str, Any]]:
     """Parameters of an effect with their deviations.
 
     These are robust against dependence in blocks, and hold what the form of a law, which is an
@@ -194,7 +195,7 @@ def parameters_of(fitted: Fitted, term: ActiveEffect) -> list[dict[str, Any]]:
     return result
 
 
-def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
+def covariance_of(fitted: Fitted | Weighed, term: ActiveEffect) -> dict[str, Any]:
     """Covariance of those parameters of an effect that were fitted, as their deviations.
 
     Returns
@@ -213,7 +214,7 @@ def covariance_of(fitted: Fitted, term: ActiveEffect) -> dict[str, Any]:
     return {"names": names, "values": matrix[np.ix_(at, at)].tolist()}
 
 
-def _covariance(fitted: Fitted, term: ActiveEffect) -> FloatArray:
+def _covariance(fitted: Fitted | Weighed, term: ActiveEffect) -> FloatArray:
     matrix = fitted.covariance.copy()
     for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
         name = f"{term.target}.{term.effect.name}.{spec.name}"
@@ -223,7 +224,7 @@ def _covariance(fitted: Fitted, term: ActiveEffect) -> FloatArray:
     return matrix
 
 
-def _deviation(fitted: Fitted, std: FloatArray, name: str) -> float | None:
+def _deviation(fitted: Fitted | Weighed, std: FloatArray, name: str) -> float | None:
     if name not in fitted.names:
         return None
     return finite(float(std[fitted.names.index(name)]))

@@ -21,6 +21,7 @@ from hydro_ident.mismatch.stepping import (
     stepped,
 )
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.weighed import Weighed, deviations_of
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -74,8 +75,12 @@ class Fitted:
     @property
     def deviations(self) -> dict[str, float]:
         """Standard deviations of the numbers, by `names`."""
-        std = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return dict(zip(self.names, std.tolist(), strict=True))
+        return deviations_of(self.names, self.covariance)
+
+    @property
+    def weighed(self) -> Weighed:
+        """Its numbers and what it leaves, without its rows."""
+        return Weighed(self.model, self.names, self.covariance, self.bench.residual)
 
     @property
     def start_squares(self) -> float:

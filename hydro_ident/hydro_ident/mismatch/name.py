@@ -154,7 +154,7 @@ class Searcher:
                 continue
             each = self.contest.at_each(current, step.noise, found, step.scores)
             named += each.named
-            current = fit(self.training, each.fitted.model, passes=2)
+            current = fit(self.training, each.model, passes=2)
         named, current = Revision(self.contest).revised(named, current)
         named, current = as_one_delay(self.contest, named, current, self.excluded)
         return Search(self.base, current, tuple(named), step.scores, tuple(impossible), step.small)
@@ -222,35 +222,36 @@ class Searcher:
         model = current.model
         for term in pair.effects:
             model = model.with_term(term)
-        both = fit(self.training, model, current.bench.noise, PASSES)
-        if not all(self._worthy(current, both, one, pair.gain) for one in pair.effects):
+        noise, gain = current.bench.noise, pair.gain
+        both = fit(self.training, model, noise, PASSES)
+        if not all(self._worthy(current, noise, both.model, one, gain) for one in pair.effects):
             return [], current
         named: list[Named] = []
         for one in pair.effects:
             others = tuple(t for t in both.model.terms if not same(t, one))
-            found, told = self._beside(replace(both.model, terms=others), both, pair.p_value)
+            found, told = self._beside(replace(both.model, terms=others), noise, pair.p_value)
             if found is None or not (found.pays and told):
                 return [], current
-            beside = found.modelled.fitted
+            beside = found.modelled.fitted.model
             # Another may have come in its place.
-            if not self._worthy(current, beside, found.term, pair.gain):
+            if not self._worthy(current, noise, beside, found.term, gain):
                 return [], current
             named.append(found)
-            both = fit(self.training, beside.model, current.bench.noise, 1)
+            both = fit(self.training, beside, noise, 1)
         return named, fit(self.training, both.model, passes=2)
 
-    def _worthy(self, current: Fitted, both: Fitted, one: ActiveEffect, gain: float) -> bool:
+    def _worthy(
+        self, current: Fitted, noise: Noise, both: Model, one: ActiveEffect, gain: float
+    ) -> bool:
         """Whether one of a pair that was fitted together is more than a flaw of the form."""
-        term = next(t for t in both.model.terms if same(t, one))
-        whole = self.training.predictor.contribution(both.model, term)
-        bench = self.training.bench(
-            both.bench.noise, current.residual, current.columns, current.offset
-        )
+        term = next(t for t in both.terms if same(t, one))
+        whole = self.training.predictor.contribution(both, term)
+        bench = self.training.bench(noise, current.residual, current.columns, current.offset)
         return worthy(self.training, self.base, current, bench, term, whole, gain)
 
-    def _beside(self, model: Model, both: Fitted, p: float) -> tuple[Named | None, bool]:
+    def _beside(self, model: Model, noise: Noise, p: float) -> tuple[Named | None, bool]:
         """What belongs to a model, with its effects held at their sizes, that lacks one."""
-        noise, mask = both.bench.noise, self.training.mask
+        mask = self.training.mask
         without = fitted(self.training, model, noise)
         entries = self.bank.entries(model, self.excluded)
         scores = [s for e in entries if (s := score(without.bench, e, mask)) is not None]

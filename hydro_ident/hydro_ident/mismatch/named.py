@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.mismatch.exclusion import SPOOL, exclude, rival
-from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
+from hydro_ident.mismatch.weighed import Weighed
 from hydro_model.effects.targets import ActiveEffect
 
 _DRY, _PRESLIDING = "coulomb_friction", "presliding_friction"
@@ -54,7 +54,7 @@ class Contender:
     ----------
     term : ActiveEffect
         As fitted.
-    fitted : Fitted
+    fitted : Weighed
     gain : float
         Reduction of the sum of squares, in units of the noise's variance.
     held_out : float
@@ -64,7 +64,7 @@ class Contender:
     """
 
     term: ActiveEffect
-    fitted: Fitted
+    fitted: Weighed
     gain: float
     held_out: float
     cost: float

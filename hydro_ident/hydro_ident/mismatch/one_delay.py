@@ -142,7 +142,7 @@ def _whole(contest: Contest, without: Fitted, own: Contender) -> Contender:
     whole = fit(contest.training, own.fitted.model, without.bench.noise, PASSES)
     gain = without.squares - whole.squares
     held = contest.held_out(without) - contest.held_out(whole)
-    return replace(own, term=whole.model.terms[-1], fitted=whole, gain=gain, held_out=held)
+    return replace(own, term=whole.model.terms[-1], fitted=whole.weighed, gain=gain, held_out=held)
 
 
 def _scored(training: Training, without: Fitted) -> Score | None:

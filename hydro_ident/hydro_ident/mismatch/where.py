@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.places import mean_oil_c
+from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.state_space import SIGNALS, row_values
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
@@ -80,13 +80,13 @@ class Where:
     text: str
 
 
-def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: str) -> Where:
+def where_of(training: Training, model: Model, term: ActiveEffect, channel: str) -> Where:
     """Where a term of a model shows.
 
     Parameters
     ----------
     training : Training
-    fitted : Fitted
+    model : Model
         With the term.
     term : ActiveEffect
     channel : str
@@ -104,8 +104,8 @@ def where_of(training: Training, fitted: Fitted, term: ActiveEffect, channel: st
         return (
             Where(variable, 0.0, 0.0, text) if variable == "everywhere" else _flow(variable, text)
         )
-    values = row_values(predictor, fitted.model, number, variable)[rows]
-    size = predictor.contribution(fitted.model, term)[rows] ** 2
+    values = row_values(predictor, model, number, variable)[rows]
+    size = predictor.contribution(model, term)[rows] ** 2
     known = np.isfinite(values)
     values, size = values[known], size[known]
     if not values.size or size.sum() <= 0.0:

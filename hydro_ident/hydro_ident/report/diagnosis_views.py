@@ -11,7 +11,7 @@ from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitting import Fitted, fitted
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.prediction import Model, Predictor
@@ -92,18 +92,21 @@ def law_views(found: Diagnosis) -> list[LawView]:
 
 
 def _finding_view(found: Diagnosis, work: Residuals, one: Finding) -> LawView:
-    fitted, term = as_modelled(found, one)
-    # A law that another stands for in the model was weighed on the rows that were searched.
-    training = work.training if fitted is found.whole else work.scan
+    modelled, term = as_modelled(found, one)
+    training = work.training
+    if not isinstance(modelled, Fitted):
+        # A law that another stands for in the model was weighed on the rows that were searched.
+        training = work.scan
+        modelled = fitted(training, modelled.model, None)
     data = finding_dict(found, one)
     predictor, mask = training.predictor, training.mask
     channel = predictor.material.channels.index(data["channel"])
     own = mask & (predictor.material.channel == channel)
     variable = data["where"]["variable"]
-    x_title, x = _variable(training, fitted.model, channel, variable, own)
-    law = predictor.contribution(fitted.model, term)[own]
+    x_title, x = _variable(training, modelled.model, channel, variable, own)
+    law = predictor.contribution(modelled.model, term)[own]
     # A law that was weighed alone left the base where it was: its last step is taken here.
-    left = fitted.residual[own] - fitted.columns[own] @ fitted.bench.solve()
+    left = modelled.residual[own] - modelled.columns[own] @ modelled.bench.solve()
     return LawView(
         title=f"{plain(term.target)}: {' or '.join(plain(name) for name in data['names'])}",
         note=f"{data['equation']}; {told(data['where']['text'])}",

@@ -7,8 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.contest import Contest, _behind
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
@@ -67,6 +69,17 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     assert found.gain > 0.5 * without.squares
     # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead near.
     assert 0.008 < found.term.parameters[0] < 0.02
+
+
+@given(gains=st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=12))
+def test_fits_let_go_of_on_the_way_are_those_that_fall_behind_all(gains: list[float]) -> None:
+    kept = dict[int, float]()
+    for at, gain in enumerate(gains):
+        kept[at] = gain
+        for k in _behind(kept):
+            del kept[k]
+        assert len(kept) <= 3
+    assert list(kept) == sorted(set(range(len(gains))) - set(_behind(dict(enumerate(gains)))))
 
 
 def test_no_base_gives_energy_for_going_faster(
