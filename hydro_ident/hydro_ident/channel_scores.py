@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import (
     INVERSE_BULK,
     Chamber,
@@ -50,6 +51,8 @@ class ScorePlan:
         By recording, where the joints are that stand still.
     every, every_fitted : int
         Rows kept for the plots, one in so many: of those scored, of those fitted.
+    cleaner : Cleaner or None
+        What takes outliers out first: a law cannot predict them.
     """
 
     robot: Robot
@@ -61,6 +64,7 @@ class ScorePlan:
     still: Mapping[str, Mapping[int, float]]
     every: int = 1
     every_fitted: int = 1
+    cleaner: Cleaner | None = None
 
 
 @dataclass(slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -51,6 +51,8 @@ class Estimates:
     chosen : Chosen
     notes : tuple of str
         What the estimator left out.
+    cleaner : Cleaner or None
+        What took outliers out of the recordings.
     """
 
     inertial: InertialFit | None
@@ -58,6 +60,7 @@ class Estimates:
     effects: ListedEffects
     chosen: Chosen
     notes: tuple[str, ...] = ()
+    cleaner: Cleaner | None = None
 
 
 @dataclass(slots=True)
@@ -94,7 +97,7 @@ class Estimation:
         cleaner = Cleaner.of(self.plan.robot, signals) if first.name == "robust" else None
         self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
         gathered = self._gather(self.plan)
-        self.notes += cleaned_notes(gathered)
+        self.notes += cleaned_notes({g.name: g.cleaned for g in gathered})
         plain = solve_ols if first.name == "ols" else solve_wls
         hydraulic, gathered = self._flows(gathered, plain)
         if first.name == "robust":
@@ -110,7 +113,8 @@ class Estimation:
     def _estimates(
         self, inertial: InertialFit | None, hydraulic: HydraulicFit | None, chosen: Chosen
     ) -> Estimates:
-        return Estimates(inertial, hydraulic, self.plan.effects, chosen, tuple(self.notes))
+        notes, cleaner = tuple(self.notes), self.plan.cleaner
+        return Estimates(inertial, hydraulic, self.plan.effects, chosen, notes, cleaner)
 
     def _gather(self, plan: GatherPlan) -> list[Gathered]:
         return self.workers.map(partial(gather_source, plan=plan), self.sources)
@@ -202,10 +206,10 @@ def _robust_solve(number: int) -> Solve:
     return partial(solve_wls, excess=EXCESS if number else 0.0)
 
 
-def cleaned_notes(gathered: Sequence[Gathered]) -> list[str]:
-    """What the robust estimator took for outliers."""
+def cleaned_notes(cleaned: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """What the robust estimator took for outliers, by recording and sensor."""
     return [
-        f"{g.name}: {count} samples of {sensor} taken for outliers and left out"
-        for g in gathered
-        for sensor, count in g.cleaned.items()
+        f"{name}: {count} samples of {sensor} taken for outliers and left out"
+        for name, counts in cleaned.items()
+        for sensor, count in counts.items()
     ]

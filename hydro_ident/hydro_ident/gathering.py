@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.bag.streaming import OVERLAP_S
+from hydro_ident.bag.streaming import OVERLAP_S, Piece
 from hydro_ident.channel_scores import ScoreKeeper, ScorePlan
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import WindowSettings
@@ -128,9 +128,7 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
     )
     found = Gathered(source.name, None, flows, weights)
     for piece in source.pieces(overlap_s=plan.overlap_s):
-        if plan.cleaner is not None:
-            piece = plan.cleaner.cleaned(piece, found.cleaned)
-        for trace in traces_of_piece(piece):
+        for trace in _traces(piece, plan.cleaner, found.cleaned):
             if plan.forces and np.isfinite(trace.q).all():
                 _add_forces(found, plan, trace)
             if plan.flows:
@@ -163,6 +161,8 @@ class Scored:
     summed : SummedFlow or None
     late : Moments or None
         Of `ScoreKeeper`.
+    cleaned : dict of str to int
+        Samples taken for outliers, by sensor.
     """
 
     name: str
@@ -170,6 +170,7 @@ class Scored:
     fitted: dict[str, Tally]
     summed: SummedFlow | None
     late: Moments | None = None
+    cleaned: dict[str, int] = field(default_factory=dict)
 
 
 def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -> Scored:
@@ -183,12 +184,17 @@ def score_source(source: Source, plan: ScorePlan, scored: bool, trained: bool) -
         Whether (some of) it took no part in the fit, and whether (some of) it did.
     """
     keeper = ScoreKeeper(plan, scored, trained)
-    comparison = None
+    comparison, cleaned = None, dict[str, int]()
     if trained and plan.hydraulic is not None:
         comparison = SummedFlow(plan.robot, plan.hydraulic.delay_s, plan.hydraulic.windows)
     for piece in source.pieces(overlap_s=overlap_s(plan.filters)):
-        for trace in traces_of_piece(piece):
+        for trace in _traces(piece, plan.cleaner, cleaned):
             keeper.add(trace)
             if comparison is not None:
                 comparison.add(plan.effects[1].with_signal_laws(trace))
-    return Scored(source.name, keeper.tallies, keeper.fitted, comparison, keeper.late)
+    return Scored(source.name, keeper.tallies, keeper.fitted, comparison, keeper.late, cleaned)
+
+
+def _traces(piece: Piece, cleaner: Cleaner | None, counts: dict[str, int]) -> tuple[Trace, ...]:
+    """Traces of a piece, without the outliers, which are added to `counts` by sensor."""
+    return traces_of_piece(piece if cleaner is None else cleaner.cleaned(piece, counts))

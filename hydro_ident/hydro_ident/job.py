@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from hydro_ident.channel_scores import ScorePlan, channel_scores
+from hydro_ident.cleaning import Cleaner
 from hydro_ident.continuity import bridged_notes
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
@@ -19,7 +20,7 @@ from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.summed_flow import SummedComparison
-from hydro_ident.estimation import Estimates
+from hydro_ident.estimation import Estimates, cleaned_notes
 from hydro_ident.estimator_choice import Choice
 from hydro_ident.free_run import FreeRun, free_run, no_free_run
 from hydro_ident.gathering import GatherPlan, Scored, score_source
@@ -197,12 +198,15 @@ class Scores:
     summed : tuple of SummedComparison
     late : tuple of LateForce
         Forces that look late by so much that a friction is off.
+    notes : tuple of str
+        What was taken for outliers in recordings that took no part in the fit.
     """
 
     held_out: tuple[ChannelScore, ...]
     fitted: tuple[ChannelScore, ...]
     summed: tuple[SummedComparison, ...]
     late: tuple[LateForce, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def scored(job: Job, estimates: Estimates) -> Scores:
@@ -217,12 +221,16 @@ def scored(job: Job, estimates: Estimates) -> Scores:
         job.plan.still,
         _plot_spacing(job.checked, job.every),
         _plot_spacing(job.surveys, 1),
+        estimates.cleaner,
     )
     run, same = job.workers.map, not job.others and bool(job.every)
     found = run(partial(score_source, plan=plan, scored=same, trained=True), job.sources)
-    others = found
+    others, signals, notes = found, merged_signals(job.robot, job.checked), list[str]()
     if not same:
+        if plan.cleaner is not None:
+            plan = replace(plan, cleaner=Cleaner.of(job.robot, signals))
         others = run(partial(score_source, plan=plan, scored=True, trained=False), job.others)
+        notes = cleaned_notes({s.name: s.cleaned for s in others})
     total = None
     for one in found:
         if one.summed is not None:
@@ -230,11 +238,10 @@ def scored(job: Job, estimates: Estimates) -> Scores:
                 total = one.summed
             else:
                 total.merge(one.summed)
-    signals = merged_signals(job.robot, job.checked)
     held_out = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
     fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
     summed = () if total is None else total.result()
-    return Scores(tuple(held_out), tuple(fitted), summed, _late(estimates, found))
+    return Scores(tuple(held_out), tuple(fitted), summed, _late(estimates, found), tuple(notes))
 
 
 def _late(estimates: Estimates, found: Sequence[Scored]) -> tuple[LateForce, ...]:
@@ -301,7 +308,7 @@ def score_notes(scores: Scores, wanted: bool, fit: InertialFit | None) -> list[s
         Whether something was to be scored.
     fit : InertialFit or None
     """
-    late = [late_note(one, fit) for one in scores.late if fit is not None]
+    late = [*scores.notes, *(late_note(one, fit) for one in scores.late if fit is not None)]
     if wanted and not scores.held_out:
         nothing = "no stretch of the bags can be used to check the predictions: nothing was scored"
         return [nothing, *late]

@@ -72,11 +72,23 @@ def test_auto_turns_robust_where_samples_stand_out(robot: Robot) -> None:
     assert auto.estimator is not None
     assert auto.estimator.name == "robust"
     assert any("taken for outliers" in note for note in auto.notes)
+    assert auto.verdict == "identified", auto.problems
+    assert all(channel.summary()["fit_after_pct"] > 90.0 for channel in auto.channels)
     assert np.max(np.abs(_errors(robot, auto))) < 0.01
     assert np.max(np.abs(_errors(robot, plain))) > 0.03
     values = {p.name: p for p in auto.parameters}
     for valve in robot.valves:
         assert values[f"{valve.name}.c_pa"].value == pytest.approx(valve.c_pa, rel=0.02)
+
+
+def test_outliers_of_a_recording_that_validates_are_no_error_of_the_model(robot: Robot) -> None:
+    good = synthetic_recording(robot, 30.0, 1)
+    other = synthetic_recording(robot, 30.0, 2)
+    bad = replace(with_outliers(other, 6, share=0.02, dropouts=6), path=other.path / "check")
+    found = identify(robot, [with_outliers(good, 5, share=0.02, dropouts=6)], [bad])
+    assert found.verdict == "identified", found.problems
+    assert all(channel.summary()["fit_after_pct"] > 90.0 for channel in found.channels)
+    assert any("taken for outliers" in n and n.startswith("check") for n in found.notes)
 
 
 @pytest.mark.parametrize("estimator", ["ols", "robust"])
