@@ -212,6 +212,50 @@ def test_days_of_dates_follow_each_other(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("pattern", "start"),
+    [("09:30:{}", ""), ("2026-03-12 09:30:{}", "2026-03-12T09:30:00.000")],
+)
+def test_columns_of_dates_keep_how_much_later_each_begins(pattern, start, tmp_path: Path) -> None:
+    def at(seconds: float) -> str:
+        return pattern.format(f"{seconds:06.3f}")
+
+    rows = [f"{at(0.01 * k)};{k};{at(0.8 + 0.01 * k)};{k}" for k in range(100)]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(["t1;q_deg;t2;p_bar", *rows]) + "\n", encoding="utf-8")
+    log = read_log(file)
+    assert log.start == start
+    np.testing.assert_allclose(log.columns["t1"], 0.01 * np.arange(100), atol=1e-9)
+    np.testing.assert_allclose(log.columns["t2"], 0.8 + 0.01 * np.arange(100), atol=1e-9)
+    mapping = {
+        "time": {"signal": "t1"},
+        "joints": {"lift": {"signal": "q_deg", "unit": "deg"}},
+        "pressures": {
+            "lift/a": {"signal": "p_bar", "unit": "bar", "reference": "gauge", "time": "t2"}
+        },
+    }
+    assert converted(file, mapping, tmp_path) == 0
+    series = read_bag(tmp_path / "bag").series
+    first = {name: one.stamp_ns[0] for name, one in series.items()}
+    assert first["/chamber_pressures"] - first["/joint_states"] == 800_000_000
+
+
+def test_times_of_day_go_by_the_nearest_day_of_dates(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    text = "t;t2;q\n2026-03-12 23:59:59.5;00:00:00.0;1\n2026-03-13 00:00:00.5;00:00:01.0;2\n"
+    file.write_text(text, encoding="utf-8")
+    log = read_log(file)
+    np.testing.assert_allclose(log.columns["t2"], [0.5, 1.5])
+
+
+def test_dates_are_seconds_whatever_unit_a_mapping_gives_them(tmp_path: Path, capsys) -> None:
+    mapping = {"time": {"signal": "Zeit", "unit": "ms"}, "joints": JOINTS}
+    log = tmp_path / "log.csv"
+    log.write_text("Zeit;q\n09:30:00.0;1\n09:30:00.5;2\n", encoding="utf-8")
+    assert converted(log, mapping, tmp_path) == 2
+    assert "expected unit s for 'Zeit', whose dates are read as seconds" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("pattern", "said"),
     [
         ("03/04/2026 09:30:{}", "may be day/month or month/day"),

@@ -50,6 +50,8 @@ class Cells:
         Why a column holds no number, where that can be told.
     units : mapping of str to str
         `s` of columns of dates and times of day.
+    dated : frozenset of str
+        These: seconds since the first moment of the first of them.
     """
 
     columns: Mapping[str, FloatArray]
@@ -58,6 +60,7 @@ class Cells:
     notes: tuple[str, ...] = ()
     unread: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    dated: frozenset[str] = frozenset()
 
 
 def check_once(names: Sequence[str], path: Path) -> None:
@@ -131,7 +134,7 @@ def columns_of(
     for i, name in enumerate(names):
         cells = [row[i] for _, row in rows]
         if (dates := dated(cells)) is not None:
-            moments[name], columns[name] = dates, dates.seconds
+            moments[name], columns[name] = dates, dates.seconds  # put on one line of time below
             continue
         columns[name] = numbers(cells, at, f"{path}, column '{name[:SHOWN]}'", decimal)
         if why := why_unread(cells) or _why_no_numbers(columns[name], cells, decimal):
@@ -141,11 +144,14 @@ def columns_of(
         unread[apart.date] = apart.why
         notes.append(apart.note)
         if apart.both is not None:
-            moments[apart.time], columns[apart.time] = apart.both, apart.both.seconds
+            moments[apart.time] = apart.both
     notes += [f"column '{name[:SHOWN]}': {m.note}" for name, m in moments.items() if m.note]
-    start = next((m.start for m in moments.values() if m.start), "")
     lines, units = np.array(at, dtype=np.int64), dict.fromkeys(moments, "s")
-    return Cells(columns, lines, start, tuple(notes), unread, units)
+    if not moments:
+        return Cells(columns, lines, "", tuple(notes), unread, units)
+    begin = next((m for m in moments.values() if m.start), next(iter(moments.values())))
+    columns |= {name: m.seconds + m.behind(begin) for name, m in moments.items()}
+    return Cells(columns, lines, begin.start, tuple(notes), unread, units, frozenset(moments))
 
 
 def _whole(

@@ -115,6 +115,11 @@ def _seconds(
         count = len(log.column(signals[0].signal, str(mapping.source)))
         return np.arange(count) / mapping.rate_hz, "", 1.0
     recorded = log.column(clock.signal, f"{mapping.source}, time")
+    if clock.signal in log.dated and clock.factor != 1.0:
+        raise BagError(
+            f"{mapping.source}: expected unit s for '{clock.signal}', whose dates are read as"
+            f" seconds, found one of {clock.factor:g} s"
+        )
     return clock.seconds(recorded), clock.signal, clock.factor
 
 

@@ -42,11 +42,31 @@ class Dated:
         The first one, ISO 8601; empty where it has no date.
     note : str
         How the dates were read, where there is more than one way; else empty.
+    day : int
+        Of the first one, counted; 0 where it has no date.
+    of_day : float
+        Seconds of that day.
     """
 
     seconds: FloatArray
     start: str
     note: str
+    day: int
+    of_day: float
+
+    def behind(self, other: Dated) -> float:
+        """How much later than another column's its first one is, s.
+
+        Of a time of day without a date, the nearest that it may be.
+
+        Parameters
+        ----------
+        other : Dated
+        """
+        later_s = self.of_day - other.of_day
+        if self.day and other.day:
+            return _DAY_S * (self.day - other.day) + later_s
+        return (later_s + 0.5 * _DAY_S) % _DAY_S - 0.5 * _DAY_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +137,9 @@ def dated(cells: Sequence[str]) -> Dated | None:
     # Over midnight a time of day without a date begins anew.
     if None in days:
         seconds += _DAY_S * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * _DAY_S)
-    return Dated(seconds - seconds[0], _start(first, order), _note(cells[0], first, order))
+    day = 0 if first.numbers is None else _day(first, order).toordinal()
+    start, note = _start(first, order), _note(cells[0], first, order)
+    return Dated(seconds - seconds[0], start, note, day, first.of_day)
 
 
 def why_unread(cells: Sequence[str]) -> str:

@@ -63,6 +63,9 @@ class Log:
         Of a text's signals: the line in which each sample stands.
     unread : mapping of str to str
         Why a signal holds no number, where the reader can tell.
+    dated : frozenset of str
+        Signals that the file writes as dates or times of day: seconds since the first moment of
+        the first of them.
     """
 
     path: Path
@@ -73,6 +76,7 @@ class Log:
     notes: tuple[str, ...] = ()
     lines: Mapping[str, IntArray] = field(default_factory=dict)
     unread: Mapping[str, str] = field(default_factory=dict)
+    dated: frozenset[str] = frozenset()
 
     def place(self, name: str, index: int) -> str:
         """Where a sample of a signal is, for messages.

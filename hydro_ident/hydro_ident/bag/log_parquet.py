@@ -25,7 +25,7 @@ def read_parquet_log(path: Path) -> Log:
     Returns
     -------
     Log
-        A column of time stamps is in seconds since its first; that is `start`.
+        Columns of time stamps are in seconds since the first one of the first; that is `start`.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read_parquet_log(path: Path) -> Log:
         raise BagError(
             f"{path}: Parquet needs the optional package pyarrow: python -m pip install pyarrow"
         ) from error
-    columns, start = {}, ""
+    columns, dated, begin = {}, set[str](), None
     try:
         with parquet.ParquetFile(path) as file:
             kinds = {f.name: str(f.type) for f in file.schema_arrow}
@@ -53,9 +53,10 @@ def read_parquet_log(path: Path) -> Log:
             if str(kind).startswith(_NUMBERS):
                 columns[name] = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
             elif str(kind).startswith("timestamp") and table.num_rows:
-                stamps = np.asarray(table.column(name).to_numpy()).astype("datetime64[ns]")
-                columns[name] = (stamps - stamps[0]) / np.timedelta64(1, "s")
-                start = start or str(stamps[0].astype("datetime64[us]"))
+                own = np.asarray(table.column(name).to_numpy()).astype("datetime64[ns]")
+                begin = own[0] if begin is None else begin
+                dated.add(name)
+                columns[name] = (own - begin) / np.timedelta64(1, "s")
         units = {
             f.name: f.metadata[b"unit"].decode()
             for f in table.schema
@@ -64,7 +65,8 @@ def read_parquet_log(path: Path) -> Log:
     except (ArrowException, OSError, ValueError) as error:
         line = " ".join(str(error).split())
         raise BagError(f"{path}: not a readable Parquet file: {line[:400]}") from error
-    return Log(path, columns, units=units, start=start)
+    start = str(begin.astype("datetime64[us]")) if begin is not None else ""
+    return Log(path, columns, units=units, start=start, dated=frozenset(dated))
 
 
 def _is_read(kind: str) -> bool:

@@ -130,6 +130,7 @@ def _read_table(path: Path, lines: Sequence[tuple[int, str]], layout: CsvLayout)
         notes=(*notes, *cells.notes),
         lines=dict.fromkeys(names, cells.lines),
         unread=cells.unread,
+        dated=cells.dated,
     )
 
 
