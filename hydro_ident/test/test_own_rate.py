@@ -131,6 +131,33 @@ def test_quiet_positions_keep_the_usual_filters() -> None:
     assert choices(recording(4e-6)) == Choices()
 
 
+def test_filters_are_those_that_recordings_to_verify_on_bear_too() -> None:
+    """One of 50 Hz knows nothing of 25 Hz."""
+    read = recording(4e-6)
+    (quick,) = [t for piece in MemorySource(read).pieces() for t in traces_of_piece(piece)]
+    slow = replace(quick, step_s=0.02)
+    signals = SignalSurvey.of(read.robot, [quick])
+    forces = own_forces(read.robot, torque=False)
+    assert choices_of(forces, signals, [quick]).filters.differentiation_hz == 25.0
+    assert choices_of(forces, signals, [quick], [slow]).filters.differentiation_hz <= 20.0
+
+
+def test_no_choice_depends_on_the_order_of_recordings() -> None:
+    """Their intervals are means of stamps, and differ in the ninth digit."""
+    read = recording(4e-6)
+    (trace,) = [t for piece in MemorySource(read).pieces() for t in traces_of_piece(piece)]
+    random = np.random.default_rng(1).normal(size=trace.valve_signal.shape)
+    waves = np.sin(trace.time_s)[:, None] * np.ones(2)
+    calm = replace(trace, valve_signal=waves)
+    lively = replace(trace, valve_signal=random, step_s=trace.step_s * (1.0 + 1e-9))
+    signals = SignalSurvey.of(read.robot, [trace])
+    forces = own_forces(read.robot, torque=False)
+    one, other = (choices_of(forces, signals, both) for both in ([lively, calm], [calm, lively]))
+    assert one.windows_s == pytest.approx(other.windows_s, rel=1e-6)
+    alone = choices_of(forces, signals, [calm])
+    assert alone.windows_s[0] > 1.1 * one.windows_s[0]
+
+
 def test_noisy_positions_are_looked_at_slowly() -> None:
     slow, usual = choices(recording(2e-3)), Choices()
     assert slow.filters.parallel_hz < usual.filters.parallel_hz

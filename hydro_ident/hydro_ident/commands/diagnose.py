@@ -227,7 +227,9 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
         lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}{vague}")
     before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
     units = {channel.name: channel.unit for channel in found.channels}
-    if data["heldout_exercised"]:
+    if before is None:
+        lines.append(f"    the rows to verify on do not measure {data['channel']}")
+    elif data["heldout_exercised"]:
         lines.append(
             "    held-out RMSE in motion, with every other finding in the model:"
             f" {before:.4g} -> {after:.4g} {units.get(data['channel'], '')} with it"

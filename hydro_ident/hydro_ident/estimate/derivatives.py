@@ -198,10 +198,15 @@ def motion(
     Returns
     -------
     q, qd, qdd : (N, n) array
-        `settings.edge_samples` at either end are not to be used.
+        `settings.edge_samples` at either end are not to be used. What stands still does so to the
+        last bit: regression scales its columns, and rounding would be motion like any other.
     """
     smooth = low_pass(q, step_s, settings.differentiation_hz, settings.order)
-    return (smooth, *central_differences(smooth, step_s))
+    qd, qdd = central_differences(smooth, step_s)
+    still = np.ptp(q, axis=0) == 0.0
+    smooth[:, still] = q[:, still]
+    qd[:, still] = qdd[:, still] = 0.0
+    return smooth, qd, qdd
 
 
 def smooth_rates(values: FloatArray, step_s: float, settings: FilterSettings) -> FloatArray:

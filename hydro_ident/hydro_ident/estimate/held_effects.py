@@ -74,8 +74,7 @@ def corrected(robot: Robot, errors: Sequence[ActiveEffect], trace: Trace) -> Tra
     rails, signal = (trace.supply, trace.tank), trace.valve_signal
     r = Readings(trace.step_s, trace.q, trace.p_a, trace.p_b, *rails, signal, trace.joint_torque)
     for one in errors:
-        if one.effect.reading is not None:
-            r = one.effect.reading(r, one.index, -one.parameters)
+        r = one.effect.undone(r, one.index, one.parameters)
     x = trace.stroke.copy()
     for i, cylinder in enumerate(robot.cylinders):
         if not cylinder.stroke_sensor:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.mismatch.material import Stretch
-from hydro_model.effects.bending import Load
+from hydro_model.effects.bending import Load, bears
 from hydro_model.effects.targets import ActiveEffect, joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
@@ -68,6 +68,9 @@ def _taken(kept: _Kept, one: ActiveEffect, step_s: float) -> FloatArray:
         joint = joint_of(robot, one)
         if joint not in kept.loads:
             kept.loads[joint] = Load.of(robot, joint, moved.q, moved.qd, moved.qdd)
+        # A base that the rows hardly tell may have no inertia there: nothing swings on it.
+        if not bears(kept.loads[joint], one.parameters):
+            return np.zeros_like(moved.q)
         return effect.known_torques(kept.loads[joint], one.parameters, step_s)
     if kept.plain is None:
         kept.plain = _torques(robot, moved)

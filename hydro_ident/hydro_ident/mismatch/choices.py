@@ -37,6 +37,8 @@ _REST = 3.0
 #: Share of the commands' rate that is the motion's own, the time over which their spectrum is
 #: taken, windows per period at the frequency below which it lies, and the longest of them.
 _OWN, _SPECTRUM_S, _PER_PERIOD, _LONGEST_S = 0.9, 8.0, 10.0, 0.1
+#: Recordings whose sampling intervals differ by no more than this share have one rate.
+_SAME_RATE = 1.0e-3
 #: Slowest differentiation, and the quickest as a share of the sampling rate.
 _SLOWEST_HZ, _QUICKEST = 1.0, 0.4
 
@@ -69,7 +71,12 @@ class Choices:
         return WindowSettings(*self.windows_s, max_delay_cycles=LONGEST_DELAY_S / step_s)
 
 
-def choices_of(forces: ForceModel, signals: SignalSurvey, traces: Sequence[Trace]) -> Choices:
+def choices_of(
+    forces: ForceModel,
+    signals: SignalSurvey,
+    traces: Sequence[Trace],
+    others: Sequence[Trace] = (),
+) -> Choices:
     """Filters and windows that the recordings' noise and rate can bear.
 
     White noise of deviation s at an interval h, differentiated below f, has the variance
@@ -82,13 +89,15 @@ def choices_of(forces: ForceModel, signals: SignalSurvey, traces: Sequence[Trace
     signals : SignalSurvey
         Noise of the positions.
     traces : sequence of Trace
+    others : sequence of Trace
+        To verify on: their rates have to bear the filters, too.
 
     Returns
     -------
     Choices
         The usual ones wherever these will do.
     """
-    usual, step_s = Choices(), max(t.step_s for t in traces)
+    usual, step_s = Choices(), max(t.step_s for t in (*traces, *others))
     quickest = usual.filters.differentiation_hz
     shortest = max(usual.windows_s[0], _command_window(traces))
     window_s = shortest
@@ -124,11 +133,12 @@ def _command_window(traces: Sequence[Trace]) -> float:
     A tenth of the period below which the commands' rate has most of its power; 0 where it is not
     known.
     """
-    step_s = traces[0].step_s
+    step_s = max(traces, key=lambda t: t.samples * t.step_s).step_s
     count, power = round(_SPECTRUM_S / step_s), np.zeros(0)
     for trace in traces:
         known = np.isfinite(trace.valve_signal).all(axis=0)
-        if trace.step_s == step_s and trace.samples > count and known.any():
+        alike = abs(trace.step_s - step_s) <= _SAME_RATE * step_s
+        if alike and trace.samples > count and known.any():
             rate = np.diff(trace.valve_signal[:, known], axis=0) / step_s
             hz, own = welch(rate, 1.0 / step_s, nperseg=count, axis=0)
             power = trace.samples * own.sum(axis=1) + (power if power.size else 0.0)

@@ -6,6 +6,8 @@ rows. What follows time cannot be looked for at other times: it is left to its o
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
@@ -17,7 +19,7 @@ from hydro_ident.mismatch.held_out import VERIFIED
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.state_space import factors_of, hats
-from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.training import Training, block_of
 from hydro_model.robot import FloatArray
 
 #: Blocks below which held-out rows can tell nothing.
@@ -45,7 +47,9 @@ class Confirmer:
 
     def __init__(self, training: Training, check: Check, whole: Fitted) -> None:
         self._channels = training.predictor.material.channels
-        self.training = check.training(training)
+        own = check.training(training)
+        # Held-out blocks of one recording are a fifth of its time.
+        self.training = replace(own, block_s=block_of(own.layout.occupied_s))
         self.fitted = fitted(self.training, at_own_instants(training, check, whole.model)[0], None)
 
     def holds(self, found: Dependence) -> bool | None:

@@ -44,7 +44,8 @@ def handed_over(
     delays_s, skews_s, terms = list(model.delays_s), list(model.skews_s), list(model.terms)
     chambers = list(predictor.skew_columns) if skews_s else []
     for k, term in enumerate(terms):
-        if term.effect.name == DELAY and predictor.delay_columns:
+        late = late_valves(term, predictor.delay_columns)
+        if term.effect.name == DELAY and late:
             others = [i for i in predictor.delay_columns if i != term.cylinder]
             if term.cylinder is None or not others:
                 least_s, later = min(delays_s[i] for i in predictor.delay_columns), own_delay_s
@@ -52,9 +53,9 @@ def handed_over(
                 # One valve is later than the others are.
                 least_s = delays_s[term.cylinder]
                 later = float(np.mean([delays_s[i] for i in others]))
-            most = [delays_s[i] - longest_s[i] for i in late_valves(term, predictor.delay_columns)]
+            most = [delays_s[i] - longest_s[i] for i in late]
             more_s = _taken(term, max(least_s - later, *most))
-            for index in late_valves(term, predictor.delay_columns):
+            for index in late:
                 delays_s[index] -= more_s
         elif term.effect.name == PRESSURE_DELAY:
             at = [chamber for chamber in chambers if is_listed([term], chamber)]

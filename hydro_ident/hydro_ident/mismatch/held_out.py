@@ -18,7 +18,7 @@ from hydro_ident.mismatch.products import chance_beside, share_of_time
 from hydro_ident.mismatch.settings import BLOCK_S
 from hydro_ident.mismatch.slopes import linearised
 from hydro_ident.mismatch.training import layout_of
-from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
+from hydro_ident.mismatch.whitening import IndexArray, Noise
 from hydro_model.robot import FloatArray
 
 #: A finding that goes with held-out rows by chance more often than this does not stand.
@@ -38,8 +38,6 @@ SHOWN = 4.0
 _LEAST_BLOCKS, _SHORTEST_BLOCK_S = 20, 0.2
 #: Share of the short blocks from which a finding acts all along, not in a few instants.
 _LASTING = 0.25
-#: Parts of a recording's time that are looked at for rows.
-_PARTS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +161,8 @@ class HeldOut:
             Length of a block, where there is time for enough of them.
         """
         layout, rows = self.bench.layout, self.bench.rows
-        lengths = [float(np.ptp(layout.time_s[layout.recording == r])) for r in _each(layout)]
         # So few blocks that no flip could be rare would reject whatever is put to them.
-        share = float(np.mean(np.isin(np.arange(_PARTS), _parts(layout))))
-        block_s = min(longest_s, max(sum(lengths) * share / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
+        block_s = min(longest_s, max(layout.occupied_s / _LEAST_BLOCKS, _SHORTEST_BLOCK_S))
         return np.asarray(layout.blocks(block_s)[rows])
 
     def rmse(self, residual: FloatArray) -> dict[str, float]:
@@ -185,16 +181,6 @@ def _root(without: Fitted, names: Sequence[str]) -> FloatArray:
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _each(layout: Layout) -> IndexArray:
-    return np.unique(layout.recording)
-
-
-def _parts(layout: Layout) -> IndexArray:
-    """Which parts of the recordings' time hold rows."""
-    end = float(layout.time_s.max(initial=0.0)) or 1.0
-    return np.unique(np.minimum((layout.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from hydro_ident.estimate.force_rows import ForceModel, Motion
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.rests import REST_S, known_velocities, lasting, usual_speed
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
@@ -33,7 +34,7 @@ Value = TypeVar("Value", bound=np.generic)
 
 #: A joint rests where it is slower than this share of its usual fast speed for so long; the
 #: filters smear what it does there into some rows before and after, at least so many seconds.
-REST_SPEED, REST_S, REST_REACH_S = 0.01, 0.1, 0.1
+REST_SPEED, REST_REACH_S = 0.01, 0.1
 #: A valve's signal below this share of its usual large one does nothing on purpose.
 IDLE_SIGNAL = 0.1
 #: A motion is one beyond this share of the usual fast speed.
@@ -223,16 +224,17 @@ class Material:
         speeds = [self._speed(s) for s in self.stretches]
         for k, _ in enumerate(self.channels):
             joint, places = self.joint_of(k), self.of_channels([k])
-            own = [v for p in places if (v := speeds[p.stretch]) is not None]
-            if not own:
+            own = [v[:, joint] for p in places if (v := speeds[p.stretch]) is not None]
+            usual = usual_speed(own)
+            if usual is None:
                 continue
-            usual = np.quantile(np.concatenate([v[:, joint] for v in own]), 0.95)
             for place in places:
                 speed, stretch = speeds[place.stretch], self.stretches[place.stretch]
                 if speed is not None:
                     noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
-                    slow = speed[:, joint] < max(REST_SPEED * usual, noise)
-                    resting = _lasting(slow, stretch, reach_s)
+                    # What never moves has no usual speed, and rests throughout.
+                    slow = speed[:, joint] <= max(REST_SPEED * usual, noise)
+                    resting = lasting(slow, stretch.trace.step_s, reach_s)
                     if self.is_flow(k):
                         resting &= self._idle(stretch, self.chambers[self.chamber_index(k)].index)
                     result[place.rows] = ~self.on_rows(stretch, k, resting)
@@ -253,9 +255,9 @@ class Material:
 
     def _motions_of(self, joint: int) -> int:
         speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
-        if not speeds:
+        usual = usual_speed([np.abs(v) for _, v in speeds])
+        if usual is None:
             return 0
-        usual = np.quantile(np.abs(np.concatenate([v for _, v in speeds])), 0.95)
         noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
         least = max(MOTION_SPEED * usual, noise)
         count = 0
@@ -274,10 +276,13 @@ class Material:
         return None if velocity is None else np.abs(velocity)
 
     def _velocity(self, stretch: Stretch) -> FloatArray | None:
-        if stretch.moved is None or self.rest_speed is None:
-            return None if stretch.moved is None else stretch.moved.qd
+        """Velocities (T, n), unknown ones NaN; None where no joint's is known."""
         filters, step_s = self.filters, stretch.trace.step_s
-        return low_pass(stretch.moved.qd, step_s, filters.parallel_hz, filters.order)
+        moved = stretch.moved
+        qd = known_velocities(stretch.trace, filters) if moved is None else moved.qd
+        if qd is None or self.rest_speed is None:
+            return qd
+        return low_pass(qd, step_s, filters.parallel_hz, filters.order)
 
     def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
         """Rows to fit and rows to score of a split."""
@@ -304,14 +309,3 @@ def pressure_of(chamber: Chamber, trace: Trace) -> FloatArray:
 def other_pressure(chamber: Chamber, trace: Trace) -> FloatArray:
     """Pressure of the other chamber of a chamber's cylinder, (N,)."""
     return np.asarray((trace.p_b if chamber.side == "a" else trace.p_a)[:, chamber.index])
-
-
-def _lasting(slow: BoolArray, stretch: Stretch, reach_s: float) -> BoolArray:
-    """Samples in rests of some length, and around them as far as the filters reach."""
-    step_s = stretch.trace.step_s
-    result = np.zeros(slow.size, dtype=np.bool_)
-    reach = round(reach_s / step_s)
-    for begin, end in runs(slow):
-        if (end - begin) * step_s >= REST_S:
-            result[max(begin - reach, 0) : end + reach] = True
-    return result

@@ -192,7 +192,8 @@ def _with_base(
     base, count = forces.base, len(forces.base.names)
     std = np.sqrt(np.maximum(np.diag(covariance)[:count], 0.0))
     theta = fitted.model.theta[:count]
-    known = std < parameter_scales(forces, theta, std)[:count]
+    # A number without deviation is none that was fitted.
+    known = (std > 0.0) & (std < parameter_scales(forces, theta, std)[:count])
     values = np.where(known, theta, base.combination @ given.parameter_vector)
     robot = replace(
         with_base(given, base, values),

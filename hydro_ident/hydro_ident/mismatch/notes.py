@@ -78,7 +78,8 @@ def search_notes(
 
 def left_notes(channels: Sequence[ChannelResult]) -> list[str]:
     """Those of the `channels` in which much more is left than sensors make, in any case."""
-    left = [(c.name, rms(c.measured - c.after) / c.noise_floor) for c in channels]
+    known = [c for c in channels if c.noise_floor > 0.0]
+    left = [(c.name, rms(c.measured - c.after) / c.noise_floor) for c in known]
     much = [f"{name} {ratio:.3g}" for name, ratio in left if ratio > _MUCH]
     if not much:
         return []

@@ -171,12 +171,12 @@ def residuals(
     recorded = whole_traces(others, cleaner, dict[str, int]()) if others else whole[:0]
     whole, recorded = _of_one_oil(whole, recorded)
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
-    choices = choices_of(forces, signals, whole)
+    choices = choices_of(forces, signals, whole, recorded)
+    split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     if not torque:
-        choices = settled(robot, forces, looked_at, choices, still, signals)
+        choices = settled(robot, forces, looked_at, choices, still, signals, split)
     laid = _Laid(robot, forces, choices, still, whole)
     material = laid.material(traces)
-    split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
     fit_rows, check_rows = material.masks(split)
     moving = telling(material, signals)
     predictor = Predictor(material)

@@ -120,8 +120,7 @@ class Signals:
             trace.valve_signal, trace.joint_torque,
         )  # fmt: skip
         for term in terms:
-            if term.effect.reading is not None:
-                seen = term.effect.reading(seen, term.index, -term.parameters)
+            seen = term.effect.undone(seen, term.index, term.parameters)
         fixed = replace(
             trace, q=seen.q, p_a=seen.p_a, p_b=seen.p_b, supply=seen.supply, tank=seen.tank,
             valve_signal=seen.valve_signal,

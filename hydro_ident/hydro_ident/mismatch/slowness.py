@@ -18,6 +18,7 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.force_rows import ForceModel
+from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.choices import Choices
@@ -80,6 +81,7 @@ def settled(
     choices: Choices,
     still: Mapping[str, Mapping[int, float]],
     signals: SignalSurvey,
+    split: HoldOut,
 ) -> Choices:
     """Choices with windows over which compliance no longer grows with their length.
 
@@ -93,6 +95,8 @@ def settled(
     still : mapping of str to mapping of int to float
         As `material_of`.
     signals : SignalSurvey
+    split : HoldOut
+        What is kept to verify on has no part in it.
 
     Returns
     -------
@@ -109,7 +113,7 @@ def settled(
     known = [
         (one, balances)
         for one in tried
-        if (balances := _balances(robot, forces, traces, one, still, signals)) is not None
+        if (balances := _balances(robot, forces, traces, one, still, signals, split)) is not None
     ]
     for k, (one, balances) in enumerate(known):
         if not any(balances.stiffer_than(longer) for _, longer in known[k + 1 :]):
@@ -124,13 +128,14 @@ def _balances(
     choices: Choices,
     still: Mapping[str, Mapping[int, float]],
     signals: SignalSurvey,
+    split: HoldOut,
 ) -> _Balances | None:
     windows = choices.windows(min(t.step_s for t in traces))
     material = material_of(
         robot, forces, traces, choices.filters, windows, still, choices.rest_speed
     )
     flows = np.array([material.is_flow(k) for k in range(len(material.channels))], dtype=np.bool_)
-    rows = flows[material.channel] & telling(material, signals)
+    rows = flows[material.channel] & telling(material, signals) & material.masks(split)[0]
     if np.count_nonzero(rows) < _LEAST_ROWS * len(robot.cylinders):
         return None
     predictor = Predictor(material)

@@ -65,7 +65,7 @@ def made_worse(work: Residuals, whole: Fitted, findings: Sequence[Finding]) -> l
 
 def _spoils(sides: Sides, floors: Mapping[str, float], channels: Sequence[str]) -> bool:
     """Whether some channels together are predicted worse, in units of their sensors' noise."""
-    own = [(*sides[n], floors[n]) for n in channels if n in sides]
+    own = [(*sides[n], floors[n]) for n in channels if n in sides and floors[n] > 0.0]
     return sum((after**2 - before**2) / floor**2 for before, after, floor in own) > 0.0
 
 

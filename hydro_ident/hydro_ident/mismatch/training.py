@@ -69,7 +69,8 @@ class Training:
             for k in range(floor.size)
         )
         cycle_s = max(steps, default=0.002)
-        return Training(predictor, mask, layout, floor, prior, cycle_s, block_of(layout), smooth)
+        block_s = block_of(layout.length_s)
+        return Training(predictor, mask, layout, floor, prior, cycle_s, block_s, smooth)
 
     @property
     def own_delay_s(self) -> float:
@@ -145,11 +146,9 @@ class Training:
         )
 
 
-def block_of(layout: Layout) -> float:
-    """Length of blocks in s: of short recordings as many as a small chance takes."""
-    recordings = np.unique(layout.recording)
-    total = sum(float(np.ptp(layout.time_s[layout.recording == r])) for r in recordings)
-    return float(np.clip(total / LEAST_BLOCKS, SHORTEST_BLOCK_S, BLOCK_S))
+def block_of(total_s: float) -> float:
+    """Length of blocks in s: of a short time as many as a small chance takes."""
+    return float(np.clip(total_s / LEAST_BLOCKS, SHORTEST_BLOCK_S, BLOCK_S))
 
 
 def layout_of(predictor: Predictor) -> Layout:

@@ -22,6 +22,8 @@ IndexArray = NDArray[np.intp]
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12)
 #: Rows that a channel has to have per order.
 _ROWS_PER_ORDER = 8
+#: Parts of a recording's time that are looked at for rows.
+_PARTS = 200
 #: Noise is never taken to be below this share of a channel's measured spread: filters,
 #: interpolation and geometry are not better.
 LEAST_NOISE = 1.0e-5
@@ -50,6 +52,19 @@ class Layout:
         index = np.arange(self.channel.size)
         start = np.maximum.accumulate(np.where(self.linked, 0, index)) if index.size else index
         return np.asarray(index - start)
+
+    @property
+    def length_s(self) -> float:
+        """From the first row to the last, of all recordings together."""
+        own = (self.time_s[self.recording == r] for r in np.unique(self.recording))
+        return sum(float(np.ptp(time_s)) for time_s in own)
+
+    @property
+    def occupied_s(self) -> float:
+        """As `length_s`, but for what holds no rows."""
+        end = float(self.time_s.max(initial=0.0)) or 1.0
+        parts = np.unique(np.minimum((self.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
+        return self.length_s * parts.size / _PARTS
 
     def take(self, mask: BoolArray) -> Layout:
         """The layout of some of the rows; those behind a row left out are linked no more."""

@@ -111,6 +111,8 @@ def _parameters(found: Diagnosis) -> Section:
 
 
 def _held_out_errors(found: Diagnosis, data: Mapping[str, Any]) -> str:
+    if data["heldout_rmse_before"] is None:
+        return "these rows do not measure it"
     units = {channel.name: channel.unit for channel in (*found.channels, *found.fitted)}
     unit = unit_text(units.get(data["channel"], ""))
     sides = (("heldout_rmse_before", "without it"), ("heldout_rmse_after", "with it"))

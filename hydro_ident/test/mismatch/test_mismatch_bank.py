@@ -56,6 +56,19 @@ def test_what_is_tried_is_tried_beside_what_was_found(
     assert not lost
 
 
+def test_on_a_base_without_inertia_no_hinge_swings_and_others_are_tried(clean: Residuals) -> None:
+    """Slow motion hardly tells a base's inertia: fitted, it may be less than none."""
+    predictor, model = clean.training.predictor, clean.base.model
+    robot = replace(model.robot, link_inertia=-1.0 * model.robot.link_inertia)
+    hinge = {"inertia": 400.0, "frequency": 4.0, "damping": 0.05, "carried": 1.0, "place": 0.0}
+    spec = EffectSpec("structural_flexibility", "lift_cylinder", hinge)
+    (term,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
+    assert predictor.contribution(model, term).any()
+    assert not predictor.contribution(replace(model, robot=robot), term).any()
+    tried = {e.trial.name for e in Bank(predictor).entries(replace(model, robot=robot))}
+    assert {"coulomb_friction", "payload_change"} <= tried
+
+
 def _lost(work: Residuals, current: Fitted, kept: Entry) -> float:
     """What a kept column would lose of the gain of what it stands for, beyond a refit."""
     predictor, mask, bench = work.training.predictor, work.training.mask, current.bench

@@ -54,6 +54,19 @@ def test_no_valve_is_handed_more_than_a_base_may_have(
     assert handed.terms[0].parameters[0] == pytest.approx(late_s)
 
 
+def test_a_late_valve_whose_flows_were_not_recorded_takes_nothing_over(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    predictor, model = true_model
+    (late,) = resolve(
+        replace(model.robot, effects=(EffectSpec("command_delay", "tilt_valve", {"delay": 0.02}),))
+    )
+    lacking = replace(predictor)
+    lacking.delay_columns = {0: predictor.delay_columns[0]}
+    given = replace(model, terms=(late,))
+    assert handed_over(lacking, given, 0.002, {0: 0.0025}) is given
+
+
 @pytest.mark.parametrize("target", ["xs031", "lift_valve"])
 @pytest.mark.parametrize(
     ("late_s", "delays_s"),

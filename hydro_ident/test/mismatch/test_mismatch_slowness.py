@@ -15,7 +15,7 @@ from hydro_ident.mismatch.choices import Choices
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_model.simulate import simulate
 
-STEP_S, SECONDS = 0.002, 30.0
+STEP_S, SECONDS = 0.002, 60.0
 MakeRun = tuple[Callable[..., Any], Callable[..., Any]]
 
 

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.chance import p_value, signs
 from hydro_ident.mismatch.scoring import best_subset
+from hydro_ident.mismatch.training import block_of
 from hydro_ident.mismatch.whitening import Layout, Noise, noise_of
 
 ROWS, STEP_S = 3000, 0.05
@@ -54,6 +55,17 @@ def test_gaps_are_never_bridged() -> None:
     noise = Noise((np.array([0.5, 0.2]),), np.array([1.0]))
     assert not noise.settled(cut)[[0, 1, 1000, 1001]].any()
     assert noise.settled(cut)[[2, 999, 1002]].all()
+
+
+def test_blocks_of_what_was_held_out_are_as_many_as_its_time_gives() -> None:
+    """Every fifth four seconds of a minute are twelve seconds."""
+    layout = _layout(1200)
+    kept = np.floor(layout.time_s / 4.0) % 5 == 4
+    held = layout.take(kept)
+    assert held.length_s > 40.0
+    assert 8.0 < held.occupied_s < 12.5
+    assert np.unique(held.blocks(block_of(held.occupied_s))).size >= 40
+    assert np.unique(held.blocks(block_of(held.length_s))).size < 20
 
 
 def _bench(rng: np.random.Generator, extra: np.ndarray | None = None) -> tuple[Bench, np.ndarray]:

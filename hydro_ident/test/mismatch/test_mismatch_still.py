@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.training import start_model
 from hydro_model.cylinder import stroke
 
 JOINT = 1
@@ -70,3 +71,58 @@ def test_a_joint_that_moves_everywhere_is_told_nothing_of(
     stretch = work.check.predictor.material.stretches[0]
     assert stretch.moved is not None
     assert np.ptp(stretch.moved.q[:, JOINT]) > 0.0
+
+
+def test_a_joint_that_never_moves_moves_no_number_of_its_own(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """Behind filters a constant is off by rounding, and columns are scaled before they count."""
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        q = crane_run.q.copy()
+        q[:, JOINT] = rng.uniform(-2.4, -0.4)
+        locked = replace(crane_run, q=q, voltage=crane_run.voltage * [1.0, 0.0])
+        work = lay_out(locked, [locked])
+        (stretch,) = work.training.predictor.material.stretches
+        assert stretch.moved is not None
+        assert not stretch.moved.qd[:, JOINT].any()
+        assert not stretch.moved.qdd[:, JOINT].any()
+        given = start_model(work.robot, work.training.predictor)
+        names = list(work.training.predictor.material.forces.names)
+        at = names.index("tilt_cylinder.viscous_friction")
+        assert work.base.model.theta[at] == given.theta[at]
+        assert np.abs(work.base.model.theta).max() < 1e3 * np.abs(given.theta).max()
+
+
+def test_a_joint_that_never_moves_rests_throughout(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    q = crane_run.q.copy()
+    q[:, JOINT] = -1.3
+    locked = replace(crane_run, q=q, voltage=crane_run.voltage * [1.0, 0.0])
+    material = lay_out(locked, [locked]).training.predictor.material
+    moving = material.moving()
+    own = {name: material.channel == k for k, name in enumerate(material.channels)}
+    assert not moving[own["tilt/force"]].any()
+    assert moving[own["lift/force"]].mean() > 0.5
+    assert material.motions > 0
+    assert material._motions_of(JOINT) == 0
+
+
+def test_a_joint_whose_neighbour_is_not_read_still_moves(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+    crane_run: Any,
+    predictor_of: Callable[..., Any],
+) -> None:
+    """Without the outer angle no force is known, but what the inner joint does is."""
+    given = crane_run.recording()
+    q = given.q.copy()
+    q[:, JOINT] = np.nan
+    true_crane, _ = make_run
+    whole = predictor_of(true_crane(), given).material
+    part = predictor_of(true_crane(), replace(given, q=q)).material
+    assert part._motions_of(0) == whole._motions_of(0) == part.motions > 0
+    assert part._motions_of(JOINT) == 0
+    at = part.channel == part.channels.index("lift/flow_a")
+    there = whole.channel == whole.channels.index("lift/flow_a")
+    np.testing.assert_array_equal(part.moving()[at], whole.moving()[there])

@@ -153,6 +153,25 @@ def test_bias_and_gain_change_one_pressure() -> None:
     np.testing.assert_allclose(gap, 19e4)
 
 
+@pytest.mark.parametrize(
+    ("name", "target", "parameters"),
+    [
+        ("encoder_offset", "tilt", {"offset": 0.3}),
+        ("pressure_sensor_bias", "tilt_cylinder/a", {"bias": -3e5}),
+        ("pressure_sensor_gain", "lift_cylinder/b", {"error": 0.19}),
+        ("pressure_sensor_gain", "supply", {"error": -0.19}),
+    ],
+)
+def test_what_a_sensor_reads_wrongly_is_undone(
+    name: str, target: str, parameters: dict[str, float]
+) -> None:
+    true, robot = readings(), listed((name, target, parameters))
+    (one,) = resolve(robot)
+    back = one.effect.undone(read_with(robot, true), one.index, one.parameters)
+    for field in ("q", "p_a", "p_b", "supply", "tank"):
+        np.testing.assert_allclose(getattr(back, field), getattr(true, field), rtol=1e-12)
+
+
 def test_delays_shift_samples() -> None:
     true = readings()
     shown = read_with(listed(("pressure_delay", "lift", {"delay": 0.004})), true)

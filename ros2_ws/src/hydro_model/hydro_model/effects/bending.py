@@ -154,6 +154,27 @@ def on_spring(inertia: Any, share: Any, mass: Any, usual: Any) -> Any:
     return np.maximum(inertia + share * (mass - usual), _LEAST_ON_SPRING * inertia)
 
 
+def bears(load: Load, parameters: FloatArray) -> bool:
+    """Whether a mode has links with inertia to carry, or carries none.
+
+    Parameters
+    ----------
+    load : Load
+    parameters : (5,) array
+        As of `bent`.
+    """
+    shape = _shape(load, parameters)
+    return not (parameters[0] > 0.0 and parameters[3] > 0.0) or bool(
+        shape @ load.usual @ shape > 0.0
+    )
+
+
+def _shape(load: Load, parameters: FloatArray) -> FloatArray:
+    """How far a deflection moves its own joint's links and the next one's, s of `bent`."""
+    place = parameters[4] if parameters[3] > 0.0 else 0.0
+    return np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
+
+
 def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     """Torques that a mode takes beyond the rigid links, (N, n).
 
@@ -188,13 +209,12 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     RobotError
         Something is carried (c > 0) and the robot's links have no inertia about the joint.
     """
-    inertia, frequency, damping, carried, place = parameters
+    inertia, frequency, damping, carried = parameters[:4]
     if inertia <= 0.0:
         return np.zeros(load.columns.shape[:2])
-    place = place if carried > 0.0 else 0.0
-    shape = np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
+    shape = _shape(load, parameters)
     at, usual = slice(load.joint, load.joint + shape.size), float(shape @ load.usual @ shape)
-    if carried > 0.0 and not usual > 0.0:
+    if not bears(load, parameters):
         raise RobotError(
             "structural_flexibility: expected links with inertia about the joint that carries"
             f" them, found {usual:g} kg m^2"

@@ -105,6 +105,8 @@ class Effect:
         The robot that has the effect.
     reading : callable or None
         What the sensors show.
+    inverse : callable or None
+        Parameters of the reading that undoes it; None: those of the opposite sign.
     start : str
         Name of the parameter that is the time from which the `change` holds, in seconds on the
         recording's time axis; empty where it always does.
@@ -150,6 +152,7 @@ class Effect:
     acts_on: str = "cylinder"
     change: RobotChange | None = None
     reading: ReadingChange | None = None
+    inverse: Callable[[FloatArray], FloatArray] | None = None
     start: str = ""
     duration: str = ""
     end: str = ""
@@ -172,6 +175,21 @@ class Effect:
     def forms(self) -> tuple[Effect, ...]:
         """All that goes by this name: at cylinders, and at drives where that differs."""
         return (self,) if self.elsewhere is None else (self, self.elsewhere)
+
+    def undone(self, seen: Readings, index: int, parameters: FloatArray) -> Readings:
+        """What the sensors would show without its reading.
+
+        Parameters
+        ----------
+        seen : Readings
+        index : int
+            As of `reading`.
+        parameters : array
+        """
+        if self.reading is None:
+            return seen
+        back = -parameters if self.inverse is None else self.inverse(parameters)
+        return self.reading(seen, index, back)
 
     @property
     def edges(self) -> tuple[str, ...]:
