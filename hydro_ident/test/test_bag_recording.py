@@ -11,6 +11,7 @@ from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_ident.inspection_reading import inspect_bag
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, TEMPERATURE
 
@@ -101,6 +102,29 @@ def test_repeated_stamps_are_dropped_and_counted(write_bag, run_columns, robot) 
     assert len(r) == N
     np.testing.assert_array_equal(r.q, columns["/joint_states"][1]["position"])
     assert r.gaps == ()
+
+
+@pytest.mark.parametrize("same_stamp", [True, False])
+def test_what_others_publish_among_the_joints_makes_no_cycles(robot, tmp_path, same_stamp) -> None:
+    """A gripper of its own, or a second broadcaster, on the same topic."""
+    q = np.random.default_rng(1).normal(size=(N, 2))
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/joint_states", JOINT_STATE)
+        for k in range(N):
+            stamp_ns = START_NS + PERIOD_NS * k
+            if k % 10 == 0:
+                other_ns = stamp_ns if same_stamp else stamp_ns - PERIOD_NS // 2
+                other = {"position": [0.1 * k]}
+                bag.write_stamped("/joint_states", other_ns, other, names=["gripper"])
+            own = {"position": q[k]}
+            bag.write_stamped("/joint_states", stamp_ns, own, names=robot.joint_names)
+    r = read_recording(tmp_path / "bag", robot)
+    np.testing.assert_array_equal(r.stamp_ns, START_NS + PERIOD_NS * np.arange(N))
+    np.testing.assert_array_equal(r.q, q)
+    assert r.period_s == pytest.approx(0.002)
+    assert r.duplicates == {}
+    if not same_stamp:
+        assert inspect_bag(tmp_path / "bag", robot).cycles == N
 
 
 def test_messages_out_of_order_are_sorted_and_said(write_bag, run_columns, robot) -> None:

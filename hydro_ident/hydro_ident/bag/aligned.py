@@ -8,7 +8,7 @@ Nothing is resampled or filled in: a cycle that is not there is a gap.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -107,10 +107,37 @@ def nothing_in_common(path: Path) -> BagError:
     )
 
 
-def topics_of(series: Mapping[str, Series]) -> dict[str, Topic]:
+def topics_of(series: Mapping[str, Series], robot: Robot) -> dict[str, Topic]:
     """The topics of a recording that have messages, in order of their stamps."""
     found = {name: series[name] for name in TYPES if name in series}
+    if JOINT_STATES in found:
+        found[JOINT_STATES] = own_joints(found[JOINT_STATES], robot)
     return {name: Topic.of(one) for name, one in found.items() if len(one)}
+
+
+def own_joints(series: Series, robot: Robot) -> Series:
+    """Messages of `/joint_states` that tell of the robot: a gripper's make no cycles of it.
+
+    All of them where none does.
+
+    Parameters
+    ----------
+    series : Series
+    robot : Robot
+    """
+    own = {*robot.joint_names, *(cylinder.name for cylinder in robot.cylinders)}
+    if own.issuperset(series.names):
+        return series
+    at = [i for i, name in enumerate(series.names) if name in own]
+    told = np.zeros(len(series), dtype=np.bool_)
+    for values in series.fields.values():
+        told |= np.isfinite(values[:, at]).any(axis=1)
+    if told.all() or not told.any():
+        return series
+    fields = {name: values[told] for name, values in series.fields.items()}
+    return replace(
+        series, stamp_ns=series.stamp_ns[told], log_ns=series.log_ns[told], fields=fields
+    )
 
 
 def grid_of(topics: Mapping[str, Topic]) -> IntArray:

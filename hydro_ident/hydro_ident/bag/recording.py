@@ -88,7 +88,7 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     earlier = earlier or Earlier()
     decoded = {n: Decoded(t.message_type, len(t), t.names) for n, t in bag.series.items()}
     check_topics(bag.path, bag.topics, decoded, robot)
-    topics = topics_of(bag.series)
+    topics = topics_of(bag.series, robot)
     grid = grid_of(topics)
     if not len(grid):
         raise nothing_in_common(bag.path)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of
+from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of, own_joints
 from hydro_ident.bag.grid import Topic
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
@@ -107,9 +107,10 @@ class CycleMaker:
         LearntError
             Earlier stretches were not what they seemed.
         """
+        own = {n: own_joints(s, self.robot) if n == JOINT_STATES else s for n, s in given.items()}
         topics = {
             name: Topic(one, one.stamp_ns, np.arange(len(one)), 0, 0)
-            for name, one in given.items()
+            for name, one in own.items()
             if TYPES.get(name) == one.message_type
         }
         grid = np.zeros(0, dtype=np.int64)
