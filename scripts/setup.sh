@@ -22,6 +22,9 @@ for argument in "$@"; do
   esac
 done
 
+# Executables begin with the path of their Python, in which the system takes no space.
+[[ $root != *[[:space:]]* ]] || die "expected a path without spaces, found '$root': move it"
+
 ros=wheels
 if [[ -n ${HYDRO_IGNORE_ROS:-} ]]; then
   unset PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH ROS_DISTRO

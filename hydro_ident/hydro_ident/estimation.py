@@ -207,7 +207,7 @@ def _robust_solve(number: int) -> Solve:
 
 
 def cleaned_notes(cleaned: Mapping[str, Mapping[str, int]]) -> list[str]:
-    """What the robust estimator took for outliers, by recording and sensor."""
+    """What the robust estimator took for outliers; `cleaned`: counts by recording and sensor."""
     return [
         f"{name}: {count} samples of {sensor} taken for outliers and left out"
         for name, counts in cleaned.items()

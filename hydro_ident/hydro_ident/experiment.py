@@ -147,7 +147,8 @@ def design_excitation(
     Raises
     ------
     IdentError
-        The duration is too short, a joint has no limit of its speed, or no motion fits the
+        The duration is too short, a joint has no limit of its speed, one without
+        cylinder none of its effort, or no motion fits the
         robot's limits.
     """
     if not duration_s >= SHORTEST_S:
@@ -157,6 +158,13 @@ def design_excitation(
         raise IdentError(
             f"no motion is as fast as robot {robot.name} can be: expected a velocity in the"
             f" URDF's <limit> of every joint, found none of {', '.join(endless)}"
+        )
+    joints = [robot.joints[j] for j in robot.dry_joints]
+    endless = [joint.name for joint in joints if not np.isfinite(joint.effort_limit)]
+    if endless:
+        raise IdentError(
+            f"no motion is as hard as robot {robot.name} can be: expected an effort above 0 in"
+            f" the URDF's <limit> of joints without cylinder, found none of {', '.join(endless)}"
         )
     for share in _FLOW_SHARES[:-1]:
         limits = replace(LIMITS, flow=share * LIMITS.flow)

@@ -8,7 +8,7 @@ in the model, and the verdict is `partly_identified`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.compare import Comparison
@@ -189,13 +189,14 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
             *job.notes,
             *score_notes(last, bool(job.others or job.every), inertial),
             *estimates.notes,
+            *_slow_notes(settings, job),
             *(text for text in run.rejected if text not in judged.problems),
             *physical_notes(physical),
             *_held_notes(inertial, hydraulic, parameters),
         ),
         inertial=inertial,
         hydraulic=hydraulic,
-        settings=settings,
+        settings=replace(settings, filters=job.plan.filters),
         physical=physical,
         losses=losses_of([survey.recording for survey in job.seen]),
         free_run=run,
@@ -204,6 +205,18 @@ def _concluded(job: Job, estimates: Estimates, last: Scores, settings: Settings)
         recordings=recording_summaries(job.seen, len(job.sources)),
         estimator=estimates.chosen,
     )
+
+
+def _slow_notes(settings: Settings, job: Job) -> list[str]:
+    """That the recordings are too slow for the filters that were asked for."""
+    used = job.plan.filters
+    if used == settings.filters:
+        return []
+    return [
+        f"few samples a second: motion is looked at below {used.differentiation_hz:.3g} Hz, forces"
+        f" below {used.parallel_hz:.3g} Hz (asked for: {settings.filters.differentiation_hz:g} and"
+        f" {settings.filters.parallel_hz:g} Hz)"
+    ]
 
 
 def _held_notes(

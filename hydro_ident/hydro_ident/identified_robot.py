@@ -12,6 +12,7 @@ from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.parameters import Parameter, parameter_list
 from hydro_model.base_parameters import with_base
+from hydro_model.effects.catalogue import resolve
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import (
     BaseParameter,
@@ -200,12 +201,18 @@ def _effects(
     for owner, targets in owners.items():
         if effect.target in (robot.name, *targets):
             prefix = f"{owner}.{effect.name}."
-            found = {n.removeprefix(prefix): p.value for n, p in values.items() if prefix in n}
+            found = {
+                n.removeprefix(prefix): p.value for n, p in values.items() if n.startswith(prefix)
+            }
             if found:
                 fitted[owner] = found
     if not fitted:
         return [effect]
-    return [
+    specs = [
         EffectSpec(effect.name, name, {**effect.parameters, **found})
         for name, found in fitted.items()
     ]
+    # Where it was listed for several and not fitted at one, it stays there as given.
+    taken = {target for owner in fitted for target in (owner, *owners[owner])}
+    acting = [one.target for one in resolve(replace(robot, effects=(effect,)))]
+    return specs + [replace(effect, target=target) for target in acting if target not in taken]

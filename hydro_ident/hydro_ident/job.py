@@ -173,13 +173,14 @@ def prepared(
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)
+    filters = settings.filters.borne_at(max(s.recording.period_s for s in seen))
     windows, longest_s = _delays_tried(robot, surveys, settings.windows)
     plan = GatherPlan(
         robot,
         planned_force_model(robot, effects, surveys),
         effects,
-        _hold_out(surveys, every, settings.filters) if every else HoldOut(every=0),
-        settings.filters,
+        _hold_out(surveys, every, filters) if every else HoldOut(every=0),
+        filters,
         windows,
         still_positions(surveys, still),
         longest_delay_s=longest_s,

@@ -109,14 +109,23 @@ def _estimates(robot: Robot) -> dict[str, Any]:
                 "name": p.name,
                 "combination": {k: float(v) for k, v in p.combination.items()},
                 "value": float(p.value),
+                **covariance,
             }
-            for p in robot.base_parameters
+            for p, covariance in zip(robot.base_parameters, _rows(robot), strict=True)
         ]
     if robot.base_covariance is not None:
         data["base_covariance"] = [[float(v) for v in row] for row in robot.base_covariance]
     if robot.standard_deviations:
         data["standard_deviations"] = {k: float(v) for k, v in robot.standard_deviations.items()}
     return data
+
+
+def _rows(robot: Robot) -> list[dict[str, list[float]]]:
+    """The covariance of every base parameter with all of them, in their order."""
+    matrix = robot.base_covariance
+    if matrix is None:
+        return [{} for _ in robot.base_parameters]
+    return [{"covariance": [float(v) for v in row]} for row in matrix]
 
 
 def _cylinder_dict(c: Cylinder) -> dict[str, Any]:

@@ -60,7 +60,8 @@ def _bounded(robot: Robot, fit: CylinderFit, biases: dict[str, float]) -> Cylind
     while True:
         held: list[HeldPart] = []
         for row in cylinder_parameters(robot, fit, biases):
-            if row.name.count(".") != 2 or not row.identifiable:
+            owner, _, rest = row.name.partition(f"{fit.cylinder}.")
+            if owner or "." not in rest or not row.identifiable:
                 continue
             limits, column = effect_bounds(row.name), columns[row.name]
             value = _unclipped(fit, row, column)

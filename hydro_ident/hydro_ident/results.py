@@ -141,7 +141,7 @@ def _channels(found: Identification) -> dict[str, Any]:
     rollouts = channel_rollouts(found.free_run)
     channels: dict[str, Any] = {}
     for channel in found.channels:
-        joint, kind = channel.name.split("/")
+        joint, kind = channel.name.rsplit("/", 1)
         extra = rollouts.get(joint, {}) if kind in ("force", "torque") else {}
         channels[channel.name] = {**channel.summary(), **extra}
     return channels

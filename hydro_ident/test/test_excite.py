@@ -253,6 +253,19 @@ def test_a_path_that_peaks_between_samples_is_made_to_less(
     assert 0.9 * before < after <= allowed * LIMITS.flow
 
 
+def test_a_joint_without_cylinder_needs_an_effort_limit(robot: Robot, tmp_path: Path) -> None:
+    """Exporters write effort="0", which is no limit: nothing says how hard it may be driven."""
+    lift, tilt = robot.joints
+    mixed = replace(
+        robot,
+        joints=(lift, replace(tilt, effort_limit=np.inf)),
+        cylinders=robot.cylinders[:1],
+        valves=robot.valves[:1],
+    )
+    with pytest.raises(IdentError, match=r"effort above 0 in the URDF's <limit>.* of tilt$"):
+        design_excitation(mixed, start_pose(mixed), 64.0, tmp_path)
+
+
 def test_a_robot_that_cannot_carry_itself_has_no_experiment(robot: Robot, tmp_path: Path) -> None:
     starved = replace(robot, supply_pressure_pa=4.0e6)
     with pytest.raises(IdentError, match="no motion fits"):

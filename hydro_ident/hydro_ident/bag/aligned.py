@@ -85,8 +85,10 @@ def check_topics(
         found = decoded[name].message_type if name in decoded else wanted
         if name in there and name not in decoded:
             found = there[name].message_type
-        if found != wanted or (name in there and name not in decoded):
+        if found != wanted:
             raise BagError(f"{path}: expected {wanted} on {name}, found {found}")
+        if name in there and name not in decoded:
+            raise BagError(f"{path}: {name}: expected messages in CDR, found none that is read")
     joints = decoded.get(JOINT_STATES)
     if joints is None or not joints.count:
         raise BagError(f"{path}: expected a topic {JOINT_STATES}, found {', '.join(there)}")

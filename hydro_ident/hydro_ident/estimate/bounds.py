@@ -75,7 +75,7 @@ def effect_bounds(name: str) -> Bounds:
     """Bounds of `<owner>.<effect>.<parameter>`: the catalogue's."""
     from hydro_model.effects.catalogue import CATALOGUE
 
-    _, effect, parameter = name.split(".")
+    _, effect, parameter = name.rsplit(".", 2)
     specs = [p for form in CATALOGUE[effect].forms for p in form.parameters]
     spec = next(p for p in specs if p.name == parameter)
     return Bounds(spec.lower, spec.upper, abs(spec.typical), spec.unit)

@@ -16,13 +16,16 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray
+
+#: Quickest differentiation as a share of the sampling rate.
+QUICKEST = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,20 @@ class FilterSettings:
             raise IdentError(
                 f"expected a decimation of 1 or more (0: the default), found {self.keep_every}"
             )
+
+    def borne_at(self, step_s: float) -> FilterSettings:
+        """The filters as quick as so slow a recording bears them.
+
+        Parameters
+        ----------
+        step_s : float
+            Sampling interval.
+        """
+        quickest = QUICKEST / step_s
+        if self.differentiation_hz <= quickest:
+            return self
+        slower = quickest / self.differentiation_hz
+        return replace(self, differentiation_hz=quickest, parallel_hz=slower * self.parallel_hz)
 
     def edge_samples(self, step_s: float) -> int:
         """Samples to leave out at both ends of a segment: the filters settle to 1e-6 in them."""

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.estimate.force_rows import Motion
-from hydro_ident.estimate.traces import Trace
-from hydro_model.cylinder import stroke
+from hydro_ident.estimate.traces import Trace, strokes
 from hydro_model.effects import ActiveEffect, Readings
 from hydro_model.effects.bending import Load
 from hydro_model.effects.catalogue import acting_share
@@ -75,14 +74,10 @@ def corrected(robot: Robot, errors: Sequence[ActiveEffect], trace: Trace) -> Tra
     r = Readings(trace.step_s, trace.q, trace.p_a, trace.p_b, *rails, signal, trace.joint_torque)
     for one in errors:
         r = one.effect.undone(r, one.index, one.parameters)
-    x = trace.stroke.copy()
-    for i, cylinder in enumerate(robot.cylinders):
-        if not cylinder.stroke_sensor:
-            x[:, i] = stroke(cylinder, r.q[:, robot.joint_index(cylinder.joint)])
     return replace(
         trace,
         q=r.q,
-        stroke=x,
+        stroke=strokes(robot, r.q, trace.stroke.copy()),
         p_a=r.p_a,
         p_b=r.p_b,
         supply=r.supply,

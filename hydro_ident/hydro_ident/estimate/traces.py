@@ -206,7 +206,7 @@ def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Tra
         step_s=recording.period_s,
         time_s=np.asarray((recording.stamp_ns[piece] - start_ns) * 1e-9, dtype=float),
         q=q,
-        stroke=_strokes(robot, q, _cut(recording.stroke, piece, (count, cylinders))),
+        stroke=strokes(robot, q, _cut(recording.stroke, piece, (count, cylinders))),
         p_a=_cut(recording.p_a, piece, (count, cylinders)),
         p_b=_cut(recording.p_b, piece, (count, cylinders)),
         supply=_cut(recording.supply, piece, (count,)),
@@ -241,8 +241,20 @@ def _oil_temperature(recording: Recording, piece: slice) -> FloatArray | None:
     return np.asarray(np.interp(recording.stamp_ns[piece] - begin, at - begin, readings))
 
 
-def _strokes(robot: Robot, q: FloatArray, measured: FloatArray) -> FloatArray:
-    """Strokes from the joint angles, or from the stroke sensor where the angle is missing."""
+def strokes(robot: Robot, q: FloatArray, measured: FloatArray) -> FloatArray:
+    """Strokes from the joint angles, or as measured where the angle is missing.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : (N, n) array
+    measured : (N, c) array
+        Is changed.
+
+    Returns
+    -------
+    (N, c) array
+    """
     result = measured
     for i, cylinder in enumerate(robot.cylinders):
         computed = stroke(cylinder, q[:, robot.joint_index(cylinder.joint)])

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import welch
 
 from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.derivatives import QUICKEST, FilterSettings
 from hydro_ident.estimate.force_rows import ForceModel, measured_force
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
@@ -39,8 +39,8 @@ _REST = 3.0
 _OWN, _SPECTRUM_S, _PER_PERIOD, _LONGEST_S = 0.9, 8.0, 10.0, 0.1
 #: Recordings whose sampling intervals differ by no more than this share have one rate.
 _SAME_RATE = 1.0e-3
-#: Slowest differentiation, and the quickest as a share of the sampling rate.
-_SLOWEST_HZ, _QUICKEST = 1.0, 0.4
+#: Slowest differentiation.
+_SLOWEST_HZ = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def choices_of(
     limit = _inertia_limit(forces, signals, traces, noise * moving)
     if limit < band:
         band, worst = max(limit, _SLOWEST_HZ), worst or "the joints"
-    quickest = min(quickest, _QUICKEST / step_s)
+    quickest = min(quickest, QUICKEST / step_s)
     ratio = usual.filters.parallel_hz / usual.filters.differentiation_hz
     band = min(band, ratio * quickest)
     # Windows of whole samples, twice as long as the hop between them.

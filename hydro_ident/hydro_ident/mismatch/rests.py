@@ -17,14 +17,26 @@ REST_S = 0.1
 
 
 def usual_speed(speeds: Sequence[FloatArray]) -> float | None:
-    """Speed that is hardly exceeded; None where none is known."""
+    """Speed that is hardly exceeded; None where none is known.
+
+    Parameters
+    ----------
+    speeds : sequence of (T,) array
+        Unknown ones are NaN.
+    """
     known = np.concatenate([np.zeros(0), *speeds])
     known = known[np.isfinite(known)]
     return float(np.quantile(known, 0.95)) if known.size else None
 
 
 def known_velocities(trace: Trace, filters: FilterSettings) -> FloatArray | None:
-    """Velocities of joints whose positions are known throughout, where others' are not."""
+    """Velocities (T, n) of joints known throughout, NaN of others; None where none is.
+
+    Parameters
+    ----------
+    trace : Trace
+    filters : FilterSettings
+    """
     known = np.isfinite(trace.q).all(axis=0)
     if not known.any() or trace.samples <= 3 * filters.order:
         return None
@@ -34,7 +46,15 @@ def known_velocities(trace: Trace, filters: FilterSettings) -> FloatArray | None
 
 
 def lasting(slow: BoolArray, step_s: float, reach_s: float) -> BoolArray:
-    """Samples in rests of some length, and around them as far as the filters reach."""
+    """Samples in rests of some length, and around them as far as the filters reach.
+
+    Parameters
+    ----------
+    slow : (T,) bool array
+    step_s : float
+        Sampling interval.
+    reach_s : float
+    """
     result = np.zeros(slow.size, dtype=np.bool_)
     reach = round(reach_s / step_s)
     for begin, end in runs(slow):

@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
-from hydro_ident.estimate.traces import Trace, last_known
+from hydro_ident.estimate.traces import Trace, last_known, strokes
 from hydro_ident.mismatch.changed_torques import ChangedTorques
 from hydro_ident.mismatch.law_signals import (
     dry_rows,
@@ -26,7 +26,6 @@ from hydro_ident.mismatch.modelled import (
     same_base,
 )
 from hydro_ident.mismatch.rails import railed
-from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.readings import Readings
@@ -137,7 +136,7 @@ class Signals:
         """
         kept = self._motions.get(stretch.number)
         if kept is None or not np.array_equal(kept[0].q, fixed.q):
-            own = replace(fixed, stroke=_strokes(self.material.robot, fixed))
+            own = replace(fixed, stroke=strokes(self.material.robot, fixed.q, fixed.stroke.copy()))
             moved = Motion(*motion(own.q, own.step_s, self.material.filters))
             kept = self._motions[stretch.number] = own, moved
         # The very same positions tell what follows from geometry that it may stay.
@@ -280,13 +279,6 @@ def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> Float
     """
     law = one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
     return middle(np.append(law, law[-1])) if one.effect.states else law
-
-
-def _strokes(robot: Robot, trace: Trace) -> FloatArray:
-    result = trace.stroke.copy()
-    for i, cylinder in enumerate(robot.cylinders):
-        result[:, i] = stroke(cylinder, trace.q[:, robot.joint_index(cylinder.joint)])
-    return result
 
 
 def middle(values: FloatArray) -> FloatArray:

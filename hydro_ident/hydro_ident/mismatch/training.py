@@ -147,7 +147,7 @@ class Training:
 
 
 def block_of(total_s: float) -> float:
-    """Length of blocks in s: of a short time as many as a small chance takes."""
+    """Length of blocks in s: of a short time (`total_s`) as many as a small chance takes."""
     return float(np.clip(total_s / LEAST_BLOCKS, SHORTEST_BLOCK_S, BLOCK_S))
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hydro_ident.bag.streaming import map_columns
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.identification import Identification, identify
+from hydro_ident.identified_robot import _effects
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import lever
 from hydro_model.robot import EffectSpec, Robot
@@ -65,6 +68,30 @@ def test_noise_leaves_the_truth_within_the_stated_deviations(clean: Any) -> None
     for channel in result.channels:
         s = channel.summary()
         assert s["rmse_after"] == pytest.approx(s["noise_floor"], rel=0.4)
+
+
+def test_an_effect_of_the_whole_robot_stays_where_it_was_not_fitted(robot: Robot) -> None:
+    listed = EffectSpec("internal_leakage", "xs031", {"coefficient": 1e-12})
+    fitted = {"lift_cylinder.internal_leakage.coefficient": SimpleNamespace(value=2e-12)}
+    assert _effects(robot, listed, fitted) == [
+        EffectSpec("internal_leakage", "lift_cylinder", {"coefficient": 2e-12}),
+        EffectSpec("internal_leakage", "tilt_cylinder", {"coefficient": 1e-12}),
+    ]
+    alone = replace(listed, target="lift_valve")
+    assert len(_effects(robot, alone, fitted)) == 1
+
+
+def test_a_slow_recording_is_looked_at_slowly_and_said(clean: Any) -> None:
+    """25 Hz are beyond what 50 samples a second tell; flows need no filter at all."""
+    slow = clean.recording()
+    every = round(0.02 / slow.period_s)
+    slow = map_columns(replace(slow, period_s=0.02), lambda values: values[::every])
+    found = identify(load_robot("xs031"), [slow])
+    assert found.verdict != "not_enough_data"
+    assert found.settings.filters.differentiation_hz == pytest.approx(20.0)
+    assert any("motion is looked at below 20 Hz" in note for note in found.notes)
+    value = next(p.value for p in found.parameters if p.name == "lift_link.mcx")
+    assert value == pytest.approx(_truth(clean.robot)["lift_link.mcx"], rel=0.05)
 
 
 def test_listed_effects_are_fitted_and_none_is_added(driven: Callable[..., Any]) -> None:

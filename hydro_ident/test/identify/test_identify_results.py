@@ -72,6 +72,9 @@ def test_the_model_predicts_exactly_what_the_identification_did(
     assert model.valves == found.robot.valves
     assert model.command_delay_s == found.robot.command_delay_s
     assert np.array_equal(model.base_covariance, found.robot.base_covariance)
+    written = yaml.safe_load((tmp_path / "out" / "model.yaml").read_text(encoding="utf-8"))
+    rows = [entry["covariance"] for entry in written["base_parameters"]]
+    assert np.array_equal(rows, found.robot.base_covariance)
 
 
 class _Reader(HTMLParser):

@@ -6,6 +6,7 @@ import math
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
+from difflib import get_close_matches
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -15,6 +16,8 @@ from hydro_model.errors import RobotError
 from hydro_model.robot import FloatArray
 
 _REQUIRED: Any = object()
+#: Share of letters in common from which a key is taken for another one, misspelt.
+_ALIKE = 0.8
 # Aliases may nest to a size that no message should try to print.
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict = 2, 3, 3
@@ -39,15 +42,32 @@ class Fields:
     def __init__(self, data: Mapping[str, Any], where: str) -> None:
         self._data = data
         self.where = where
+        self._known = set[str]()
 
     def __contains__(self, key: str) -> bool:
+        self._known.add(key)
         return key in self._data
 
     def keys(self) -> tuple[str, ...]:
         """The keys that are there."""
         return tuple(str(key) for key in self._data)
 
+    def check_spelling(self) -> None:
+        """Refuse keys that nobody asked for and that look like one that was asked for in vain.
+
+        Others are somebody else's and left alone. To be called when all has been read.
+        """
+        absent = self._known.difference(self.keys())
+        for key in self.keys():
+            if key in self._known:
+                continue
+            meant = [known for known in sorted(absent) if known.startswith(f"{key}_")]
+            meant += get_close_matches(key, sorted(absent), 1, _ALIKE)
+            if meant:
+                raise RobotError(f"{self.where}: unknown key '{key}', did you mean '{meant[0]}'?")
+
     def _get(self, key: str, default: Any, expected: str) -> Any:
+        self._known.add(key)
         if key in self._data:
             return self._data[key]
         if default is _REQUIRED:
@@ -191,6 +211,7 @@ class Fields:
 
     def optional_fields(self, key: str) -> Fields | None:
         """A nested mapping, or None where the key is absent or null."""
+        self._known.add(key)
         return None if self._data.get(key) is None else self.fields(key)
 
     def items(self, key: str) -> Iterator[Fields]:

@@ -145,6 +145,8 @@ def _robot_from(top: Fields, path: Path) -> Robot:
         source=path,
         urdf=urdf,
     )
+    for fields in (top, fluid, supply):
+        fields.check_spelling()
     check_robot(robot, path)
     return _with_base(robot, path) if base else robot
 
@@ -239,11 +241,13 @@ def _with_base(robot: Robot, path: Path) -> Robot:
 def _part(f: Fields | None, pin: str) -> CylinderPart | None:
     if f is None:
         return None
-    return CylinderPart(
+    part = CylinderPart(
         mass_kg=f.number("mass_kg"),
         com_from_pin_m=f.number(f"com_from_{pin}_pin_m"),
         inertia_com_kg_m2=f.number("inertia_com_kg_m2"),
     )
+    f.check_spelling()
+    return part
 
 
 def _cylinder(f: Fields, bulk_modulus_pa: float) -> Cylinder:
@@ -265,6 +269,7 @@ def _cylinder(f: Fields, bulk_modulus_pa: float) -> Cylinder:
         viscous_friction=f.number("viscous_friction", 0.0),
         stroke_sensor=f.flag("stroke_sensor", False),
     )
+    f.check_spelling()
     if not 0.0 <= cylinder.rod_m < cylinder.bore_m:
         raise RobotError(
             f"{f.where}: expected 0 <= rod_m < bore_m, found rod {cylinder.rod_m}"
@@ -275,17 +280,23 @@ def _cylinder(f: Fields, bulk_modulus_pa: float) -> Cylinder:
 
 def _valve(f: Fields) -> Valve:
     edges = (f.positive(key) for key in ("c_pa", "c_at", "c_pb", "c_bt"))
-    return Valve(f.text("name"), f.text("cylinder"), f.positive("rated_voltage_v", 10.0), *edges)
+    rated_v = f.positive("rated_voltage_v", 10.0)
+    valve = Valve(f.text("name"), f.text("cylinder"), rated_v, *edges)
+    f.check_spelling()
+    return valve
 
 
 def _sensors(f: Fields) -> Sensors:
     encoder, pressure = f.fields("encoder", {}), f.fields("pressure", {})
-    return Sensors(
+    sensors = Sensors(
         rate_hz=f.positive("rate_hz", 500.0),
         encoder_counts_per_rev=int(encoder.positive("counts_per_rev", 1 << 20)),
         pressure_range_pa=pressure.positive("range_pa", 25.0e6),
         pressure_resolution_pa=pressure.positive("resolution_pa", 1000.0),
     )
+    for fields in (f, encoder, pressure):
+        fields.check_spelling()
+    return sensors
 
 
 def _effect(f: Fields) -> EffectSpec:
