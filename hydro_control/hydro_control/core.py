@@ -16,7 +16,7 @@ import numpy as np
 from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.answer import Answer, Counts
 from hydro_control.applied import AppliedWatch
-from hydro_control.errors import ControlError
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import TIP_SPEED_M_S
@@ -339,6 +339,9 @@ class ControllerCore:
             run.ask(space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:
             raise self._refusal(str(error)) from error
+        except NUMERICAL_ERRORS as error:
+            # Whatever was overlooked above: the arm is held on, only this request is not played.
+            raise self._refusal(f"it cannot be computed: {error}") from error
         self.message = ""
 
     def _refusal(self, why: str) -> ControlError:

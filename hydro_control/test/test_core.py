@@ -307,3 +307,49 @@ def test_lost_and_late_samples_are_no_other_rate() -> None:
         answer = core.answer(replace(first, stamp_ns=first.stamp_ns + cycle * STEP_NS + late_ns))
         assert answer is not None
         assert not answer.output.fault
+
+
+HUGE = float(np.finfo(float).max)
+
+
+@pytest.mark.parametrize(
+    ("space", "names", "end"),
+    [
+        ("joint", ["lift"], [HUGE]),
+        ("joint", ["lift"], [-HUGE]),
+        ("joint", ["lift", "tilt"], [0.6, 1e200]),
+        ("tip", ["tip_link"], [HUGE, 0.0, 0.0]),
+        ("tip", ["tip_link"], [2.0, -HUGE, HUGE]),
+    ],
+)
+def test_finite_numbers_beyond_all_machines_are_refused_as_others(
+    space: str, names: list[str], end: list[float]
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    still = np.zeros(len(end))
+    for point in (
+        [Waypoint(1.0, np.array(end), EMPTY, EMPTY)],
+        [Waypoint(0.0, np.array(end), EMPTY, EMPTY), Waypoint(1.0, still, EMPTY, EMPTY)],
+        [Waypoint(1.0, still, np.array(end), EMPTY), Waypoint(2.0, still, EMPTY, EMPTY)],
+    ):
+        with pytest.raises(ControlError, match=r"refused: point 0 of .* expected at most 1e\+06"):
+            core.request_trajectory(space, names, point)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
+
+
+@pytest.mark.parametrize("error", [ValueError, OverflowError, np.linalg.LinAlgError])
+def test_what_cannot_be_computed_is_refused_and_the_arm_is_held_on(
+    error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+
+    def plan(*_: object) -> None:
+        raise error("SVD did not converge")
+
+    monkeypatch.setattr("hydro_control.reference.segments_through", plan)
+    with pytest.raises(ControlError, match="refused: it cannot be computed: SVD did not"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    assert core.counts.refused == 1
+    np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)

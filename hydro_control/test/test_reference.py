@@ -8,7 +8,9 @@ from pathlib import Path as FilePath
 import numpy as np
 import pytest
 
+from hydro_control.approach import approach_to
 from hydro_control.errors import ControlError
+from hydro_control.motion_limits import refuse_fast
 from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.kinematics import tip_position
@@ -247,6 +249,36 @@ def test_waypoints_give_a_path_back(tmp_path: FilePath) -> None:
     found, expected = again.sample_many(times), path.sample_many(times)
     np.testing.assert_allclose(found[0], expected[0], atol=1e-5)
     np.testing.assert_allclose(found[1], expected[1], atol=1e-3)
+
+
+@pytest.mark.parametrize("space", ["tip", "joint"])
+def test_a_start_that_is_no_number_is_refused(space: str) -> None:
+    """A distance that is not a number is within no limit."""
+    at = TIP if space == "tip" else POSE
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ControlError, match="the path starts"):
+            approach_to(ROBOT, space, at, at + wrong, POSE)  # type: ignore[arg-type]
+
+
+def test_a_leg_beyond_the_range_of_numbers_is_refused() -> None:
+    turn = Waypoint(1e152, np.array([0.7]), NONE, np.array([1e6]))
+    with (
+        np.errstate(over="ignore", invalid="ignore"),
+        pytest.raises(ControlError, match="leg 1 of the trajectory is beyond the range"),
+    ):
+        segments_through(np.array([0.6]), [turn, *points((2e152, [0.6]))])
+
+
+def test_a_path_that_is_no_number_is_refused() -> None:
+    """No comparison with it holds, and none of the limits."""
+    with np.errstate(invalid="ignore"):
+        there = Quintic.at_rest(POSE.tolist(), [0.7, -1.4], 2.0)
+        lost = Quintic.at_rest([0.7, -1.4], [np.nan, -1.4], 2.0)
+        path = JointPath((there, lost), joints=("lift", "tilt"))
+        with pytest.raises(ControlError, match="expected a motion of finite numbers"):
+            ReferencePlayer(ROBOT, POSE).plan_path(path, 0.0, POSE)
+        with pytest.raises(ControlError, match="the tip reaches nan m/s"):
+            refuse_fast(TipPath.through([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0]], [1.0]), 3.0)
 
 
 def test_a_trajectory_may_start_later() -> None:
