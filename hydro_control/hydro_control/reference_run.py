@@ -24,6 +24,21 @@ LONGEST_S, MOST_POINTS = 600.0, 5000
 _SECOND_NS = 1_000_000_000
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A plan that waits for the next sample.
+
+    Attributes
+    ----------
+    plan : Plan
+    epoch : int
+        In which it was planned.
+    """
+
+    plan: Plan
+    epoch: int
+
+
 @dataclass(slots=True)
 class ReferenceRun:
     """The reference sample by sample, its time counted from the first.
@@ -41,8 +56,11 @@ class ReferenceRun:
         Joint positions of the newest sample in which they were finite.
     seen_s : float
         Of that sample.
-    pending : Plan or None
+    pending : Asked or None
         To be played from the next sample on.
+    epoch : int
+        Of where the reference stands: another one each time that it is set anew. What was
+        planned in one is played in no other.
     stop : bool
         To come to rest at the next sample.
     following : bool
@@ -62,7 +80,8 @@ class ReferenceRun:
     now_s: float
     q: FloatArray
     seen_s: float = 0.0
-    pending: Plan | None = None
+    pending: Asked | None = None
+    epoch: int = 0
     stop: bool = False
     following: bool = False
     dropped: bool = False
@@ -130,7 +149,7 @@ class ReferenceRun:
             It is refused: why.
         """
         plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=True)
-        self.player.play(plan, self.now_s)
+        self._play(plan)
         self.of_path = True
 
     def ask(
@@ -155,6 +174,8 @@ class ReferenceRun:
         ControlError, RobotError
             It is refused: why.
         """
+        # Before all else: planning takes up to seconds, in which samples come in another thread.
+        epoch = self.epoch
         if self.following:
             raise ControlError("the valves do not get the commands")
         wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
@@ -171,12 +192,19 @@ class ReferenceRun:
                 f"it should start within {MOST_AHEAD_S:g} s of the newest sample, found"
                 f" {wait_s:.3f} s ahead: give the time of a sample's stamp, or 0 for now"
             )
-        self.pending = self.player.plan_trajectory(
-            space, names, waypoints, self.now_s, self.q, wait_s
-        )
+        plan = self.player.plan_trajectory(space, names, waypoints, self.now_s, self.q, wait_s)
+        self.pending = Asked(plan, epoch)
+        # Looked at after it was handed over: what is set anew later finds it, and drops it.
+        if self.epoch != epoch:
+            raise ControlError("the reference was set anew while it was checked: ask again")
+
+    def _play(self, plan: Plan) -> None:
+        self.epoch += 1
+        self.player.play(plan, self.now_s)
 
     def hold(self) -> None:
         """Stand where the robot is; what was asked for is dropped."""
+        self.epoch += 1
         self.player.hold(self.q, self.now_s)
         self.stop, self.pending = False, None
 
@@ -211,9 +239,9 @@ class ReferenceRun:
             if self.moving:
                 self.player.stop(self.now_s)
         if self.pending is not None:
-            plan, self.pending = self.pending, None
-            if not self.moving:
-                self.player.play(plan, self.now_s)
+            asked, self.pending = self.pending, None
+            if asked.epoch == self.epoch and not self.moving:
+                self._play(asked.plan)
                 self.of_path = False
         return self.player.sample(self.now_s)
 

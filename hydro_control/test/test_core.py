@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from hydro_control import reference
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
@@ -353,3 +355,46 @@ def test_what_cannot_be_computed_is_refused_and_the_arm_is_held_on(
         core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     assert core.counts.refused == 1
     np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
+
+
+def while_checked(monkeypatch: pytest.MonkeyPatch, happens: Callable[[], object]) -> None:
+    """What the thread of the samples does while that of a request plans its trajectory."""
+    plan = reference.segments_through
+
+    def planned(at: FloatArray, points: list[Waypoint]) -> object:
+        legs = plan(at, points)
+        monkeypatch.undo()
+        happens()
+        return legs
+
+    monkeypatch.setattr(reference, "segments_through", planned)
+
+
+def test_a_trajectory_is_not_played_from_where_the_reference_no_longer_stands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Over a gap the arm has sunk: what was planned before would lift it by a leap."""
+    core, sunk = ControllerCore(ROBOT, Gains()), POSE - 0.02
+    answered(core, 0)
+    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+    while_checked(monkeypatch, lambda: answered(core, 100, sunk))
+    with pytest.raises(ControlError, match="refused: the reference was set anew while it was"):
+        core.request_trajectory("joint", ["lift"], there)
+    answer = [answered(core, k, sunk) for k in range(101, 110)][-1]
+    np.testing.assert_array_equal(answer.reference.position, sunk)
+    core.request_trajectory("joint", ["lift"], there)
+    np.testing.assert_allclose(answered(core, 110, sunk).reference.position, sunk, atol=1e-3)
+    assert core.moving
+
+
+def test_a_trajectory_is_not_played_from_where_another_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    quick = [Waypoint(0.1, np.array([0.601]), EMPTY, EMPTY)]
+    core.request_trajectory("joint", ["lift"], quick)
+    while_checked(monkeypatch, lambda: answered_up_to(core, 1, 60))
+    with pytest.raises(ControlError, match="set anew while it was checked: ask again"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
