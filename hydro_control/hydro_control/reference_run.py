@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hydro_control.errors import ControlError
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
 from hydro_control.sample import Sample
@@ -33,10 +33,13 @@ class Asked:
     plan : Plan
     epoch : int
         In which it was planned.
+    of_path : bool
+        It is the controller's own path.
     """
 
     plan: Plan
     epoch: int
+    of_path: bool = False
 
 
 @dataclass(slots=True)
@@ -69,6 +72,8 @@ class ReferenceRun:
         Something was played, or was to be, when that began.
     of_path : bool
         What was played last is the controller's own path, and no trajectory.
+    path_waits : bool
+        The controller's own path has to be checked from this pose first (`ask_path`).
     moved : bool
         The reference has moved since the first sample.
     anew : bool
@@ -86,6 +91,7 @@ class ReferenceRun:
     following: bool = False
     dropped: bool = False
     of_path: bool = False
+    path_waits: bool = False
     moved: bool = False
     anew: bool = False
 
@@ -134,8 +140,31 @@ class ReferenceRun:
         before_s, self.seen_s, self.q = self.seen_s, self.now_s, q
         return before_s
 
-    def play_path(self, path: TipPath | JointPath, delay_s: float) -> None:
-        """Play a path that has been checked, from now on.
+    def play_path(self, path: TipPath | JointPath, delay_s: float, *, checked: bool) -> None:
+        """Play the controller's own path from now on.
+
+        Parameters
+        ----------
+        path : TipPath or JointPath
+        delay_s : float
+            Hold before it.
+        checked : bool
+            It has been checked from this pose.
+
+        Raises
+        ------
+        ControlError
+            It is refused: why.
+        """
+        plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=checked)
+        self._play(plan)
+        self.of_path = True
+
+    def ask_path(self, path: TipPath | JointPath, delay_s: float) -> None:
+        """Check the path that waits, and have it played from the next sample on.
+
+        Called beside the thread of the samples: that takes up to seconds. Where the reference was
+        set anew meanwhile nothing happens, and the path may still wait.
 
         Parameters
         ----------
@@ -146,11 +175,20 @@ class ReferenceRun:
         Raises
         ------
         ControlError
-            It is refused: why.
+            It is refused from where the reference stands still: why.
         """
-        plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=True)
-        self._play(plan)
-        self.of_path = True
+        epoch = self.epoch
+        if not self.path_waits or self.pending is not None:
+            return
+        try:
+            plan = self.player.plan_path(path, self.now_s, self.q, delay_s)
+        except (ControlError, *NUMERICAL_ERRORS) as error:
+            if self.epoch != epoch:
+                return
+            self.path_waits = False
+            raise ControlError(str(error)) from error
+        if self.path_waits and self.epoch == epoch:
+            self.pending = Asked(plan, epoch, of_path=True)
 
     def ask(
         self,
@@ -178,6 +216,11 @@ class ReferenceRun:
         epoch = self.epoch
         if self.following:
             raise ControlError("the valves do not get the commands")
+        if self.path_waits:
+            raise ControlError(
+                "the controller's own path is being checked: wait, or stop it with an empty"
+                " trajectory"
+            )
         wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
         if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
             raise ControlError(
@@ -206,7 +249,7 @@ class ReferenceRun:
         """Stand where the robot is; what was asked for is dropped."""
         self.epoch += 1
         self.player.hold(self.q, self.now_s)
-        self.stop, self.pending = False, None
+        self.stop, self.pending, self.path_waits = False, None, False
 
     def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
         """Commands have no effect: stay with the robot, wherever it goes.
@@ -227,22 +270,23 @@ class ReferenceRun:
         if begins:
             self.following = True
             moving = self.player.moving(self.now_s if since_s is None else since_s)
-            self.dropped = moving or self.pending is not None
-            self.anew = moving and self.of_path and not moved
+            self.dropped = moving or self.pending is not None or self.path_waits
+            self.anew = ((moving and self.of_path) or self.path_waits) and not moved
         self.hold()
         return begins
 
     def reference(self) -> Reference:
         """The reference at the newest sample, once what was asked for has been taken up."""
         if self.stop:
-            self.stop, self.pending = False, None
+            self.stop, self.pending, self.path_waits = False, None, False
             if self.moving:
                 self.player.stop(self.now_s)
         if self.pending is not None:
             asked, self.pending = self.pending, None
-            if asked.epoch == self.epoch and not self.moving:
+            stopped = asked.of_path and not self.path_waits
+            if asked.epoch == self.epoch and not self.moving and not stopped:
                 self._play(asked.plan)
-                self.of_path = False
+                self.of_path, self.path_waits = asked.of_path, False
         return self.player.sample(self.now_s)
 
     def ahead(self, lead_s: float) -> Reference:

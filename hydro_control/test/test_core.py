@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,6 +13,8 @@ from hydro_control import reference
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
+from hydro_control.path_limits import same_start, start_of_path
+from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint
 from hydro_model.cylinder import lever, stroke
 from hydro_model.errors import RobotError
@@ -398,3 +401,105 @@ def test_a_trajectory_is_not_played_from_where_another_began(
     with pytest.raises(ControlError, match="set anew while it was checked: ask again"):
         core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
+
+
+LOADED = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 20.0}),))
+#: Held with the lift in mid-range; with the lift low the tilt's cylinder cannot.
+OUT = JointPath((Quintic.at_rest([-2.2], [-2.4], 4.0),), joints=("tilt",))
+LOW = np.array([-0.05, -2.2])
+HELD = "path refused, holding: .*'tilt_cylinder' would have to hold"
+
+
+def test_a_path_is_checked_from_where_the_joints_stand_that_it_does_not_name() -> None:
+    core = ControllerCore(LOADED, Gains(), OUT)
+    np.testing.assert_array_equal(answered(core, 0, LOW).reference.position, LOW)
+    assert re.match(HELD, core.message)
+    assert core.counts.refused == 1
+    assert not core.moving
+    high = np.array([0.6, -2.2])
+    core.restart()
+    answered(core, 0, high)
+    assert core.moving
+
+
+def test_the_check_of_a_tip_path_holds_for_its_posture_alone() -> None:
+    """Two postures of the crane put its tip to one place: the one does not speak for the other."""
+    down = np.array([0.6, -0.4])
+    corner = np.asarray(tip_position(ROBOT, down))
+    path = TipPath.through([corner.tolist(), (corner - np.array([0, 0, 0.1])).tolist()], [3.0])
+    up = joints_at_tip(ROBOT, corner, np.array([0.2, 0.5]))
+    np.testing.assert_allclose(tip_position(ROBOT, up), corner, atol=1e-6)
+    checked = start_of_path(ROBOT, path, 3.0)
+    np.testing.assert_allclose(checked, down, atol=1e-6)
+    near = np.array([0.05, -0.05])
+    assert same_start(ROBOT, path, checked, down + near)
+    assert not same_start(ROBOT, path, checked, up + near)
+
+
+class Beside:
+    """A controller whose own path is checked beside the samples."""
+
+    def __init__(self, q: FloatArray) -> None:
+        self.core = ControllerCore(LOADED, Gains(), OUT, checks_beside=True)
+        self.q, self.cycle = q, -1
+        self.run()
+
+    def run(self, cycles: int = 1, *, lost: int = 0) -> FloatArray:
+        self.cycle += lost
+        for _ in range(cycles):
+            self.cycle += 1
+            position = answered(self.core, self.cycle, self.q).reference.position
+        return position
+
+
+@pytest.mark.parametrize(("lift", "plays"), [(0.6, True), (-0.05, False)])
+def test_a_path_that_is_checked_beside_is_held_for_and_then_played_or_refused(
+    lift: float, plays: bool
+) -> None:
+    beside = Beside(np.array([lift, -2.2]))
+    np.testing.assert_array_equal(beside.run(100), beside.q)
+    assert beside.core.path_waits
+    with pytest.raises(ControlError, match="own path is being checked"):
+        beside.core.request_trajectory("joint", ["tilt"], [Waypoint(1.0, LOW[1:], EMPTY, EMPTY)])
+    beside.core.message = ""
+    beside.core.check_waiting_path()
+    beside.run()
+    assert not beside.core.path_waits
+    assert beside.core.moving == plays
+    assert plays == (beside.core.message == "")
+    assert plays or re.match(HELD, beside.core.message)
+    if plays:
+        np.testing.assert_allclose(beside.run(3000), [lift, -2.4])
+
+
+def test_a_path_that_waits_is_stopped_and_outlives_a_gap() -> None:
+    beside = Beside(np.array([0.6, -2.2]))
+    beside.run(50, lost=1000)
+    assert beside.core.path_waits  # nothing of it was driven: it may start anew
+    beside.core.request_trajectory("joint", [], [])
+    beside.run()
+    beside.core.check_waiting_path()
+    beside.run(100)
+    assert not beside.core.moving
+    assert not beside.core.path_waits
+
+
+def test_a_path_checked_before_a_gap_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lift has sunk meanwhile, and the load is too heavy for the tilt there."""
+    beside = Beside(np.array([0.6, -2.2]))
+    plan = ReferencePlayer.plan_path
+
+    def planned(*arguments: object) -> object:
+        found = plan(*arguments)  # type: ignore[arg-type]
+        monkeypatch.undo()
+        beside.q = LOW
+        beside.run(lost=1000)
+        return found
+
+    monkeypatch.setattr(ReferencePlayer, "plan_path", planned)
+    beside.core.check_waiting_path()
+    np.testing.assert_array_equal(beside.run(100), LOW)
+    assert beside.core.path_waits
+    beside.core.check_waiting_path()
+    np.testing.assert_array_equal(beside.run(100), LOW)
+    assert re.match(HELD, beside.core.message)
