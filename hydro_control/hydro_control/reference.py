@@ -34,10 +34,13 @@ class Plan:
     space : {"tip", "joint"}
     path : Path
         Of the tip, or of all joints of the robot.
+    start_s : float or None
+        When it begins, its approach included; None for when it is taken up.
     """
 
     space: Literal["tip", "joint"]
     path: Path
+    start_s: float | None = None
 
 
 class ReferencePlayer:
@@ -136,7 +139,7 @@ class ReferencePlayer:
         waypoints: Sequence[Waypoint],
         stamp_s: float,
         q: FloatArray,
-        delay_s: float = 0.0,
+        start_s: float | None = None,
     ) -> Plan:
         """A plan of a trajectory message.
 
@@ -149,8 +152,9 @@ class ReferencePlayer:
         stamp_s : float
         q : (n,) array
             Measured joint positions.
-        delay_s : float
-            Hold before it.
+        start_s : float, optional
+            Stamp of its time 0, to which its start is approached before; by default it begins
+            with the approach when it is taken up.
 
         Returns
         -------
@@ -160,7 +164,7 @@ class ReferencePlayer:
         ------
         ControlError
             A name is not the robot's, the trajectory is malformed, a motion is going on, the
-            start is too far away, or the robot cannot follow it.
+            start is too far away in distance or too near in time, or the robot cannot follow it.
         """
         at = self._standing(space, stamp_s, q)
         known = (self.robot.tip_link,) if space == "tip" else self.robot.joint_names
@@ -177,11 +181,12 @@ class ReferencePlayer:
             columns = [self.robot.joint_index(name) for name in names]
             path = JointPath(segments_through(at[columns], waypoints), joints=tuple(names))
             segments, first = _for_all_joints(self.robot, path, at)
-        pause = (Hold(at, delay_s),) if delay_s > 0.0 else ()
-        whole = (*pause, *self._approach(space, at, first, q), *segments)
+        approach = self._approach(space, at, first, q)
+        begin_s = _begin(start_s, stamp_s, sum(s.duration_s for s in approach))
+        whole = (*approach, *segments)
         resting = any(np.size(point.velocity) == 0 for point in waypoints[:-1])
         self._check(space, whole, q, hint=_REST_HINT if resting else "")
-        return Plan(space, Path(whole))
+        return Plan(space, Path(whole), begin_s)
 
     def _standing(self, space: str, stamp_s: float, q: FloatArray) -> FloatArray:
         """Where the reference stands in a space; refused while it moves."""
@@ -230,6 +235,18 @@ class ReferencePlayer:
             refuse_beyond(reaching, path, self._tip_speed_m_s, q, step_s=step_s, hint=hint)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
+
+
+def _begin(start_s: float | None, stamp_s: float, approach_s: float) -> float | None:
+    """When an approach begins that ends at a stamp."""
+    if start_s is None:
+        return None
+    if start_s - approach_s < stamp_s:
+        raise ControlError(
+            f"it should start in {start_s - stamp_s:.3f} s, but the approach to its first point"
+            f" takes {approach_s:.3f} s: ask for it earlier, or begin where the reference stands"
+        )
+    return start_s - approach_s
 
 
 def _reaching(robot: Robot, q: FloatArray) -> Robot:

@@ -205,7 +205,8 @@ class ReferenceRun:
         names : sequence of str
         waypoints : sequence of Waypoint
         start_ns : int
-            Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now.
+            Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now. An
+            approach to the first point ends there.
 
         Raises
         ------
@@ -221,7 +222,8 @@ class ReferenceRun:
                 "the controller's own path is being checked: wait, or stop it with an empty"
                 " trajectory"
             )
-        wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
+        start_s = (start_ns - self.first_ns) / _SECOND_NS if start_ns else None
+        wait_s = 0.0 if start_s is None else start_s - self.now_s
         if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
             raise ControlError(
                 f"expected at most {MOST_POINTS} points over {LONGEST_S:g} s, found"
@@ -235,7 +237,12 @@ class ReferenceRun:
                 f"it should start within {MOST_AHEAD_S:g} s of the newest sample, found"
                 f" {wait_s:.3f} s ahead: give the time of a sample's stamp, or 0 for now"
             )
-        plan = self.player.plan_trajectory(space, names, waypoints, self.now_s, self.q, wait_s)
+        plan = self.player.plan_trajectory(space, names, waypoints, self.now_s, self.q, start_s)
+        if plan.start_s is not None and plan.start_s < self.now_s:
+            raise ControlError(
+                f"it should have begun {self.now_s - plan.start_s:.3f} s ago, as it took so long"
+                " to check it: ask for it earlier"
+            )
         self.pending = Asked(plan, epoch)
         # Looked at after it was handed over: what is set anew later finds it, and drops it.
         if self.epoch != epoch:
@@ -243,7 +250,7 @@ class ReferenceRun:
 
     def _play(self, plan: Plan) -> None:
         self.epoch += 1
-        self.player.play(plan, self.now_s)
+        self.player.play(plan, self.now_s if plan.start_s is None else plan.start_s)
 
     def hold(self) -> None:
         """Stand where the robot is; what was asked for is dropped."""

@@ -166,7 +166,11 @@ def test_a_start_time_is_kept_and_a_past_one_refused() -> None:
     core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
     np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
     np.testing.assert_array_equal(answered_up_to(core, 2, 100).reference.position, POSE)
-    assert answered_up_to(core, 101, 600).reference.position[0] == pytest.approx(0.7)
+    motion = Quintic.at_rest([0.6], [0.7], 1.0)
+    for k in range(101, 200):
+        expected = motion.sample((k - 100) * 0.002)[0][0]
+        assert answered(core, k).reference.position[0] == pytest.approx(expected, abs=1e-12)
+    assert answered_up_to(core, 200, 600).reference.position[0] == pytest.approx(0.7)
 
 
 def test_not_a_number_first_starts_nothing_and_later_stops_nothing() -> None:
@@ -503,3 +507,23 @@ def test_a_path_checked_before_a_gap_is_checked_again(monkeypatch: pytest.Monkey
     beside.core.check_waiting_path()
     np.testing.assert_array_equal(beside.run(100), LOW)
     assert re.match(HELD, beside.core.message)
+
+
+@pytest.mark.parametrize("cycles", [50, 100, 101, 150])
+def test_a_start_is_kept_however_long_the_check_takes(
+    cycles: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Several machines that begin together do not begin apart by how long each one checked."""
+    core, motion = ControllerCore(ROBOT, Gains()), Quintic.at_rest([0.6], [0.7], 1.0)
+    answered(core, 0)
+    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+    while_checked(monkeypatch, lambda: answered_up_to(core, 1, cycles))
+    if cycles > 100:
+        with pytest.raises(ControlError, match=r"should have begun 0\.\d+ s ago, as it took so"):
+            core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+        assert not answered(core, cycles + 1).reference.velocity.any()
+        return
+    core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+    for k in range(cycles + 1, 300):
+        expected = motion.sample(max(0.0, (k - 100) * 0.002))[0][0]
+        assert answered(core, k).reference.position[0] == pytest.approx(expected, abs=1e-12)

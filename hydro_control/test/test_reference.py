@@ -16,7 +16,7 @@ from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath, load_path
 from hydro_model.paths_check import joint_motion
-from hydro_model.paths_segments import Hold, Quintic
+from hydro_model.paths_segments import Quintic
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
@@ -281,8 +281,21 @@ def test_a_path_that_is_no_number_is_refused() -> None:
             refuse_fast(TipPath.through([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0]], [1.0]), 3.0)
 
 
-def test_a_trajectory_may_start_later() -> None:
+def test_a_trajectory_begins_at_its_stamp() -> None:
     player = ReferencePlayer(ROBOT, POSE)
-    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 0.0, POSE, 1.5)
-    assert isinstance(plan.path.segments[0], Hold)
-    assert plan.path.duration_s == pytest.approx(3.5)
+    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 3.0, POSE, 4.5)
+    assert (plan.start_s, plan.path.duration_s) == (4.5, 2.0)
+
+
+def test_an_approach_ends_at_the_stamp() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    rows = points((0.0, [0.65]), (2.0, [0.7]))
+    plan = player.plan_trajectory("joint", ["lift"], rows, 3.0, POSE, 4.5)
+    assert plan.start_s == pytest.approx(4.5 - 1.875 * 0.05 / 0.1)
+    player.play(plan, plan.start_s or 0.0)
+    motion = Quintic.at_rest([0.65], [0.7], 2.0)
+    assert player.sample(4.5).position[0] == pytest.approx(0.65)
+    assert player.sample(5.1).position[0] == pytest.approx(motion.sample(0.6)[0][0])
+    assert player.sample(3.2).position[0] == POSE[0]
+    with pytest.raises(ControlError, match=r"start in 0\.900 s, but the approach .* 0\.938 s"):
+        ReferencePlayer(ROBOT, POSE).plan_trajectory("joint", ["lift"], rows, 3.6, POSE, 4.5)
