@@ -13,6 +13,7 @@ from hydro_control.errors import ControlError
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
 from hydro_control.required_motion import Reference
+from hydro_control.stopping import Slowing
 from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
@@ -78,13 +79,14 @@ class ReferencePlayer:
         return Reference(self._plan.space, *self._plan.path.sample(stamp_s - self._start_s))
 
     def stop(self, stamp_s: float) -> None:
-        """Come to rest within `STOP_S` along the direction of motion."""
-        now = self.sample(stamp_s)
-        end = now.position + 0.5 * STOP_S * now.velocity
-        still = np.zeros_like(end)
-        start = (now.position, now.velocity, now.acceleration)
-        segment = Quintic.between(start, (end, still, still), STOP_S)
-        self.play(Plan(now.space, Path((segment,))), stamp_s)
+        """Come to rest within `STOP_S` along what is played: nothing else has been checked."""
+        now, path = self.sample(stamp_s), self._plan.path
+        if not (np.any(now.velocity) or np.any(now.acceleration)):
+            # At rest, or still waiting for its start: it does not set out any more.
+            self.play(_hold(now.space, now.position), stamp_s)
+        elif not isinstance(path.segments[0], Slowing):
+            slowing = Slowing(path, stamp_s - self._start_s, STOP_S)
+            self.play(Plan(now.space, Path((slowing,))), stamp_s)
 
     def plan_path(
         self,
