@@ -74,6 +74,21 @@ def test_its_own_path_is_checked_from_the_pose_of_the_machine_and_played(
     assert process.poll() is None
 
 
+def test_a_listener_that_is_no_controller_is_none_to_send_a_path_to(
+    machine: Any, tmp_path: Path, run_module: Callable[..., Any], wait_for: Callable[..., bool]
+) -> None:
+    """Such as a recorder without a controller: nobody plays what it takes."""
+    path = tmp_path / "path.yaml"
+    path.write_text(
+        "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
+    )
+    machine.listen(topics.JOINT_TRAJECTORY)
+    sent = run_module("send_path", str(path), "--timeout", "5")
+    assert sent.returncode == 1
+    assert sent.stderr == "send_path: no controller listens on /joint_trajectory within 5 s\n"
+    assert not wait_for(lambda: bool(machine.heard[topics.JOINT_TRAJECTORY]), 0.5)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
