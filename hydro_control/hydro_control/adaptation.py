@@ -34,7 +34,7 @@ from hydro_control.axes import axes_of
 from hydro_control.bounded_estimator import BoundedEstimator
 from hydro_control.compensation import Compensation, Motion
 from hydro_control.filters import Ewma, FilteredDifference, alpha_for
-from hydro_control.oil_columns import OilColumns, swept_columns
+from hydro_control.oil_columns import OilColumns, piston_positions, swept_columns
 from hydro_model.cylinder import lever, piston_force
 from hydro_model.effects import ActiveEffect
 from hydro_model.rigid_body import inverse_dynamics, required_torque
@@ -261,8 +261,8 @@ class Adaptation:
         columns = swept_columns(self._axes, q)
         if self._listed.any:
             time_s = self._settled * self.dt_s
-            seen = Motion(time_s, q, qd, qdd, arm, pressures, p_s, p_t, force)
-            self._listed.observe(seen, columns)
+            x = piston_positions(self._axes, q)
+            self._listed.observe(Motion(time_s, q, qd, qdd, arm, x, pressures, p_s, p_t, force))
             columns = self._listed.columns(columns)
             signal = self._listed.openings(signal)
         self._slid_s = np.where(np.abs(xd) > SLIDING_M_S, self._slid_s + EVERY * self.dt_s, 0.0)

@@ -58,7 +58,7 @@ def approach_to(
     distance = float(np.linalg.norm(away) if space == "tip" else np.max(np.abs(away)))
     if distance == 0.0:
         return ()
-    if distance > APPROACH_LIMIT[space]:
+    if not distance <= APPROACH_LIMIT[space]:  # so that no number is refused, too
         raise ControlError(
             f"the path starts {distance:.3f} {_UNIT[space]} from where the robot stands,"
             f" expected at most {APPROACH_LIMIT[space]}"
@@ -68,7 +68,7 @@ def approach_to(
     duration = usual * _times_too_fast(robot, space, segment, q)
     if duration == usual:
         return (segment,)
-    if duration > LONGEST_APPROACH_S:
+    if not duration <= LONGEST_APPROACH_S:
         raise ControlError(
             f"the path starts {distance:.3f} {_UNIT[space]} from where the robot stands: to go"
             f" there within the joints' speeds would take {duration:.0f} s, expected at most"

@@ -45,6 +45,9 @@ class Motion:
         Positions, and the velocities and accelerations that laws are asked for.
     arm : array
         Levers dx/dq.
+    x : array
+        Piston positions from the bottom, as they are: laws of them were identified so. Only the
+        oil is counted on as softer near the ends (`hydro_control.oil_columns`).
     pressures : (2, m) array
         Gauge, per cylinder.
     p_s, p_t : float
@@ -57,6 +60,7 @@ class Motion:
     qd: FloatArray
     qdd: FloatArray
     arm: FloatArray
+    x: FloatArray
     pressures: FloatArray
     p_s: float
     p_t: float
@@ -130,17 +134,15 @@ class Compensation:
         self._wanted.reset()
         self._leak.reset()
 
-    def observe(self, motion: Motion, columns: OilColumns) -> None:
+    def observe(self, motion: Motion) -> None:
         """Take one sample.
 
         Parameters
         ----------
         motion : Motion
-        columns : OilColumns
-            Without the listed effects.
         """
         q, qd, qdd, arm = (part.tolist() for part in (motion.q, motion.qd, motion.qdd, motion.arm))
-        force, x, pressures = motion.force_n.tolist(), columns.a_m.tolist(), motion.pressures
+        force, x, pressures = motion.force_n.tolist(), motion.x.tolist(), motion.pressures
         for i, row in enumerate(self._rows):
             at, other = self._axes[i].cylinder_index, self._others[i]
             row[sig.TIME] = motion.time_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -50,6 +51,7 @@ class ControllerNode(LifecycleNode):
         self._said = self._odd_gains = ""
         self._said_s = 0.0
         self._trajectories: list[Any] = []
+        self._path_check: threading.Thread | None = None
         fix_parameters(self, lambda: self._hot is not None)
         # Of a clock that never steps: what is wrong is said whatever the ROS clock does.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -68,6 +70,7 @@ class ControllerNode(LifecycleNode):
             settings.adaptation,
             settings.tip_speed_limit_m_s,
             settings.runaway,
+            checks_beside=True,
         )
 
     def _configure(self) -> None:
@@ -178,7 +181,8 @@ class ControllerNode(LifecycleNode):
         return response
 
     def _look(self) -> None:
-        """Publish `/diagnostics` once a second and when what it says changes."""
+        """Check what waits for it; publish `/diagnostics` each second and when they change."""
+        self._check_waiting_path()
         level, message = self._status()
         now = time.monotonic()
         if message != self._said and level != OK:
@@ -186,6 +190,14 @@ class ControllerNode(LifecycleNode):
         if message != self._said or now - self._said_s >= _DIAGNOSTICS_S:
             self._said, self._said_s = message, now
             self._diagnostics.publish(level, message, self._values())
+
+    def _check_waiting_path(self) -> None:
+        """In a thread of its own: a long path takes seconds, and stops are heard meanwhile."""
+        busy = self._path_check is not None and self._path_check.is_alive()
+        if self._active and self._core.path_waits and not busy:
+            check = self._core.check_waiting_path
+            self._path_check = threading.Thread(target=check, name="path_check", daemon=True)
+            self._path_check.start()
 
     def _status(self) -> tuple[bytes, str]:
         if not self._active or self._hot is None:

@@ -16,12 +16,12 @@ import numpy as np
 from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.answer import Answer, Counts
 from hydro_control.applied import AppliedWatch
-from hydro_control.errors import ControlError
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.output import Output
-from hydro_control.path_limits import refuse_beyond
+from hydro_control.path_limits import same_start, start_of_path
 from hydro_control.reference_run import ReferenceRun
 from hydro_control.required_motion import Reference
 from hydro_control.runaway import RunawayLimits, RunawayWatch
@@ -53,7 +53,8 @@ class ControllerCore:
     robot : Robot
     gains : Gains
     path : TipPath or JointPath, optional
-        Played from the first sample on.
+        Played from the first sample on. It is checked at once, and from the pose of that sample
+        where this makes a difference.
     start_delay_s : float
         Hold before the path.
     adaptation : AdaptationSettings, optional
@@ -62,6 +63,9 @@ class ControllerCore:
         Faster tip paths are refused, faster required motion is slowed.
     runaway : RunawayLimits, optional
         What measured motion ends in 0 V until `restart`; by default the shipped limits.
+    checks_beside : bool
+        Hold until somebody beside the samples' thread has called `check_waiting_path`; by default
+        the answer to the first sample takes as long as the check.
 
     Raises
     ------
@@ -76,6 +80,7 @@ class ControllerCore:
     adaptation: AdaptationSettings | None = None
     tip_speed_m_s: float = TIP_SPEED_M_S
     runaway: RunawayLimits = field(default_factory=RunawayLimits)
+    checks_beside: bool = False
     counts: Counts = field(default_factory=Counts)
     message: str = ""
 
@@ -94,7 +99,8 @@ class ControllerCore:
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
         if self.path is not None:
-            refuse_beyond(self.law.robot, self.path, self.tip_speed_m_s)
+            limits = self.law.robot, self.path, self.tip_speed_m_s
+            self._path_checked_from = start_of_path(*limits)
         self._warm_up()
 
     def _warm_up(self) -> None:
@@ -257,12 +263,39 @@ class ControllerCore:
     def _play_path(self, run: ReferenceRun) -> None:
         if self.path is None:
             return
+        checked = same_start(self.law.robot, self.path, self._path_checked_from, run.q)
+        if self.checks_beside and not checked:
+            run.path_waits, self.message = True, ""
+            return
         try:
-            run.play_path(self.path, self.start_delay_s)
+            run.play_path(self.path, self.start_delay_s, checked=checked)
             self.message = ""
+        except (ControlError, *NUMERICAL_ERRORS) as error:
+            self._refuse_path(error)
+
+    def _refuse_path(self, error: Exception) -> None:
+        self.counts.refused += 1
+        self.message = f"path refused, holding: {error}"
+
+    @property
+    def path_waits(self) -> bool:
+        """`check_waiting_path` has something to do."""
+        run = self._run
+        return run is not None and run.path_waits and run.pending is None and not self.silent
+
+    def check_waiting_path(self) -> None:
+        """Check the path from where the machine stands, and have it played if it can be.
+
+        To be called from another thread than that of the samples, which holds meanwhile.
+        """
+        run = self._run
+        if run is None or self.path is None:
+            return
+        try:
+            run.ask_path(self.path, self.start_delay_s)
         except ControlError as error:
-            self.counts.refused += 1
-            self.message = f"path refused, holding: {error}"
+            if run is self._run:
+                self._refuse_path(error)
 
     def _resume(self, run: ReferenceRun, why: str) -> None:
         """Commands have an effect again: hold here; who wants a motion asks for it anew."""
@@ -339,6 +372,9 @@ class ControllerCore:
             run.ask(space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:
             raise self._refusal(str(error)) from error
+        except NUMERICAL_ERRORS as error:
+            # Whatever was overlooked above: the arm is held on, only this request is not played.
+            raise self._refusal(f"it cannot be computed: {error}") from error
         self.message = ""
 
     def _refusal(self, why: str) -> ControlError:

@@ -128,6 +128,8 @@ class HotPath:
             )
         if self._core.last is None:
             return f"{topics.WAITING}sensors"
+        if self._core.path_waits:
+            return "holding while the path is checked from here"
         return "following" if self._core.moving else "holding"
 
     @property

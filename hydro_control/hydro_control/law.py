@@ -265,11 +265,10 @@ class ControlLaw:
         """What listed effects and estimates add to force and oil columns; flow past the valve."""
         leak: FloatArray | None = None
         if self.compensation is not None:
-            motion = state.q, asked.qd_r, asked.qdd_r, asked.arm
+            motion = state.q, asked.qd_r, asked.qdd_r, asked.arm, asked.x
             seen = Motion(stamp_s, *motion, now.pressures, now.p_s, now.p_t, now.force)
-            plain = OilColumns(asked.length_a, asked.length_b)
-            self.compensation.observe(seen, plain)
-            columns = self.compensation.columns(plain)
+            self.compensation.observe(seen)
+            columns = self.compensation.columns(OilColumns(asked.length_a, asked.length_b))
             asked.length_a[:], asked.length_b[:] = columns.a_m, columns.b_m
             asked.force_d[:] += self.compensation.friction()
             leak = columns.leak

@@ -56,6 +56,7 @@ class Required(NamedTuple):
     qd_r: Array  # `qd_r`: required velocities
     qdd_r: Array  # `qdd_r`: and accelerations
     arm: Array  # lever arms
+    x: Array  # `x`: piston positions, as they are
     xd: Array  # `xd`: piston velocities
     xd_r: Array  # `xd_r`: and those required
     length_a: Array  # `length_a`: oil column of chamber A
@@ -64,7 +65,7 @@ class Required(NamedTuple):
 
 
 ROWS = len(Required._fields)
-Q_D, QD_D, QD_R, QDD_R, ARM, XD, XD_R, LENGTH_A, LENGTH_B, FORCE_D = range(ROWS)
+Q_D, QD_D, QD_R, QDD_R, ARM, X, XD, XD_R, LENGTH_A, LENGTH_B, FORCE_D = range(ROWS)
 
 
 @inlined
@@ -90,7 +91,7 @@ def required_kernel(
     out: Array,
     tip_d: Array,
 ) -> int:
-    """Rows of `out` (ROWS, n): motion, levers, piston velocities, oil columns, force of eq. 22.
+    """Rows of `out` (ROWS, n): motion, levers, pistons, oil columns, force of eq. 22.
 
     `reference` has position, velocity and acceleration as rows, of the tip where `in_tip`, else of
     the joints; `tip_d` (3,) receives the tip's desired position. Returns what limited the motion,
@@ -104,7 +105,8 @@ def required_kernel(
         x, arm = _triangle(cylinder, q[i])
         full = cylinder[STROKE]
         kept = clipped(x, STROKE_MARGIN * full, (1.0 - STROKE_MARGIN) * full)
-        out[ARM, i], out[XD, i], out[XD_R, i] = arm, arm * qd[i], arm * out[QD_R, i]
+        out[ARM, i], out[X, i] = arm, x
+        out[XD, i], out[XD_R, i] = arm * qd[i], arm * out[QD_R, i]
         out[LENGTH_A, i], out[LENGTH_B, i] = kept, full - kept
         out[FORCE_D, i] = out[FORCE_D, i] / arm + cylinder[VISCOUS] * out[XD_R, i]
     return int(limited)

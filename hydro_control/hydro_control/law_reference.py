@@ -14,7 +14,7 @@ from hydro_control.axes import Axis
 from hydro_control.gains import Gains
 from hydro_control.law_kernels import Required
 from hydro_control.motion_limits import MotionLimits, limited, relieved
-from hydro_control.oil_columns import OilColumns, swept_columns
+from hydro_control.oil_columns import OilColumns, piston_positions, swept_columns
 from hydro_control.required_motion import JointMotion, Reference, required_motion
 from hydro_control.state import State
 from hydro_model.cylinder import lever
@@ -60,7 +60,8 @@ def required(
     force_d = torque / arm + friction
     of_motion = motion.q_d, motion.qd_d, motion.qd_r, motion.qdd_r
     lengths = columns.a_m, columns.b_m
-    return Required(*of_motion, arm, xd, xd_r, *lengths, force_d), motion
+    x = piston_positions(axes, q)
+    return Required(*of_motion, arm, x, xd, xd_r, *lengths, force_d), motion
 
 
 def flow_term(

@@ -187,7 +187,7 @@ def refuse_fast(path: Path, tip_speed_m_s: float) -> None:
     times = check_times(path, _STEP_S)
     speeds = np.linalg.norm(path.sample_many(times)[1], axis=1)
     worst = int(np.argmax(speeds))
-    if speeds[worst] > tip_speed_m_s:
+    if not speeds[worst] <= tip_speed_m_s:
         raise ControlError(
             f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.4f} s of the path,"
             f" expected at most {tip_speed_m_s:g} m/s"

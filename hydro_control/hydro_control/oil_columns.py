@@ -37,9 +37,14 @@ class OilColumns:
     leak: FloatArray | None = None
 
 
+def piston_positions(axes: Sequence[Axis], q: FloatArray) -> FloatArray:
+    """Pistons from the bottoms of their cylinders, (n,) m."""
+    return np.array([float(stroke(a.cylinder, angle)) for a, angle in zip(axes, q, strict=True)])
+
+
 def swept_columns(axes: Sequence[Axis], q: FloatArray) -> OilColumns:
     """The columns of eq. 14: x and S - x, kept `STROKE_MARGIN` from the ends."""
     full = np.array([axis.cylinder.stroke_m for axis in axes])
-    x = [float(stroke(axis.cylinder, angle)) for axis, angle in zip(axes, q, strict=True)]
-    kept = np.minimum(np.maximum(np.array(x), STROKE_MARGIN * full), (1.0 - STROKE_MARGIN) * full)
+    x = piston_positions(axes, q)
+    kept = np.minimum(np.maximum(x, STROKE_MARGIN * full), (1.0 - STROKE_MARGIN) * full)
     return OilColumns(kept, full - kept)

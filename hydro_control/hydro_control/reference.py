@@ -13,6 +13,7 @@ from hydro_control.errors import ControlError
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
 from hydro_control.required_motion import Reference
+from hydro_control.stopping import Slowing
 from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
@@ -34,10 +35,13 @@ class Plan:
     space : {"tip", "joint"}
     path : Path
         Of the tip, or of all joints of the robot.
+    start_s : float or None
+        When it begins, its approach included; None for when it is taken up.
     """
 
     space: Literal["tip", "joint"]
     path: Path
+    start_s: float | None = None
 
 
 class ReferencePlayer:
@@ -75,13 +79,14 @@ class ReferencePlayer:
         return Reference(self._plan.space, *self._plan.path.sample(stamp_s - self._start_s))
 
     def stop(self, stamp_s: float) -> None:
-        """Come to rest within `STOP_S` along the direction of motion."""
-        now = self.sample(stamp_s)
-        end = now.position + 0.5 * STOP_S * now.velocity
-        still = np.zeros_like(end)
-        start = (now.position, now.velocity, now.acceleration)
-        segment = Quintic.between(start, (end, still, still), STOP_S)
-        self.play(Plan(now.space, Path((segment,))), stamp_s)
+        """Come to rest within `STOP_S` along what is played: nothing else has been checked."""
+        now, path = self.sample(stamp_s), self._plan.path
+        if not (np.any(now.velocity) or np.any(now.acceleration)):
+            # At rest, or still waiting for its start: it does not set out any more.
+            self.play(_hold(now.space, now.position), stamp_s)
+        elif not isinstance(path.segments[0], Slowing):
+            slowing = Slowing(path, stamp_s - self._start_s, STOP_S)
+            self.play(Plan(now.space, Path((slowing,))), stamp_s)
 
     def plan_path(
         self,
@@ -136,7 +141,7 @@ class ReferencePlayer:
         waypoints: Sequence[Waypoint],
         stamp_s: float,
         q: FloatArray,
-        delay_s: float = 0.0,
+        start_s: float | None = None,
     ) -> Plan:
         """A plan of a trajectory message.
 
@@ -149,8 +154,9 @@ class ReferencePlayer:
         stamp_s : float
         q : (n,) array
             Measured joint positions.
-        delay_s : float
-            Hold before it.
+        start_s : float, optional
+            Stamp of its time 0, to which its start is approached before; by default it begins
+            with the approach when it is taken up.
 
         Returns
         -------
@@ -160,7 +166,7 @@ class ReferencePlayer:
         ------
         ControlError
             A name is not the robot's, the trajectory is malformed, a motion is going on, the
-            start is too far away, or the robot cannot follow it.
+            start is too far away in distance or too near in time, or the robot cannot follow it.
         """
         at = self._standing(space, stamp_s, q)
         known = (self.robot.tip_link,) if space == "tip" else self.robot.joint_names
@@ -177,11 +183,12 @@ class ReferencePlayer:
             columns = [self.robot.joint_index(name) for name in names]
             path = JointPath(segments_through(at[columns], waypoints), joints=tuple(names))
             segments, first = _for_all_joints(self.robot, path, at)
-        pause = (Hold(at, delay_s),) if delay_s > 0.0 else ()
-        whole = (*pause, *self._approach(space, at, first, q), *segments)
+        approach = self._approach(space, at, first, q)
+        begin_s = _begin(start_s, stamp_s, sum(s.duration_s for s in approach))
+        whole = (*approach, *segments)
         resting = any(np.size(point.velocity) == 0 for point in waypoints[:-1])
         self._check(space, whole, q, hint=_REST_HINT if resting else "")
-        return Plan(space, Path(whole))
+        return Plan(space, Path(whole), begin_s)
 
     def _standing(self, space: str, stamp_s: float, q: FloatArray) -> FloatArray:
         """Where the reference stands in a space; refused while it moves."""
@@ -230,6 +237,18 @@ class ReferencePlayer:
             refuse_beyond(reaching, path, self._tip_speed_m_s, q, step_s=step_s, hint=hint)
         except RobotError as error:
             raise ControlError(f"the robot cannot follow the path: {error}") from error
+
+
+def _begin(start_s: float | None, stamp_s: float, approach_s: float) -> float | None:
+    """When an approach begins that ends at a stamp."""
+    if start_s is None:
+        return None
+    if start_s - approach_s < stamp_s:
+        raise ControlError(
+            f"it should start in {start_s - stamp_s:.3f} s, but the approach to its first point"
+            f" takes {approach_s:.3f} s: ask for it earlier, or begin where the reference stands"
+        )
+    return start_s - approach_s
 
 
 def _reaching(robot: Robot, q: FloatArray) -> Robot:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hydro_control.errors import ControlError
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
 from hydro_control.sample import Sample
@@ -22,6 +22,24 @@ MOST_AHEAD_S = 10.0
 LONGEST_S, MOST_POINTS = 600.0, 5000
 
 _SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A plan that waits for the next sample.
+
+    Attributes
+    ----------
+    plan : Plan
+    epoch : int
+        In which it was planned.
+    of_path : bool
+        It is the controller's own path.
+    """
+
+    plan: Plan
+    epoch: int
+    of_path: bool = False
 
 
 @dataclass(slots=True)
@@ -41,8 +59,11 @@ class ReferenceRun:
         Joint positions of the newest sample in which they were finite.
     seen_s : float
         Of that sample.
-    pending : Plan or None
+    pending : Asked or None
         To be played from the next sample on.
+    epoch : int
+        Of where the reference stands: another one each time that it is set anew. What was
+        planned in one is played in no other.
     stop : bool
         To come to rest at the next sample.
     following : bool
@@ -51,6 +72,8 @@ class ReferenceRun:
         Something was played, or was to be, when that began.
     of_path : bool
         What was played last is the controller's own path, and no trajectory.
+    path_waits : bool
+        The controller's own path has to be checked from this pose first (`ask_path`).
     moved : bool
         The reference has moved since the first sample.
     anew : bool
@@ -62,11 +85,13 @@ class ReferenceRun:
     now_s: float
     q: FloatArray
     seen_s: float = 0.0
-    pending: Plan | None = None
+    pending: Asked | None = None
+    epoch: int = 0
     stop: bool = False
     following: bool = False
     dropped: bool = False
     of_path: bool = False
+    path_waits: bool = False
     moved: bool = False
     anew: bool = False
 
@@ -115,8 +140,31 @@ class ReferenceRun:
         before_s, self.seen_s, self.q = self.seen_s, self.now_s, q
         return before_s
 
-    def play_path(self, path: TipPath | JointPath, delay_s: float) -> None:
-        """Play a path that has been checked, from now on.
+    def play_path(self, path: TipPath | JointPath, delay_s: float, *, checked: bool) -> None:
+        """Play the controller's own path from now on.
+
+        Parameters
+        ----------
+        path : TipPath or JointPath
+        delay_s : float
+            Hold before it.
+        checked : bool
+            It has been checked from this pose.
+
+        Raises
+        ------
+        ControlError
+            It is refused: why.
+        """
+        plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=checked)
+        self._play(plan)
+        self.of_path = True
+
+    def ask_path(self, path: TipPath | JointPath, delay_s: float) -> None:
+        """Check the path that waits, and have it played from the next sample on.
+
+        Called beside the thread of the samples: that takes up to seconds. Where the reference was
+        set anew meanwhile nothing happens, and the path may still wait.
 
         Parameters
         ----------
@@ -127,11 +175,20 @@ class ReferenceRun:
         Raises
         ------
         ControlError
-            It is refused: why.
+            It is refused from where the reference stands still: why.
         """
-        plan = self.player.plan_path(path, self.now_s, self.q, delay_s, path_checked=True)
-        self.player.play(plan, self.now_s)
-        self.of_path = True
+        epoch = self.epoch
+        if not self.path_waits or self.pending is not None:
+            return
+        try:
+            plan = self.player.plan_path(path, self.now_s, self.q, delay_s)
+        except (ControlError, *NUMERICAL_ERRORS) as error:
+            if self.epoch != epoch:
+                return
+            self.path_waits = False
+            raise ControlError(str(error)) from error
+        if self.path_waits and self.epoch == epoch:
+            self.pending = Asked(plan, epoch, of_path=True)
 
     def ask(
         self,
@@ -148,16 +205,25 @@ class ReferenceRun:
         names : sequence of str
         waypoints : sequence of Waypoint
         start_ns : int
-            Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now.
+            Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now. An
+            approach to the first point ends there.
 
         Raises
         ------
         ControlError, RobotError
             It is refused: why.
         """
+        # Before all else: planning takes up to seconds, in which samples come in another thread.
+        epoch = self.epoch
         if self.following:
             raise ControlError("the valves do not get the commands")
-        wait_s = (start_ns - self.first_ns) / _SECOND_NS - self.now_s if start_ns else 0.0
+        if self.path_waits:
+            raise ControlError(
+                "the controller's own path is being checked: wait, or stop it with an empty"
+                " trajectory"
+            )
+        start_s = (start_ns - self.first_ns) / _SECOND_NS if start_ns else None
+        wait_s = 0.0 if start_s is None else start_s - self.now_s
         if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
             raise ControlError(
                 f"expected at most {MOST_POINTS} points over {LONGEST_S:g} s, found"
@@ -171,14 +237,26 @@ class ReferenceRun:
                 f"it should start within {MOST_AHEAD_S:g} s of the newest sample, found"
                 f" {wait_s:.3f} s ahead: give the time of a sample's stamp, or 0 for now"
             )
-        self.pending = self.player.plan_trajectory(
-            space, names, waypoints, self.now_s, self.q, wait_s
-        )
+        plan = self.player.plan_trajectory(space, names, waypoints, self.now_s, self.q, start_s)
+        if plan.start_s is not None and plan.start_s < self.now_s:
+            raise ControlError(
+                f"it should have begun {self.now_s - plan.start_s:.3f} s ago, as it took so long"
+                " to check it: ask for it earlier"
+            )
+        self.pending = Asked(plan, epoch)
+        # Looked at after it was handed over: what is set anew later finds it, and drops it.
+        if self.epoch != epoch:
+            raise ControlError("the reference was set anew while it was checked: ask again")
+
+    def _play(self, plan: Plan) -> None:
+        self.epoch += 1
+        self.player.play(plan, self.now_s if plan.start_s is None else plan.start_s)
 
     def hold(self) -> None:
         """Stand where the robot is; what was asked for is dropped."""
+        self.epoch += 1
         self.player.hold(self.q, self.now_s)
-        self.stop, self.pending = False, None
+        self.stop, self.pending, self.path_waits = False, None, False
 
     def follow(self, *, moved: bool, since_s: float | None = None) -> bool:
         """Commands have no effect: stay with the robot, wherever it goes.
@@ -199,22 +277,23 @@ class ReferenceRun:
         if begins:
             self.following = True
             moving = self.player.moving(self.now_s if since_s is None else since_s)
-            self.dropped = moving or self.pending is not None
-            self.anew = moving and self.of_path and not moved
+            self.dropped = moving or self.pending is not None or self.path_waits
+            self.anew = ((moving and self.of_path) or self.path_waits) and not moved
         self.hold()
         return begins
 
     def reference(self) -> Reference:
         """The reference at the newest sample, once what was asked for has been taken up."""
         if self.stop:
-            self.stop, self.pending = False, None
+            self.stop, self.pending, self.path_waits = False, None, False
             if self.moving:
                 self.player.stop(self.now_s)
         if self.pending is not None:
-            plan, self.pending = self.pending, None
-            if not self.moving:
-                self.player.play(plan, self.now_s)
-                self.of_path = False
+            asked, self.pending = self.pending, None
+            stopped = asked.of_path and not self.path_waits
+            if asked.epoch == self.epoch and not self.moving and not stopped:
+                self._play(asked.plan)
+                self.of_path, self.path_waits = asked.of_path, False
         return self.player.sample(self.now_s)
 
     def ahead(self, lead_s: float) -> Reference:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
+from hydro_control.node import NAME as CONTROLLER
 from hydro_model.command import run_command
 from hydro_model.output import add_json, report
 from hydro_msgs_docs.middleware import prepare_middleware
@@ -65,7 +66,7 @@ def run(arguments: Sequence[str]) -> int:
     node = rclpy.create_node("send_path", start_parameter_services=False)
     try:
         publisher = node.create_publisher(type(message), topic, topics.reliable())
-        _deliver(publisher, message, topic, args.timeout)
+        _deliver(node, publisher, message, args.timeout)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
@@ -124,17 +125,37 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _deliver(publisher: Any, message: Any, topic: str, timeout_s: float) -> None:
+def _deliver(node: Any, publisher: Any, message: Any, timeout_s: float) -> None:
     from rclpy.duration import Duration
 
     end = time.monotonic() + timeout_s
-    while publisher.get_subscription_count() == 0:
+    while not _is_heard(node, publisher):
         if time.monotonic() > end:
-            raise SendError(f"no controller listens on {topic} within {timeout_s:g} s")
+            raise SendError(
+                f"no controller listens on {publisher.topic_name} within {timeout_s:g} s"
+            )
         time.sleep(0.02)
     publisher.publish(message)
     if not publisher.wait_for_all_acked(Duration(seconds=timeout_s)):
-        raise SendError(f"the controller did not take the message on {topic}")
+        raise SendError(f"the controller did not take the message on {publisher.topic_name}")
+
+
+def _is_heard(node: Any, publisher: Any) -> bool:
+    """A controller listens, and it is among those that a message now goes to.
+
+    Others may listen beside it, such as a recorder. Which of them the publisher has met is not to
+    be known, only how many: so all that can be met have to be.
+    """
+    from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+    met = publisher.get_subscription_count()
+    listeners = [
+        one.node_name
+        for one in node.get_subscriptions_info_by_topic(publisher.topic_name)
+        if qos_check_compatible(publisher.qos_profile, one.qos_profile)[0]
+        is not QoSCompatibility.ERROR
+    ]
+    return CONTROLLER in listeners and met >= len(listeners)
 
 
 def joint_message(path: Any) -> Any:

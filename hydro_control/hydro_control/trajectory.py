@@ -10,12 +10,15 @@ import numpy as np
 
 from hydro_control.errors import ControlError
 from hydro_model.paths import Path
-from hydro_model.paths_segments import Quintic, Segment
+from hydro_model.paths_segments import Quintic, Sample, Segment
 from hydro_model.robot import FloatArray
 
 #: Spacing of waypoints where a segment is no polynomial: a quintic through exact position,
 #: velocity and acceleration every 50 ms follows a 3 Hz chirp to 1e-5 of its amplitude.
 WAYPOINT_STEP_S = 0.05
+#: Largest position, velocity or acceleration of a point, in m or rad and s: more than any machine
+#: reaches, and little enough for sums and squares to stay within the range of numbers.
+LARGEST = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +55,8 @@ def segments_through(start: FloatArray, waypoints: Sequence[Waypoint]) -> tuple[
     Raises
     ------
     ControlError
-        No waypoints, times that do not grow, wrong sizes, values that are not finite, or a
-        velocity left at the end.
+        No waypoints, times that do not grow, wrong sizes, values that are not finite or
+        larger than `LARGEST`, or a velocity left at the end.
     """
     size = len(start)
     states = [_state(i, point, size) for i, point in enumerate(waypoints)]
@@ -77,7 +80,14 @@ def segments_through(start: FloatArray, waypoints: Sequence[Waypoint]) -> tuple[
         raise ControlError("a trajectory should start at rest")
     spans = np.diff(times).tolist()
     legs = zip(states[:-1], states[1:], spans, strict=True)
-    return tuple(Quintic.between(a, b, span) for a, b, span in legs)
+    return tuple(_leg(index, *leg) for index, leg in enumerate(legs))
+
+
+def _leg(index: int, before: Sample, after: Sample, span_s: float) -> Segment:
+    segment = Quintic.between(before, after, span_s)
+    if not np.all(np.isfinite(segment.coefficients)):
+        raise ControlError(f"leg {index + 1} of the trajectory is beyond the range of numbers")
+    return segment
 
 
 def _state(index: int, point: Waypoint, size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -93,6 +103,11 @@ def _state(index: int, point: Waypoint, size: int) -> tuple[FloatArray, FloatArr
             )
         if not np.all(np.isfinite(value)) or not np.isfinite(point.time_s):
             raise ControlError(f"point {index} of the trajectory has a {name} that is not finite")
+        if not np.all(np.abs(value) <= LARGEST):
+            raise ControlError(
+                f"point {index} of the trajectory has a {name} of"
+                f" {value[np.argmax(np.abs(value))]:.3g}, expected at most {LARGEST:g}"
+            )
         parts.append(value)
     return parts[0], parts[1], parts[2]
 

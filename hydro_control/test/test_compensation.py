@@ -16,7 +16,6 @@ from hydro_control.compensation_plan import NOT_COMPENSATED, plan
 from hydro_control.core import ControllerCore, Sample
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw, Output
-from hydro_control.oil_columns import swept_columns
 from hydro_control.required_motion import Reference
 from hydro_control.sensor_correction import SensorCorrection
 from hydro_model.cylinder import lever, stroke
@@ -177,15 +176,14 @@ def test_friction_of_pressures_and_pins_sees_the_sample() -> None:
 def test_a_bristle_ends_at_its_sliding_force_and_waits_at_rest() -> None:
     robot = with_effects(listing("presliding_friction", force=3e3, distance=1e-4))
     compensation = Compensation(robot, plan(robot).active, axes_of(robot), DT)
-    columns = swept_columns(axes_of(robot), POSE)
 
     def friction(velocity: float, steps: int) -> FloatArray:
         for _ in range(steps):
             motion = Motion(
                 *(0.0, POSE, np.full(2, velocity), np.zeros(2), np.ones(2)),
-                *(np.zeros((2, 2)), P_S, P_T, np.zeros(2)),
+                *(np.full(2, 0.3), np.zeros((2, 2)), P_S, P_T, np.zeros(2)),
             )
-            compensation.observe(motion, columns)
+            compensation.observe(motion)
         return compensation.friction()
 
     np.testing.assert_allclose(friction(0.1, 100), 3e3, rtol=1e-3)
@@ -358,3 +356,43 @@ def _rubbing_sample(
         u = float(valve_signal(valve, c, flow, x, p_a[i], p_b[i], P_S, P_T)) - bias[i]
         voltage[i] = u * valve.rated_voltage_v
     return q, np.array([p_a, p_b]), voltage
+
+
+def test_a_law_of_the_piston_position_sees_it_near_an_end_too() -> None:
+    """Only the oil is counted on as softer there; the force was identified where the piston is."""
+    near = np.array([0.6, -2.4])
+    x = np.array([float(stroke(c, q)) for c, q in zip(ROBOT.cylinders, near, strict=True)])
+    assert x[1] < 0.03 * ROBOT.cylinders[1].stroke_m
+    sprung = with_effects(
+        listing("counterbalance_spring", "tilt_cylinder", force=-2e3, stiffness=5e3)
+    )
+    p_a, p_b = pressures(ROBOT, near)
+
+    def force(robot: Robot) -> FloatArray:
+        reference = Reference("joint", near, np.zeros(2), np.zeros(2))
+        law = ControlLaw(robot, UNFILTERED)
+        return law.step(0.0, near, p_a, p_b, P_S, P_T, reference).required_force_n
+
+    added = force(sprung) - force(ROBOT)
+    np.testing.assert_allclose(added, [0.0, -2e3 + 5e3 * x[1]], atol=1e-6)
+
+
+def test_laws_beside_which_is_estimated_see_the_piston_where_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    near, seen = np.array([0.6, -2.4]), []
+    observe = Compensation.observe
+
+    def noted(self: Compensation, motion: Motion) -> None:
+        seen.append(motion.x)
+        observe(self, motion)
+
+    monkeypatch.setattr(Compensation, "observe", noted)
+    robot = with_effects(
+        listing("counterbalance_spring", "tilt_cylinder", force=-2e3, stiffness=5e3)
+    )
+    adaptation = Adaptation(ROBOT, AdaptationSettings(KINDS), DT, plan(robot).active)
+    for _ in range(200):
+        adaptation.observe(near, np.array(pressures(ROBOT, near)), P_S, P_T, np.zeros(2))
+    x = [float(stroke(c, q)) for c, q in zip(ROBOT.cylinders, near, strict=True)]
+    np.testing.assert_allclose(seen[-1], x, rtol=1e-6)

@@ -8,13 +8,15 @@ from pathlib import Path as FilePath
 import numpy as np
 import pytest
 
+from hydro_control.approach import approach_to
 from hydro_control.errors import ControlError
+from hydro_control.motion_limits import refuse_fast
 from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint, segments_through, waypoints_of
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath, load_path
 from hydro_model.paths_check import joint_motion
-from hydro_model.paths_segments import Hold, Quintic
+from hydro_model.paths_segments import Quintic
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
@@ -249,8 +251,107 @@ def test_waypoints_give_a_path_back(tmp_path: FilePath) -> None:
     np.testing.assert_allclose(found[1], expected[1], atol=1e-3)
 
 
-def test_a_trajectory_may_start_later() -> None:
+@pytest.mark.parametrize("space", ["tip", "joint"])
+def test_a_start_that_is_no_number_is_refused(space: str) -> None:
+    """A distance that is not a number is within no limit."""
+    at = TIP if space == "tip" else POSE
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ControlError, match="the path starts"):
+            approach_to(ROBOT, space, at, at + wrong, POSE)  # type: ignore[arg-type]
+
+
+def test_a_leg_beyond_the_range_of_numbers_is_refused() -> None:
+    turn = Waypoint(1e152, np.array([0.7]), NONE, np.array([1e6]))
+    with (
+        np.errstate(over="ignore", invalid="ignore"),
+        pytest.raises(ControlError, match="leg 1 of the trajectory is beyond the range"),
+    ):
+        segments_through(np.array([0.6]), [turn, *points((2e152, [0.6]))])
+
+
+def test_a_path_that_is_no_number_is_refused() -> None:
+    """No comparison with it holds, and none of the limits."""
+    with np.errstate(invalid="ignore"):
+        there = Quintic.at_rest(POSE.tolist(), [0.7, -1.4], 2.0)
+        lost = Quintic.at_rest([0.7, -1.4], [np.nan, -1.4], 2.0)
+        path = JointPath((there, lost), joints=("lift", "tilt"))
+        with pytest.raises(ControlError, match="expected a motion of finite numbers"):
+            ReferencePlayer(ROBOT, POSE).plan_path(path, 0.0, POSE)
+        with pytest.raises(ControlError, match="the tip reaches nan m/s"):
+            refuse_fast(TipPath.through([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0]], [1.0]), 3.0)
+
+
+def test_a_trajectory_begins_at_its_stamp() -> None:
     player = ReferencePlayer(ROBOT, POSE)
-    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 0.0, POSE, 1.5)
-    assert isinstance(plan.path.segments[0], Hold)
-    assert plan.path.duration_s == pytest.approx(3.5)
+    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 3.0, POSE, 4.5)
+    assert (plan.start_s, plan.path.duration_s) == (4.5, 2.0)
+
+
+def test_an_approach_ends_at_the_stamp() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    rows = points((0.0, [0.65]), (2.0, [0.7]))
+    plan = player.plan_trajectory("joint", ["lift"], rows, 3.0, POSE, 4.5)
+    assert plan.start_s == pytest.approx(4.5 - 1.875 * 0.05 / 0.1)
+    player.play(plan, plan.start_s or 0.0)
+    motion = Quintic.at_rest([0.65], [0.7], 2.0)
+    assert player.sample(4.5).position[0] == pytest.approx(0.65)
+    assert player.sample(5.1).position[0] == pytest.approx(motion.sample(0.6)[0][0])
+    assert player.sample(3.2).position[0] == POSE[0]
+    with pytest.raises(ControlError, match=r"start in 0\.900 s, but the approach .* 0\.938 s"):
+        ReferencePlayer(ROBOT, POSE).plan_trajectory("joint", ["lift"], rows, 3.6, POSE, 4.5)
+
+
+def round_a_corner() -> TipPath:
+    """Up and out, from rest to rest, each leg in a second."""
+    corners = [TIP.tolist(), beyond(TIP, [0.0, 0.0, 0.3]), beyond(TIP, [0.3, 0.0, 0.3])]
+    return TipPath.through(corners, [1.0, 1.0])
+
+
+@pytest.mark.parametrize("at_s", [0.05, 0.5, 0.71, 0.9, 1.0, 1.1, 1.71, 1.99])
+def test_a_stop_stays_on_the_path(at_s: float) -> None:
+    """What lies beyond its end, or straight on at its corner, has been checked by nobody."""
+    path, player = round_a_corner(), ReferencePlayer(ROBOT, POSE)
+    player.play(player.plan_path(path, 0.0, POSE), 0.0)
+    speed = np.linalg.norm(path.sample_many(np.linspace(0.0, 2.0, 401))[1], axis=1).max()
+    player.stop(at_s)
+    times = at_s + np.linspace(0.0, 0.5, 501)
+    stop = [player.sample(t) for t in times]
+    places = np.array([r.position for r in stop])
+    out, up = (places - TIP)[:, 0], (places - TIP)[:, 2]
+    on_the_path = np.minimum(np.abs(out), np.abs(up - 0.3))
+    np.testing.assert_allclose(on_the_path, 0.0, atol=1e-9)
+    assert np.all(np.diff(out) >= -1e-12)
+    assert np.all(np.diff(up) >= -1e-12)
+    assert max(out.max(), up.max()) <= 0.3 + 1e-9
+    velocities = np.array([r.velocity for r in stop])
+    accelerations = np.array([r.acceleration for r in stop])
+    assert np.linalg.norm(velocities, axis=1).max() <= speed
+    # Each is the integral of the next, so that none of them leaps.
+    for part, rate in ((places, velocities), (velocities, accelerations)):
+        np.testing.assert_allclose(np.gradient(part, times, axis=0)[1:-1], rate[1:-1], atol=0.02)
+    before = path.sample(at_s)
+    for found, expected in zip((places, velocities, accelerations), before, strict=True):
+        np.testing.assert_allclose(found[0], expected, atol=1e-9)
+    assert not np.any(velocities[-1])
+    assert not player.moving(at_s + 0.5)
+
+
+def test_a_second_stop_puts_nothing_off() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    player.play(player.plan_path(round_a_corner(), 0.0, POSE), 0.0)
+    player.stop(0.3)
+    there = player.sample(0.9).position
+    for t in np.arange(0.31, 0.795, 0.01):
+        player.stop(float(t))
+    assert not player.moving(0.8)
+    np.testing.assert_array_equal(player.sample(0.9).position, there)
+
+
+def test_what_waits_does_not_set_out_once_stopped() -> None:
+    player = ReferencePlayer(ROBOT, POSE)
+    plan = player.plan_trajectory("joint", ["lift"], points((2.0, [0.7])), 0.0, POSE, 1.0)
+    player.play(plan, 1.0)
+    player.stop(0.95)
+    for t in np.arange(0.95, 3.0, 0.05):
+        np.testing.assert_array_equal(player.sample(t).position, POSE)
+    assert not player.moving(0.95)

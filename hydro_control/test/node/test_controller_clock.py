@@ -90,9 +90,8 @@ def test_steps_of_the_ros_clock_neither_move_nor_hasten_nor_restart_a_motion(
     found = {(stamp_ns(r) - zero_ns) // 2_000_000: r.position[0] for r in references}
     assert sorted(found) == list(range(last))
     lift = np.array([found[cycle] for cycle in range(last)])
-    # Taken up with the first sample after it was asked for, which is a cycle late.
     motion = Quintic.at_rest([FROM], [TO], LASTS_S)
-    times = (np.arange(last) - WAITS - 1) * PERIOD_S
+    times = (np.arange(last) - WAITS) * PERIOD_S
     expected = [motion.sample(min(max(t, 0.0), LASTS_S))[0][0] for t in times]
     np.testing.assert_allclose(lift, expected, atol=1e-9)
 

@@ -44,15 +44,49 @@ def test_a_sent_path_is_played_and_a_far_one_refused(
     assert (told["kind"], told["joints"], told["duration_s"]) == ("joint", ["tilt"], 2.0)
     assert (told["topic"], told["path"]) == (topics.JOINT_TRAJECTORY, str(near))
     assert (told["start"], told["end"]) == ([-1.5], pytest.approx([-1.4]))
-    cycle, speed = 3, 0.0
-    end = time.monotonic() + patience_s
-    while speed < 0.05 and time.monotonic() < end:
+    assert tilt_reaches(0.05, machine, 3, patience_s)
+    assert process.poll() is None
+
+
+def tilt_reaches(speed: float, machine: Any, cycle: int, patience_s: float) -> bool:
+    """Cycles are answered until the tilt's reference is so fast."""
+    end, found = time.monotonic() + patience_s, 0.0
+    while found < speed and time.monotonic() < end:
         machine.answer(cycle)
         cycle += 1
         if machine.heard[topics.JOINT_REFERENCE]:
-            speed = machine.heard[topics.JOINT_REFERENCE][-1].velocity[1]
-    assert speed >= 0.05
+            found = machine.heard[topics.JOINT_REFERENCE][-1].velocity[1]
+    return found >= speed
+
+
+def test_its_own_path_is_checked_from_the_pose_of_the_machine_and_played(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    tmp_path: Path,
+    patience_s: float,
+) -> None:
+    path = tmp_path / "path.yaml"
+    path.write_text(
+        "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
+    )
+    process = controller(f"path:={path}", "start_delay_s:=0.0")
+    assert tilt_reaches(0.05, machine, 0, patience_s)
     assert process.poll() is None
+
+
+def test_a_listener_that_is_no_controller_is_none_to_send_a_path_to(
+    machine: Any, tmp_path: Path, run_module: Callable[..., Any], wait_for: Callable[..., bool]
+) -> None:
+    """Such as a recorder without a controller: nobody plays what it takes."""
+    path = tmp_path / "path.yaml"
+    path.write_text(
+        "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
+    )
+    machine.listen(topics.JOINT_TRAJECTORY)
+    sent = run_module("send_path", str(path), "--timeout", "5")
+    assert sent.returncode == 1
+    assert sent.stderr == "send_path: no controller listens on /joint_trajectory within 5 s\n"
+    assert not wait_for(lambda: bool(machine.heard[topics.JOINT_TRAJECTORY]), 0.5)
 
 
 @pytest.mark.parametrize(
