@@ -206,7 +206,9 @@ class HotPath:
     def _to_zero(self) -> None:
         """Ramp to 0 V on the samples that still come; without them go there at once.
 
-        The bridge takes one command per stamp, so every step waits for a stamp of its own.
+        The bridge takes one command per stamp, so every step waits for a stamp of its own. 0 V
+        for the stamp that was answered last tells it that no more will come: what merely falls
+        silent trips it.
         """
         last = self._core.last
         if not self._driven or last is None:
@@ -223,8 +225,7 @@ class HotPath:
                 at_zero = not np.any(voltage)
         finally:
             # Whatever went wrong on the way down.
-            if not at_zero:
-                self._publish_command(stamp, np.zeros_like(voltage))
+            self._publish_command(stamp, np.zeros_like(voltage))
             self._command.wait_for_all_acked(Duration(seconds=_RAMP_S))
 
     def _publish_command(self, stamp: int, voltage_v: FloatArray) -> None:

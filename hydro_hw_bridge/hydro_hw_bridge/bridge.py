@@ -11,7 +11,13 @@ from std_srvs.srv import Trigger
 
 from hydro_hw_bridge import bridge_report
 from hydro_hw_bridge.bridge_loops import BridgeLoops
-from hydro_hw_bridge.bridge_start import BridgeParts, declared, gate_limits, loaded_codec
+from hydro_hw_bridge.bridge_start import (
+    BridgeParts,
+    declared,
+    gate_limits,
+    loaded_codec,
+    not_quite_zero,
+)
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
@@ -67,6 +73,8 @@ class CanBridge(LifecycleNode):
         self.get_logger().info(
             f"{robot.name} on {bus.name}, {settings.clock}: {codec.layout.describe_load()}"
         )
+        for line in not_quite_zero(codec):
+            self.get_logger().warn(line)
         self._diagnostics = Diagnostics(self, f"{robot.name}@{bus.name}")
         self._topics: BridgePublishers | None = None
         self._summary = ("", "")

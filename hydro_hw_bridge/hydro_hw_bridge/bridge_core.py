@@ -97,7 +97,8 @@ class BridgeCore:
         return self._supervision.read_late
 
     def carry_over(self, other: BridgeCore) -> None:
-        """Take over what must outlive a core: a trip, and which frames on the bus are its own.
+        """Take over what must outlive a core: a trip, the stamp from which on others grow, and
+        which frames on the bus are its own.
 
         Parameters
         ----------
@@ -106,6 +107,7 @@ class BridgeCore:
         """
         # A trip is cleared by somebody who has seen its reason, not by starting anew.
         self.gate.carry_over(other.gate)
+        self.clock.carry_over(other.clock)
         self._valves.own.take_over(other._valves.own)
 
     def activate(self, *, ready: bool = False) -> None:
@@ -151,7 +153,7 @@ class BridgeCore:
         ----------
         frame : Frame
         now_ns : int
-            ROS time, used for the first sync frame only.
+            ROS time at which it came, used for the first sync frame only.
         """
         before, counters = self.assembler.counter, self.assembler.counters
         restarts, contradicted = counters.restarts, counters.contradicted

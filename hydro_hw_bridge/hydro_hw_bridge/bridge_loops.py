@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from rclpy.lifecycle import LifecycleNode
 
@@ -106,6 +107,7 @@ class BridgeLoops:
         with self._lock:
             core.carry_over(self.core)
             self.core = core
+        self._drain()
         self._topics = topics
         self._running = running = threading.Event()
         running.set()
@@ -117,6 +119,15 @@ class BridgeLoops:
             )
             thread.start()
             self._threads.append(thread)
+
+    def _drain(self) -> None:
+        """Nobody has read the bus up to now, and what it kept is the oldest that came.
+
+        In lockstep the device says its cycle again, and no time has gone by in it.
+        """
+        if self._parts.settings.clock != LOCKSTEP:
+            with suppress(BridgeError):  # whoever reads next finds the same
+                self._parts.bus.drain()
 
     def stop(self) -> None:
         """End the threads; one that does not end is an error of the bridge, which ends as well."""
@@ -223,19 +234,19 @@ class BridgeLoops:
                 break  # whoever runs by now reads for himself
             begin_ns = time.monotonic_ns()
             frame = None if message is None else codec.receive(message)
-            now_ns, waited_s = 0, None
+            came_ns, waited_s = 0, None
             heard_at = self._heard_at
             if message is not None and frame is not None and frame.role == "sync" and frame.intact:
                 heard_at = time.monotonic()
-                now_ns = self._clock.now().nanoseconds
                 waited_s = bus.waited_s(message)
+                came_ns = self._clock.now().nanoseconds - round(1e9 * waited_s)
             if frame is not None and frame.role == "claim":
                 self._hear_claim(frame)
                 frame = None
             with self._lock:
                 # Not before: until a frame is judged, commands are as old as the one before it.
                 self._heard_at = heard_at
-                first = NOTHING if frame is None else self._received(frame, now_ns)
+                first = NOTHING if frame is None else self._received(frame, came_ns)
                 late = () if waited_s is None else self._read_late(waited_s)
                 silence = self._silence(message is None)
                 # What is wrong with the bus is news after an error frame, which is no message,
@@ -249,10 +260,10 @@ class BridgeLoops:
             if message is None or first.sample is not None:
                 self._parts.real_time.idle()
 
-    def _received(self, frame: Frame, now_ns: int) -> Step:
+    def _received(self, frame: Frame, came_ns: int) -> Step:
         """With the lock: what follows from a frame."""
         if frame.role != "command":
-            return self.core.receive(frame, now_ns)
+            return self.core.receive(frame, came_ns)
         if not frame.intact:
             return NOTHING
         before = self.core.commands.foreign

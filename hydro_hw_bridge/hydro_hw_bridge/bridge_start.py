@@ -107,6 +107,25 @@ def loaded_codec(settings: Settings, robot: Robot) -> tuple[Codec, dict[str, str
     return codec, names
 
 
+def not_quite_zero(codec: Codec) -> list[str]:
+    """What to say of valves to which the bus cannot tell 0 V.
+
+    Parameters
+    ----------
+    codec : Codec
+
+    Returns
+    -------
+    list of str
+        A line per valve. Half a count is no reason to refuse one: many a null bias is larger.
+    """
+    return [
+        f"{codec.mapping.source}: 0 V of valve '{name}' is no whole count of its signal:"
+        f" enabled and commanded 0 V, it gets {1e3 * value:+.3g} mV"
+        for name, value in codec.zero_v.items()
+    ]
+
+
 def gate_limits(settings: Settings, robot: Robot) -> GateLimits:
     """The gate's limits for the robot's valves and cycle.
 

@@ -67,8 +67,8 @@ class CommandCounters:
 
     As `Outcome` of the gate: `accepted` ones are driven; `repeated` said the same for a cycle
     again; `outdated` came for an older one; `released` took the last command back, 0 V in its
-    place; `denied` tripped the gate, or came while it was tripped. `foreign` are valve frames on
-    the bus that the bridge did not send.
+    place, or said 0 V again; `denied` tripped the gate, or came while it was tripped. `foreign`
+    are valve frames on the bus that the bridge did not send.
     """
 
     accepted: int = 0

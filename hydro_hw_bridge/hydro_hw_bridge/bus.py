@@ -24,6 +24,12 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)
 _DATAGRAMS = ("udp_multicast", "simulated_faults")
 #: Interfaces whose frames carry the time of this computer at which they came.
 _STAMPED = (*_DATAGRAMS, "socketcan", "virtual")
+#: Nothing more waits where nothing comes for so long. No pause of nothing: python-can tells what
+#: it filters out like one.
+_PAUSE_S = 0.001
+#: A queue of some thousand frames is read in this; a bridge claims its bus more often than others
+#: listen for it.
+_DRAIN_S = 0.3
 
 
 @dataclass(slots=True)
@@ -109,6 +115,25 @@ class Bus:
         self.off = False  # a controller in bus-off receives nothing
         self.counters.received += 1
         return message
+
+    def drain(self) -> None:
+        """Take what waits, of the past as it is; but for what it says of the interface, unseen.
+
+        Ends with the first pause of a live bus, and in any case after a while.
+
+        Raises
+        ------
+        BridgeError
+            The interface went away.
+        """
+        end = time.monotonic() + _DRAIN_S
+        while time.monotonic() < end:
+            before = self.counters.error_frames + self.counters.malformed
+            message = self.receive(_PAUSE_S)
+            # Neither is a data frame, and more may wait behind one.
+            passed = self.counters.error_frames + self.counters.malformed != before
+            if message is None and not passed:
+                return
 
     def waited_s(self, message: can.Message) -> float:
         """How long a frame has waited since this computer got it.

@@ -54,7 +54,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="JOINT=VALUE",
         help="the machine stands at these joint positions, rad or m",
     )
-    parser.add_argument("--signs", action="store_true", help="measure the valve signs")
+    parser.add_argument(
+        "--signs",
+        action="store_true",
+        help="measure the valve signs; needs the joints' references, of now or --from FILE",
+    )
     parser.add_argument(
         "--percent", type=float, default=MAX_SHARE_PERCENT, help="of the rated voltage (5)"
     )
@@ -87,6 +91,8 @@ def _main(arguments: Sequence[str]) -> int:
     references = _references(options.reference, robot)
     codec = Codec.load(options.dbc, options.mapping, robot)
     start = _start(options.start, codec)
+    if options.signs:
+        _check_referenced(robot, {*references, *(start.position_offset if start else {})})
     ids = (*codec.device_ids, *codec.bridge_ids)
     with open_bus(options.can, ids) as bus:
         session = Session(bus, codec)
@@ -122,6 +128,18 @@ def _references(words: Sequence[str], robot: Robot) -> dict[str, float]:
             )
         references[name] = value
     return references
+
+
+def _check_referenced(robot: Robot, referenced: set[str]) -> None:
+    from hydro_hw_bridge.calibration_steps import unreferenced
+
+    if missing := unreferenced(robot, referenced):
+        raise BridgeError(
+            f"--signs needs a reference of every joint with a lever, found none of"
+            f" {', '.join(missing)}: a wrong zero can turn the sign around; expected"
+            f" {' '.join(f'{name}=VALUE' for name in missing)} after --reference, or --from a"
+            " calibration that has it"
+        )
 
 
 def _start(path: Path | None, codec: Any) -> Calibration | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from itertools import islice
 
 import numpy as np
@@ -25,6 +25,8 @@ SIGN_STROKE_M = 3.0e-3
 SIGN_CYCLES = 750
 #: Cycles with the valve at 0 V after each pulse: 0.4 s.
 REST_CYCLES = 200
+#: A joint against its stop may read so much of its range beyond its limit.
+MARGIN = 0.01
 
 
 def wait_for_inputs(session: Session, *, pump_on: bool, timeout_s: float) -> None:
@@ -138,6 +140,39 @@ def position_offsets(session: Session, references: Mapping[str, float]) -> dict[
     return offsets
 
 
+def unreferenced(robot: Robot, referenced: Collection[str]) -> list[str]:
+    """Joints whose encoders have to be referenced before the signs of their valves mean anything.
+
+    Which way a cylinder moves follows from the joint by the sign of the lever, and with a wrong
+    zero the joint reads as on the other side of its dead centre.
+
+    Parameters
+    ----------
+    robot : Robot
+    referenced : collection of str
+        Joints with an offset of their own, in this or an earlier calibration.
+
+    Returns
+    -------
+    list of str
+        In the robot's order; without joints that slide along with their cylinders.
+    """
+    levers = (c.joint for c in robot.cylinders if c.l1_m != 0.0)
+    return [name for name in dict.fromkeys(levers) if name not in referenced]
+
+
+def _check_within(robot: Robot, positions: Mapping[str, float]) -> None:
+    """Refuse positions in which no joint can be: their encoders are referenced wrongly."""
+    for joint in robot.joints:
+        q, margin = positions[joint.name], MARGIN * (joint.upper - joint.lower)
+        if not joint.lower - margin <= q <= joint.upper + margin:
+            raise CalibrationError(
+                f"joint {joint.name} reads {q:.3f} with its offset, expected within its limits"
+                f" {joint.lower:g} to {joint.upper:g}: measure its reference anew"
+                f" (--reference {joint.name}=VALUE) before --signs"
+            )
+
+
 def valve_signs(
     session: Session,
     robot: Robot,
@@ -164,9 +199,13 @@ def valve_signs(
     Raises
     ------
     CalibrationError
-        A valve does not move its cylinder, or moves another one; an input went away.
+        A joint reads beyond its limits; a valve does not move its cylinder, or moves another one;
+        an input went away.
     """
-    shift = np.array([offsets.get(name, 0.0) for name in session.codec.joint_names])
+    joints = session.codec.joint_names
+    shift = np.array([offsets.get(name, 0.0) for name in joints])
+    at_rest = np.asarray(_rest(session).positions) + shift
+    _check_within(robot, dict(zip(joints, at_rest.tolist(), strict=True)))
 
     def strokes(readings: Readings) -> FloatArray:
         q = np.asarray(readings.positions) + shift

@@ -21,6 +21,8 @@ from hydro_hw_bridge.shipped_mapping import default_mapping
 from hydro_model.robot import Robot
 
 COUNTER_BITS = 32
+#: Less than that is rounding of the numbers of a DBC.
+_ROUNDING_V = 1e-9
 _Codec = TypeVar("_Codec", bound="Codec")
 
 
@@ -289,6 +291,13 @@ class Codec:
     def quantised(self, voltages: Sequence[float]) -> tuple[float, ...]:
         """The voltages that the wire carries for those asked for."""
         return tuple(b.quantised(v) for b, v in zip(self._voltages, voltages, strict=True))
+
+    @property
+    def zero_v(self) -> dict[str, float]:
+        """What valves get for 0 V that is no whole count of their signal, V; of such alone."""
+        at_zero = self.quantised((0.0,) * len(self.valve_names))
+        pairs = zip(self.valve_names, at_zero, strict=True)
+        return {name: value for name, value in pairs if abs(value) > _ROUNDING_V}
 
     def encode_claim(self, instance: int, alive: int) -> can.Message:
         """The claim that a bridge sends at 10 Hz.

@@ -222,7 +222,8 @@ class Gate:
         -------
         Outcome
             ACCEPTED, and `output` follows it; REPEATED or OUTDATED, ignored; RELEASED, the
-            controller took its command back to 0 V; DENIED, the gate is or now is tripped.
+            controller took its command back to 0 V, or said 0 V again; DENIED, the gate is or
+            now is tripped.
         """
         defect, values = self._judge(names, voltages)
         self._defect, self._defect_at = defect, self._newest or 0
@@ -250,23 +251,25 @@ class Gate:
         """A command for a cycle that was answered already."""
         if counter < self._accepted:
             return Outcome.OUTDATED
-        if values == self._command:
-            return Outcome.REPEATED
         if values == self._zero:
             return self._release(counter)
+        if values == self._command:
+            return Outcome.REPEATED
         return self._deny("two different commands for one stamp: is there a second controller?")
 
     def _release(self, counter: int) -> Outcome:
         """A controller that stops takes its last command back: not an error, and 0 V at once.
 
-        Twice at once no controller stops: somebody else goes on driving.
+        Twice at once no controller stops: somebody else goes on driving. 0 V that is said again
+        takes back nothing that anybody could go on with.
         """
-        before, self._released = self._released, counter
-        if before is not None and counter - before <= self.limits.max_age_cycles:
-            return self._deny(
-                f"commands taken back twice in {self._milliseconds(counter - before)}:"
-                " is there a second controller?"
-            )
+        if self._command != self._zero:
+            before, self._released = self._released, counter
+            if before is not None and counter - before <= self.limits.max_age_cycles:
+                return self._deny(
+                    f"commands taken back twice in {self._milliseconds(counter - before)}:"
+                    " is there a second controller?"
+                )
         self._wait()
         self._first = counter + 1
         return Outcome.RELEASED

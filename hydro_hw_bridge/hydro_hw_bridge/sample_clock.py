@@ -35,6 +35,16 @@ class SampleClock:
         self._last = 0
         self._last_stamp_ns: int | None = None
 
+    def carry_over(self, other: SampleClock) -> None:
+        """Stamps go on upwards from those of another clock, as after a restart of the device.
+
+        Parameters
+        ----------
+        other : SampleClock
+            The one before this.
+        """
+        self._last_stamp_ns = other._last_stamp_ns
+
     def start(self, counter: int, now_ns: int) -> None:
         """Map a counter to the present, at the start or after the device restarted.
 

@@ -29,7 +29,7 @@ class ValveFrames:
     spoke : bool
         A frame was sent.
     on_wire_v : tuple of float
-        What the newest frame that left says, V per valve; 0 V before the first.
+        What the valves get by the newest frame that left, V; 0 V before the first.
     answered : int
         Sample counter of the cycle that was answered last; -1 where none was.
     echo : ValveEcho
@@ -68,7 +68,9 @@ class ValveFrames:
         output = self._gate.output
         self._answer = self._codec.encode_command(counter, output.voltages, output.enable)
         self.own.add(bytes(self._answer.data))
-        self._answer_v = self._codec.quantised(output.voltages)
+        # A frame with enable off is 0 V at the valves, whatever the wire has for 0 V.
+        asked_v = output.voltages
+        self._answer_v = self._codec.quantised(asked_v) if output.enable else asked_v
         self.answered = counter
         return self.repeat()
 

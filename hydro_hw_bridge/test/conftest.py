@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import can
 import pytest
+import yaml
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING, Step
@@ -104,6 +106,16 @@ def robot() -> Robot:
 @pytest.fixture(scope="session")
 def codec(robot: Robot) -> Codec:
     return Codec.load(None, None, robot)
+
+
+@pytest.fixture
+def coarse(codec: Codec, robot: Robot, tmp_path: Path) -> Codec:
+    """One whose lift valve has counts of 50 mV, none of which is 0 V: the nearest is 20 mV."""
+    content = yaml.safe_load(codec.mapping.source.read_text(encoding="utf-8"))
+    content["valves"]["lift_valve"]["command"] |= {"scale": 100.0, "offset": 0.02}
+    path = tmp_path / "coarse.mapping.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return Codec.load(codec.mapping.dbc, path, robot)
 
 
 @pytest.fixture(scope="session")

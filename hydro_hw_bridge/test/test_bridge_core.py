@@ -88,6 +88,19 @@ def test_a_new_core_takes_over_a_trip(lockstep: Any, real_time: Any) -> None:
     assert (new.gate.state, new.gate.reason) == (GateState.TRIPPED, real_time.core.gate.reason)
 
 
+@pytest.mark.parametrize("name", ["real_time", "lockstep"])
+def test_a_new_core_gives_no_stamp_again(
+    name: str, codec: Codec, readings: Any, request: pytest.FixtureRequest
+) -> None:
+    """Its first cycle is told to come before the last of the core before it."""
+    bench = request.getfixturevalue(name)
+    last = [bench.cycle(counter).sample.stamp_ns for counter in (1, 500)][-1]
+    core = BridgeCore(codec, bench.core.gate.limits, lockstep=bench.core.lockstep)
+    core.carry_over(bench.core)
+    bench.core = core
+    assert bench.cycle(501).sample.stamp_ns > last
+
+
 def test_lockstep_waits_for_subscribers_and_first_command(lockstep: Any) -> None:
     lockstep.cycle(0)
     lockstep.core.activate()

@@ -90,9 +90,12 @@ class Bench:
             assert time.monotonic() < end
             time.sleep(0.005)
 
-    def cycle(self, counter: int, *, lockstep: bool = True) -> None:
+    def send(self, counter: int, *, lockstep: bool = True) -> None:
         for message in self.codec.encode_cycle(self.readings(counter, lockstep=lockstep)):
             self.device.send(message)
+
+    def cycle(self, counter: int, *, lockstep: bool = True) -> None:
+        self.send(counter, lockstep=lockstep)
         self.until(
             lambda: (s := self.bridge._loops.core.sample) is not None and s.counter == counter
         )
@@ -233,6 +236,34 @@ def test_frames_that_wait_to_be_read_are_noticed(bench: Bench) -> None:
     bench.cycle(1, lockstep=False)
     bench.cycle(2, lockstep=False)
     assert bench.bridge._loops.core.read_late > 0
+
+
+@pytest.mark.parametrize("bench", ["real_time"], indirect=True)
+def test_what_came_while_nobody_read_is_no_sample(bench: Bench) -> None:
+    bench.send(1, lockstep=False)
+    for counter in (300, 600):
+        bench.bridge.trigger_configure()
+        bench.cycle(counter, lockstep=False)
+        assert bench.bridge._loops.core.assembler.counters.complete == 1
+        bench.bridge.trigger_cleanup()
+        bench.send(counter + 1, lockstep=False)
+
+
+@pytest.mark.parametrize("bench", ["real_time"], indirect=True)
+def test_stamps_begin_when_the_first_frame_came_not_when_it_was_read(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench.bus, "drain", lambda: None)
+    sent_ns = time.time_ns()
+    bench.send(7, lockstep=False)
+    came_ns = time.time_ns()
+    time.sleep(0.5)
+    bench.bridge.trigger_configure()
+    core = bench.bridge._loops.core
+    bench.until(lambda: core.sample is not None)
+    assert core.sample is not None
+    # The frame's own time and the two readings of the clock are a moment apart.
+    assert sent_ns - 50_000_000 < core.sample.stamp_ns < came_ns + 50_000_000
 
 
 def test_bytes_that_are_no_command_are_passed_over_and_counted(bench: Bench) -> None:

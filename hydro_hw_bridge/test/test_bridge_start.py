@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.bridge_start import gate_limits
+from hydro_hw_bridge.bridge_start import gate_limits, not_quite_zero
+from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.parameters import PARAMETERS, settings_from
 from hydro_model.robot import Robot
@@ -39,3 +40,12 @@ def test_an_age_that_a_slow_machine_cannot_keep_is_refused(robot: Robot) -> None
     assert gate_limits(settings(clock="lockstep"), at_rate(robot, 100.0)).max_age_cycles == 1
     with pytest.raises(BridgeError, match="expected at least 20 ms, 1 cycles of the device"):
         gate_limits(settings(clock="lockstep"), at_rate(robot, 50.0))
+
+
+def test_a_valve_to_which_0_v_cannot_be_told_is_named_with_what_it_gets(
+    codec: Codec, coarse: Codec
+) -> None:
+    assert not_quite_zero(codec) == []
+    (line,) = not_quite_zero(coarse)
+    assert line.startswith(f"{coarse.mapping.source}: 0 V of valve 'lift_valve' is no whole count")
+    assert line.endswith("it gets +20 mV")

@@ -14,6 +14,7 @@ from typing import Any
 import can
 import pytest
 
+from hydro_hw_bridge import bus as bus_module
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_name import BusName, parse_bus
 from hydro_hw_bridge.bus_open import open_bus
@@ -130,6 +131,30 @@ def test_only_the_asked_identifiers_are_received() -> None:
         assert received is not None
         assert received.arbitration_id == 0x80
         assert bus.receive(0.05) is None
+
+
+def test_what_waits_is_taken_whatever_it_is() -> None:
+    with open_bus(NAME, [0x80]) as bus, open_bus(NAME) as other:
+        bus.drain()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            loopback = socket.inet_aton("127.0.0.1")
+            stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
+            # Frames of others, which are filtered out, and what is no frame, end nothing.
+            for garbage in (b"\x00", b"hello"):
+                other.send(message(0x80))
+                other.send(message(0x81))
+                stranger.sendto(garbage, (GROUP, PORT))
+        other.send(message(0x80))
+        bus.drain()
+        assert bus.counters.received == 3
+        assert bus.receive(0.05) is None
+
+
+def test_a_bus_that_never_rests_is_drained_for_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus_module, "_DRAIN_S", 0.02)
+    with open_bus(NAME) as bus:
+        monkeypatch.setattr(bus, "receive", lambda pause_s: message())
+        bus.drain()
 
 
 def test_garbage_on_the_port_is_counted_and_survived() -> None:

@@ -103,6 +103,10 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     os.kill(rig.pid, signal.SIGUSR1)
     asked = ("--signs", "--from", first, "--json", "-")
     code, second, told = calibrate(tmp_path, *files, *asked)
+    assert (code, second) == (2, "")
+    assert "expected tilt=VALUE after --reference, or --from a calibration that has it" in told
+    asked += ("--reference", f"tilt={stands_at[1]:.6f}")
+    code, second, told = calibrate(tmp_path, *files, *asked)
     assert code == 0, told
     data = json.loads(second)
     assert "valve signs: lift_valve +1, tilt_valve -1" in told.splitlines()
@@ -111,7 +115,7 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     assert {key: data[key] for key in kept} == {key: getattr(both, key) for key in kept}
     assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
     assert both.pressure_zero_pa == found.pressure_zero_pa
-    assert both.position_offset == found.position_offset
+    assert both.position_offset == found.position_offset | {"tilt": pytest.approx(0.0, abs=1e-5)}
 
     code, out, told = calibrate(tmp_path, *files, "--zeros", "--wait", "0.5")
     assert (code, out) == (1, "")
@@ -181,6 +185,8 @@ def test_a_silent_bus_is_said(tmp_path: Path) -> None:
         ((), "nothing to do: expected --zeros, --reference or --signs"),
         (("--signs", "--percent", "5.1"), "--percent should be above 0 and at most 5"),
         (("--signs", "--percent", "0"), "--percent should be above 0"),
+        (("--signs",), "found none of lift, tilt: a wrong zero can turn the sign around"),
+        (("--signs", "--reference", "tilt=-1.5"), "found none of lift: a wrong zero"),
         (("--reference", "wrist=1"), "has no joint 'wrist'"),
         (("--reference", "lift=up"), "should be JOINT=VALUE with a number, found 'lift=up'"),
         (("--reference", "lift=9"), "should be within its limits"),

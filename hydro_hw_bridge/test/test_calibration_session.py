@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -12,9 +14,18 @@ import pytest
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.calibration_session import MAX_REPEATS, Session
+from hydro_hw_bridge.calibration_steps import (
+    MARGIN,
+    REST_CYCLES,
+    _check_within,
+    unreferenced,
+    valve_signs,
+)
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import CalibrationError
 from hydro_hw_bridge.frames import CommandFrame
+from hydro_model.cylinder import lever
+from hydro_model.robot import Robot
 
 PATIENCE_S = 60.0
 
@@ -95,3 +106,42 @@ def test_answers_that_are_lost_now_and_then_end_nothing(
     session.drive("lift_valve", 0.5)
     assert [next(cycles).counter for _ in range(10)] == list(range(3, 13))
     session.stop()
+
+
+@pytest.mark.parametrize(
+    ("joint", "offset"), [("lift", 1.4), ("lift", -1.9), ("tilt", -1.5), ("tilt", 1.75)]
+)
+def test_no_valve_is_driven_with_an_encoder_that_reads_beyond_the_joints_limits(
+    buses: tuple[Bus, Bus], codec: Codec, readings: Any, robot: Robot, joint: str, offset: float
+) -> None:
+    """So far off the lever has turned round, and with it the sign that would be found."""
+    middle = [0.5 * (one.lower + one.upper) for one in robot.joints]
+    k = robot.joint_index(joint)
+    (cylinder,) = (one for one in robot.cylinders if one.joint == joint)
+    assert lever(cylinder, middle[k]) * lever(cylinder, middle[k] + offset) < 0.0
+    at_rest = partial(readings, positions=tuple(middle))
+    session = Session(buses[0], codec)
+    device = Device(buses[1], codec, at_rest, list(range(1, 3 * REST_CYCLES)))
+    offsets = dict.fromkeys(codec.joint_names, 0.0) | {joint: offset}
+    with pytest.raises(CalibrationError, match=f"joint {joint} reads .* [(]--reference {joint}="):
+        valve_signs(session, robot, offsets, 0.05, lambda text: None)
+    session.stop()
+    device.join()
+    assert not any(frame.enable for frame in device.heard)
+
+
+def test_a_joint_against_its_stop_may_read_a_little_beyond_its_limit(robot: Robot) -> None:
+    (first, *_), middle = robot.joints, {j.name: 0.5 * (j.lower + j.upper) for j in robot.joints}
+    beyond = MARGIN * (first.upper - first.lower)
+    for end, out in ((first.lower, -1.0), (first.upper, 1.0)):
+        _check_within(robot, middle | {first.name: end + 0.99 * out * beyond})
+        with pytest.raises(CalibrationError, match=f"joint {first.name} reads"):
+            _check_within(robot, middle | {first.name: end + 1.01 * out * beyond})
+
+
+def test_a_joint_that_slides_with_its_cylinder_needs_no_reference(robot: Robot) -> None:
+    lift, tilt = robot.cylinders
+    sliding = replace(robot, cylinders=(replace(lift, l1_m=0.0), tilt))
+    assert unreferenced(robot, ()) == ["lift", "tilt"]
+    assert unreferenced(robot, {"lift"}) == ["tilt"]
+    assert unreferenced(sliding, ()) == ["tilt"]

@@ -95,6 +95,23 @@ def test_after_a_restart_stamps_go_on_upwards(whole: bool, step_ns: int, anew: i
         assert first == soonest
 
 
+@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("step_ns", [-HOUR, 0, HOUR])
+def test_a_new_clock_goes_on_upwards_from_the_one_before(whole: bool, step_ns: int) -> None:
+    before = SampleClock(PERIOD, whole_seconds=whole)
+    before.start(1000, NOW)
+    last = before.stamp_ns(before.extend(5000))
+    for _ in range(2):  # one that never ran stands between
+        clock = SampleClock(PERIOD, whole_seconds=whole)
+        clock.carry_over(before)
+        before = clock
+    clock.start(5001, NOW + step_ns)
+    first = clock.stamp_ns(clock.extend(5001))
+    soonest = max(last + PERIOD, NOW + step_ns)
+    assert last < first
+    assert first == soonest if not whole else abs(first - soonest) < SECOND
+
+
 def test_in_lockstep_a_restart_a_whole_second_of_cycles_back_repeats_no_stamp() -> None:
     """Counter 0 on the whole second before would give the stamp that was given last."""
     clock = SampleClock(PERIOD, whole_seconds=True)

@@ -12,6 +12,7 @@ from hydro_hw_bridge.frames import Echo
 from hydro_hw_bridge.gate import Gate
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.own_frames import KEPT, OwnFrames
+from hydro_hw_bridge.permissives import Inputs
 from hydro_hw_bridge.valve_echo import PATIENCE
 from hydro_hw_bridge.valve_frames import ValveFrames
 
@@ -77,6 +78,30 @@ def test_valve_state_says_what_left_not_what_was_meant(real_time: Any) -> None:
     zero = real_time.core.clock.zero_stamp_ns or 0
     said = {(s.stamp_ns - zero) // PERIOD: s.voltages[0] for s in states}
     assert said == {2: 0.0, 3: 1.5, 4: 1.5, 5: 2.5}
+
+
+def test_a_wire_without_a_count_for_0_v_has_0_v_at_the_valves_while_it_is_off(
+    coarse: Codec, readings: Any, wire: Any
+) -> None:
+    """The controller tells by it that its commands are withheld."""
+    gate = Gate(LIMITS)
+    frames = ValveFrames(coarse, gate, wire.send)
+    gate.advance(1)
+    gate.check(Inputs(True, True, True, False, 19.0e6))
+    gate.arm()
+
+    def told(counter: int) -> tuple[float, ...]:
+        (state,) = frames.step(
+            counter, Sample(NOW, counter, readings(counter), False)
+        ).valve_states
+        assert frames.on_wire_v == state.voltages
+        return state.voltages
+
+    assert told(1) == (0.0, 0.0)
+    gate.command(1, LIMITS.valve_names, (0.0, 0.0))
+    assert told(2) == (pytest.approx(0.02), 0.0)
+    gate.trip("test")
+    assert told(3) == (0.0, 0.0)
 
 
 def test_in_lockstep_an_answer_that_did_not_leave_is_sent_with_the_repeat(lockstep: Any) -> None:

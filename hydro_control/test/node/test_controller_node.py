@@ -16,6 +16,10 @@ import pytest
 
 from hydro_control.core import Answer, ControllerCore, Sample
 from hydro_control.gains import Gains
+from hydro_hw_bridge.gate import Gate, GateState, Output
+from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.permissives import Inputs
+from hydro_model.robot import Robot
 from hydro_msgs_docs import topics
 from hydro_msgs_docs.messages import joint_state, stamp_ns
 
@@ -107,13 +111,69 @@ def test_it_ends_on_a_ramp_to_zero_while_samples_come(
     assert voltage[-1].tolist() == [0.0, 0.0]
 
 
+#: Positions that are no numbers: it is at 0 V by itself, as after a run-away.
+FAULT = [np.nan, -1.5]
+
+
+@pytest.mark.parametrize("samples_come", [True, False], ids=["samples", "no samples"])
+@pytest.mark.parametrize("last", [None, FAULT], ids=["driving", "at 0 V"])
+def test_its_end_releases_the_gate_without_a_trip(
+    machine: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    patience_s: float,
+    last: list[float] | None,
+    samples_come: bool,
+) -> None:
+    """All that it published until its end, to the gate that the bridge has."""
+    if samples_come:
+        for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
+            monkeypatch.setattr(hot_path, name, patience_s)
+    node = rclpy.create_node("hot", context=machine.context)
+    hot = HotPath(node, ControllerCore(machine.robot, Gains()), 0, QUIET, lambda error: None)
+    hot.start()
+    for cycle in range(20):
+        machine.answer(cycle, machine.pose - 0.05 * (cycle > 0))
+    cycles = itertools.count(20)
+    q = machine.pose - 0.05 if last is None else last
+    assert any(machine.answer(next(cycles), q).effort) == (last is None)
+    ending = threading.Thread(target=hot.stop)
+    ending.start()
+    while ending.is_alive():
+        if samples_come:
+            before, stamp = len(machine.commands()), machine.publish(next(cycles), q)
+            machine.commands_of(stamp, before, 0.2)
+    hot.destroy()
+    node.destroy_node()
+    gate = gate_after(machine.robot, machine.commands())
+    assert (gate.state, gate.reason, gate.trips) == (GateState.WAITING, "", 0)
+    assert gate.output == Output((0.0, 0.0), enable=False)
+
+
+def gate_after(robot: Robot, commands: list[Any]) -> Gate:
+    """A gate that heard these commands, each in the cycle of its stamp, and long nothing more."""
+    rated = tuple(valve.rated_voltage_v for valve in robot.valves)
+    gate = Gate(GateLimits(robot.valve_names, rated, 0.002, 1000.0, 5, 2.0e6))
+    gate.advance(0)
+    gate.arm()
+    counters: dict[int, int] = {}
+    for command in commands:
+        counter = counters.setdefault(stamp_ns(command), len(counters))
+        gate.advance(max(counters.values()))
+        gate.check(Inputs(True, True, True, False, 19.0e6))
+        gate.command(counter, command.name, command.effort)
+        assert gate.state is GateState.DRIVING or command in commands[-2:]
+    for counter in range(len(counters), len(counters) + 100):
+        gate.advance(counter)
+    return gate
+
+
 def test_values_that_are_no_numbers_give_zero_volts(
     machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
 ) -> None:
     controller()
     machine.answer(0)
     machine.answer(1, machine.pose - 0.02)
-    assert list(machine.answer(2, [np.nan, -1.5]).effort) == [0.0, 0.0]
+    assert list(machine.answer(2, FAULT).effort) == [0.0, 0.0]
 
     def said() -> list[str]:
         return [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]

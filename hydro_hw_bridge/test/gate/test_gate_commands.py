@@ -305,3 +305,43 @@ def test_a_controller_that_stops_releases_the_valves_without_a_trip(
     assert gate.command(100, NAMES, (5.0, 1.0)) is Outcome.OUTDATED
     assert step(gate, 101, 5.0, 1.0) is Outcome.ACCEPTED
     assert gate.output.voltages == (2.0, 1.0)
+
+
+def test_0_v_again_for_one_stamp_releases_and_silence_after_it_is_no_trip(
+    driving: Make, step: Make
+) -> None:
+    """A controller that came to 0 V on a ramp, or stood there, has nothing to take back."""
+    gate = driving(1.0)
+    assert step(gate, 101, 0.0, 0.0) is Outcome.ACCEPTED
+    assert gate.output == Output((0.0, 0.0), enable=True)
+    assert gate.command(101, NAMES, (0.0, 0.0)) is Outcome.RELEASED
+    assert (gate.state, gate.output) == (GateState.WAITING, OFF)
+    for counter in range(102, 102 + 10 * LIMITS.max_age_cycles):
+        gate.advance(counter)
+        gate.check(GOOD)
+    assert (gate.state, gate.trips) == (GateState.WAITING, 0)
+
+
+def test_0_v_once_and_silence_is_a_controller_that_fell_silent(
+    driving: Make, step: Make, assert_tripped: Make
+) -> None:
+    gate = driving(1.0)
+    step(gate, 101, 0.0, 0.0)
+    gate.advance(102 + LIMITS.max_age_cycles)
+    assert_tripped(gate, "no command for 12 ms")
+
+
+def test_0_v_twice_for_every_stamp_is_no_sign_of_a_second_controller(
+    driving: Make, step: Make
+) -> None:
+    gate = driving(0.0)
+    outcomes = set()
+    for counter in range(101, 110):
+        outcomes.add((step(gate, counter, 0.0, 0.0), gate.command(counter, NAMES, (0.0, 0.0))))
+    assert outcomes == {(Outcome.ACCEPTED, Outcome.RELEASED)}
+    assert gate.trips == 0
+    # Nor does it hide that a command is taken back once.
+    assert step(gate, 110, 1.0, 0.0) is Outcome.ACCEPTED
+    assert gate.command(110, NAMES, (0.0, 0.0)) is Outcome.RELEASED
+    assert step(gate, 111, 1.0, 0.0) is Outcome.ACCEPTED
+    assert gate.command(111, NAMES, (0.0, 0.0)) is Outcome.DENIED
