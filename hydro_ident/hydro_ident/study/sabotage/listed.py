@@ -119,8 +119,8 @@ SABOTAGES = (
         "sensor_error_doubled",
         "a sensor's error is added once more where it is to be taken off",
         "mismatch/shaping.py",
-        "seen = term.effect.reading(seen, term.index, -term.parameters)",
-        "seen = term.effect.reading(seen, term.index, term.parameters)",
+        "seen = term.effect.undone(seen, term.index, term.parameters)",
+        "seen = term.effect.undone(seen, term.index, -term.parameters)",
         f"{_PREDICTION}::test_a_sensor_that_is_corrected_reads_the_truth",
     ),
     # Noise.
