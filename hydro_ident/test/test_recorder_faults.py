@@ -153,7 +153,7 @@ def test_what_it_missed_while_it_stood_still_is_there_soon_after(
     _wait_for(lambda: len(publisher.times) > seen + 300)
     publisher.stop = True
     process.send_signal(signal.SIGCONT)
-    time.sleep(0.6)
+    time.sleep(1.5)  # what is sent again fills the queue anew: it takes some rounds
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=PATIENCE_S) == 0
     (path,) = tmp_path.glob("*_t")
