@@ -42,6 +42,9 @@ if $drive && ! $sim && ! $uncalibrated && [[ -z $calibration ]]; then
   bad "--drive on $can needs --calibration FILE (what calibrate wrote: zeros, offsets and valve" \
     "signs; a model file has none); --no-calibration drives without"
 fi
+for name in controller calibration mapping dbc; do
+  [[ -z ${!name} || -f ${!name} ]] || bad "--$name: expected a file, found none at '${!name}'"
+done
 if $sim; then can=$bus; fi
 
 # shellcheck source=scripts/env.sh
@@ -57,7 +60,9 @@ for name in mapping dbc calibration; do
 done
 gains=${controller:-$(shipped_gains)}
 control=(--ros-args --params-file "$(realpath "$gains")" -p "robot:=$robot")
-[[ -z $path ]] || control+=(-p "path:=$(realpath "$path")")
+# A path that is no file may be a shipped one: the controller knows them.
+if [[ -f $path ]]; then path=$(realpath "$path"); fi
+[[ -z $path ]] || control+=(-p "path:=$path")
 
 if $sim; then
   start rig "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --can "$can" --real-time

@@ -2,7 +2,8 @@
 #   source scripts/env.sh
 # Topics stay on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
 
-hydro_root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+[ -n "${BASH_VERSION:-}" ] || { echo "env.sh: source it in bash" >&2; return 2; }
+hydro_root=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 "$hydro_root/scripts/setup.sh" || return 2
 
 if [[ -n ${HYDRO_IGNORE_ROS:-} ]]; then

@@ -44,8 +44,10 @@ ended() {
   exit $((code == 0 ? 1 : code))
 }
 
+# The lifecycle client that runs: it goes on asking, and must not outlive the script.
+client=
 transition() {
-  local node=$1 name=$2 what=$3 client
+  local node=$1 name=$2 what=$3
   running "$name" || ended "$name"
   (trap - EXIT INT TERM HUP && exec "$lifecycle" "$what" "/$node" --timeout 120) \
     >>"$log_dir/lifecycle.log" 2>&1 &
@@ -55,10 +57,14 @@ transition() {
     if ! running "$name"; then
       kill "$client" 2>/dev/null || true
       wait "$client" 2>/dev/null || true
+      client=
       ended "$name"
     fi
   done
-  wait "$client" || fail_with_log "$node did not $what:" "$name"
+  local code=0
+  wait "$client" || code=$?
+  client=
+  ((code == 0)) || fail_with_log "$node did not $what:" "$name"
 }
 
 wait_for() {
@@ -124,8 +130,11 @@ stop_all() {
 main_process=$BASHPID
 on_exit() {
   local code=$?
-  trap - EXIT INT TERM HUP
+  trap - EXIT
   [[ $BASHPID == "$main_process" ]] || exit "$code"
+  # Who asks again, or closes the terminal, must not leave the bridge behind.
+  trap '' INT TERM HUP
+  [[ -z $client ]] || kill "$client" 2>/dev/null || true
   stop_all
   exit "$code"
 }

@@ -176,6 +176,7 @@ def test_a_nodes_help_lists_its_parameters_with_their_defaults(node: str) -> Non
         ("bringup.sh", [], "--can"),
         ("bringup.sh", ["--sim", "--can", "can0"], "exclude"),
         ("bringup.sh", ["--robot"], "needs a value"),
+        ("bringup.sh", ["--sim", "--controller", "none/gains.yaml"], "found none at 'none/gains"),
         ("bringup.sh", ["--can", "can0", "--drive"], "--calibration FILE"),
         ("bringup.sh", ["--can", "can0", "--drive"], "--no-calibration drives without"),
         ("bringup.sh", ["--sim", "--calibration", "c.yaml", "--no-calibration"], "exclude"),

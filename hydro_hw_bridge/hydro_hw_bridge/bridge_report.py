@@ -7,6 +7,7 @@ from dataclasses import asdict
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.gate import GateState
+from hydro_hw_bridge.mapping import STATUS_NAMES
 from hydro_msgs_docs.topics import IDLE, WAITING
 
 OK, WARN, ERROR = "ok", "warn", "error"
@@ -70,6 +71,7 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         "sample_zero_stamp_ns": core.clock.zero_stamp_ns,
         "sample_period_ns": core.clock.period_ns,
         "sample_counter": None if sample is None else sample.counter,
+        **inputs(core),
         "gate": gate.state.value,
         "trip_reason": gate.reason,
         "trips": gate.trips,
@@ -84,3 +86,23 @@ def values(core: BridgeCore, bus: Bus, names: dict[str, str]) -> dict[str, objec
         "bus_last_error_frame": bus.last_error,
         "bus_load_percent": f"{100 * core.codec.layout.bus_load:.1f}",
     }
+
+
+def inputs(core: BridgeCore) -> dict[str, object]:
+    """The status bits of the newest cycle, driving or not: who presses a switch sees it.
+
+    Parameters
+    ----------
+    core : BridgeCore
+
+    Returns
+    -------
+    dict
+        `input_emergency_stop_ok` and the like: "on" or "off"; None before the first cycle. Bits
+        that the mapping leaves out are left out.
+    """
+    names = [name for name in STATUS_NAMES if name in core.codec.mapping.status]
+    if core.sample is None:
+        return {f"input_{name}": None for name in names}
+    status = core.sample.readings.status
+    return {f"input_{name}": "on" if getattr(status, name) else "off" for name in names}

@@ -63,7 +63,7 @@ def test_the_identified_robot_runs_freely_on_a_held_out_bag(
         assert channel["rollout_whole_run_rmse_after"] < 0.02
         assert "rollout_unit" not in result["channels"][f"{joint}/flow_a"]
     report = (tmp_path / "out" / "report.html").read_text()
-    assert "Free run from the recorded voltages" in report
+    assert "Free run from the recorded inputs" in report
     assert "lift, free run" in report
 
 

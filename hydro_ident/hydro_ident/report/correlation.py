@@ -35,9 +35,7 @@ class Correlogram:
     @property
     def outside(self) -> float:
         """Share of the lags beyond the band; 5 % are by chance."""
-        judged = (
-            self.lag_s != 0.0 if self.value[self.lag_s == 0.0] == 1.0 else self.lag_s > -np.inf
-        )
+        judged = self.band > 0.0  # at no lag a residual is tied to itself
         return float(np.mean(np.abs(self.value[judged]) > self.band[judged]))
 
 

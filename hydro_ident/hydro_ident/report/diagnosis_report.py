@@ -54,6 +54,12 @@ _LAWS = (
     " of what it says of such rows, with a band that holds 80 % of them, as it may depend on more"
     " than this. Where points and line go together and the dashed line is at zero, the law holds."
 )
+#: Where nothing was found.
+_NO_LAWS = (
+    "Nothing was found. Each point is what the model leaves of a training row, against what it goes"
+    " with most in its channel; the coloured line is the median of such rows, with a band that"
+    " holds 80 % of them. Chance alone makes as much."
+)
 
 
 def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
@@ -77,7 +83,7 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
         excitation_section(found.recordings, joints, missed),
         _parameters(found),
         prediction_section(held_out, fitted, joints, _LABELS),
-        law_section(law_views(found), _LAWS, joints),
+        law_section(law_views(found), _LAWS if _named(found) else _NO_LAWS, joints),
         correlation_section(held_out or fitted, joints),
         free_run_section(found.free_run, joints),
         control_section(found.recordings),
@@ -85,6 +91,11 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
     ]
     title = f"Diagnosis of {found.given.name}"
     return page(title, diagnosis_verdict(found, held_out), sections)
+
+
+def _named(found: Diagnosis) -> bool:
+    """Whether there is a finding or something unexplained to draw."""
+    return bool(found.findings or found.unexplained)
 
 
 def _parameters(found: Diagnosis) -> Section:

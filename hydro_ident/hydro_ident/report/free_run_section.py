@@ -1,4 +1,4 @@
-"""The free run: what the models do with the recorded voltages alone."""
+"""The free run: what the models do with what was recorded at the robot's boundary."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hydro_ident.report.page import Row, Section, bullets, number, paragraph, ta
 from hydro_ident.report.palette import BEFORE, INK, joint_colour
 
 _LEAD = (
-    "Each model is started from the recorded state and then gets the recorded valve voltages and"
-    " nothing else. Errors add up here: it is the hardest test of a model, and the one that a"
-    " simulation has to pass."
+    "Each model is started from the recorded state and then gets the recorded valve voltages with"
+    " supply and tank pressure, or torques of joints without cylinder, and nothing else. Errors"
+    " add up here: it is the hardest test of a model, and the one that a simulation has to pass."
 )
 
 
 def free_run_section(run: FreeRun | None, joints: Sequence[str]) -> Section:
-    """Roll-outs from recorded voltages against the recording."""
-    title = "Free run from the recorded voltages"
+    """Roll-outs from recorded inputs against the recording."""
+    title = "Free run from the recorded inputs"
     if run is None:
         return Section("free_run", title, _LEAD, paragraph("None was made."))
     body = bullets(run.rejected, "no")

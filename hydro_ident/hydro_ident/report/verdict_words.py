@@ -71,7 +71,8 @@ def free_run_line(run: FreeRun | None) -> list[str]:
         parts.append(f"{j.joint} {sizes}{f' ({told})' if told else ''}")
     if not parts:
         return []
-    return [f"Simulated for {run.window_s:.2g} s from voltages alone, error: {', '.join(parts)}."]
+    errors = ", ".join(parts)
+    return [f"Simulated for {run.window_s:.2g} s from the recorded inputs alone, error: {errors}."]
 
 
 def loss_line(losses: Sequence[BagLoss]) -> list[str]:

@@ -16,6 +16,7 @@ from hydro_ident.bag.gaps import find_gaps
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.identification import Identification
 from hydro_ident.recording_summary import recording_summaries
+from hydro_ident.report.correlation import Correlogram
 from hydro_ident.report.figure import Figure
 from hydro_ident.report.page import number
 from hydro_ident.report.palette import JOINTS, joint_colour
@@ -308,3 +309,14 @@ def test_a_number_does_not_break_behind_its_exponents_minus(report: str) -> None
     # Names alone may break anywhere on a narrow screen.
     anywhere = re.findall(r"([^{}]*)\{[^{}]*overflow-wrap:anywhere", style)
     assert [one.strip() for one in anywhere] == ["code", ".stack td:first-child"]
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-16, -1e-16])
+def test_that_a_residual_is_tied_to_itself_counts_as_no_lag(rounding: float) -> None:
+    """Whatever its rounding: of twenty lags it would make five of a hundred more."""
+    lags = 0.05 * np.arange(21)
+    value, band = np.full(21, 0.01), np.full(21, 0.08)
+    value[0], band[0] = 1.0 - rounding, 0.0
+    assert Correlogram(lags, value, band).outside == 0.0
+    value[3] = 0.2
+    assert Correlogram(lags, value, band).outside == 1.0 / 20.0

@@ -1,0 +1,67 @@
+"""Processes of a script end with it, in their order, however often and hard it is asked to end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+PATIENCE_S = 60.0
+#: A controller that takes its time to end, a bridge, and a client that goes on asking.
+SCRIPT = """
+set -euo pipefail
+hydro_exe() { printf '%s' "$stub"; }
+source "$scripts/processes.sh"
+start controller bash -c 'trap "sleep 1.5; exit 0" TERM; echo up; while :; do sleep 0.05; done'
+start bridge sleep 300
+wait_for controller up
+echo "${process_of[controller]} ${process_of[bridge]}" >"$log_dir/pids.txt"
+transition controller controller activate
+"""
+STUB = """#!/usr/bin/env bash
+echo $$ >"$log_dir/client.txt"
+exec sleep 300
+"""
+
+
+def _there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return "Z" not in Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").split()[2]
+
+
+def _wait_for(file: Path) -> list[int]:
+    end = time.monotonic() + PATIENCE_S
+    while not (file.is_file() and file.read_text(encoding="utf-8").strip()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return [int(word) for word in file.read_text(encoding="utf-8").split()]
+
+
+@pytest.mark.parametrize("again", [[], [signal.SIGTERM], [signal.SIGINT, signal.SIGHUP]])
+def test_a_script_that_is_asked_to_end_twice_leaves_nobody_behind(
+    tmp_path: Path, again: list[signal.Signals]
+) -> None:
+    stub = tmp_path / "lifecycle"
+    stub.write_text(STUB, encoding="utf-8")
+    stub.chmod(0o755)
+    own = {"stub": str(stub), "scripts": str(SCRIPTS), "log_dir": str(tmp_path)}
+    script = subprocess.Popen(["bash", "-c", SCRIPT], env={**os.environ, **own})
+    try:
+        children = [*_wait_for(tmp_path / "pids.txt"), *_wait_for(tmp_path / "client.txt")]
+        assert all(_there(pid) for pid in children)
+        script.send_signal(signal.SIGTERM)
+        for one in again:
+            time.sleep(0.3)
+            script.send_signal(one)
+        assert script.wait(PATIENCE_S) == 143
+        assert not [pid for pid in children if _there(pid)]
+    finally:
+        script.kill()
