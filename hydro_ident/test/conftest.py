@@ -22,6 +22,10 @@ from hydro_ident.bag.writer import BagWriter
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
+from hydro_msgs_docs.middleware import prepare_middleware
+
+# Fast DDS reads its settings once in a process, whichever test makes the first node.
+prepare_middleware()
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 2_000_000
