@@ -130,10 +130,10 @@ stop_all() {
 main_process=$BASHPID
 on_exit() {
   local code=$?
-  trap - EXIT
-  [[ $BASHPID == "$main_process" ]] || exit "$code"
   # Who asks again, or closes the terminal, must not leave the bridge behind.
   trap '' INT TERM HUP
+  trap - EXIT
+  [[ $BASHPID == "$main_process" ]] || exit "$code"
   [[ -z $client ]] || kill "$client" 2>/dev/null || true
   stop_all
   exit "$code"

@@ -11,6 +11,7 @@ from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
 from hydro_control.sample import Sample
 from hydro_control.trajectory import Waypoint
+from hydro_model.errors import RobotError
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
@@ -182,7 +183,7 @@ class ReferenceRun:
             return
         try:
             plan = self.player.plan_path(path, self.now_s, self.q, delay_s)
-        except (ControlError, *NUMERICAL_ERRORS) as error:
+        except (ControlError, RobotError, *NUMERICAL_ERRORS) as error:
             if self.epoch != epoch:
                 return
             self.path_waits = False

@@ -57,8 +57,8 @@ _LAWS = (
 #: Where nothing was found.
 _NO_LAWS = (
     "Nothing was found. Each point is what the model leaves of a training row, against what goes"
-    " with it most in its channel; the coloured line is the median of such rows, with a band that"
-    " holds 80 % of them. Chance alone makes as much."
+    " with it most in its channel; the coloured line is the curve that fits them best, no law."
+    " Chance alone makes as much."
 )
 
 

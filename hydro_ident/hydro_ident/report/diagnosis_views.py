@@ -1,4 +1,4 @@
-"""Rows and laws of a diagnosis as its report draws them: looked up, nothing fitted again."""
+"""Rows and laws of a diagnosis as its report draws them: looked up, no search made again."""
 
 from __future__ import annotations
 
