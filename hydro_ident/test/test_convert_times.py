@@ -391,3 +391,15 @@ def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path: Path) -> None:
     log.write_text("t,q,p\n0,1,2\n1,2,3\n2,3,1.5e", encoding="utf-8")
     with pytest.raises(BagError, match=r"found '1\.5e'; the last line: leave it out"):
         read_log(log)
+
+
+def test_stamps_of_parquet_keep_how_much_later_each_begins(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    from pyarrow import parquet
+
+    first = np.datetime64("2026-03-12T09:30:00", "ns") + np.arange(5) * np.timedelta64(10, "ms")
+    later = first + np.timedelta64(800, "ms")
+    parquet.write_table(pyarrow.table({"t1": first, "t2": later}), tmp_path / "log.parquet")
+    log = read_log(tmp_path / "log.parquet")
+    assert log.start == "2026-03-12T09:30:00.000000"
+    np.testing.assert_allclose(log.columns["t2"], 0.8 + 0.01 * np.arange(5))

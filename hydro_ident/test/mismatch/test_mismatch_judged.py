@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
 from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.notes import left_notes
+from hydro_ident.mismatch.outcome import ChannelResult
+from hydro_ident.mismatch.spoilt import _spoils
 from hydro_ident.mismatch.verify import _judged, _vague
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
@@ -63,3 +67,18 @@ def test_a_size_that_is_not_told_takes_rows_that_show_it_plainly(
     against = _vague(look, silent, ["lift/force"], size)
     assert against == (said and f"held-out rows {said}, and its size is not told: {size}")
     assert not _vague(look, silent, ["lift/force"], "")
+
+
+def test_channels_whose_sensors_make_no_noise_divide_nothing() -> None:
+    """A constant, coarsely read: a floor of 0."""
+    rows = np.ones(5)
+    quiet, other = (
+        ChannelResult(name, "N", rows, rows, 0.0 * rows, 0.0 * rows, floor)
+        for name, floor in (("a/force", 0.0), ("b/force", 1e-3))
+    )
+    (note,) = left_notes([quiet, other])
+    assert "b/force 1e+03" in note
+    assert "a/force" not in note
+    floors = {"a/force": 0.0, "b/force": 2.0}
+    assert not _spoils({"a/force": (1.0, 9.0), "b/force": (2.0, 1.0)}, floors, ["a/force"])
+    assert _spoils({"a/force": (9.0, 1.0), "b/force": (1.0, 2.0)}, floors, ["a/force", "b/force"])

@@ -316,39 +316,6 @@ def test_bad_content(crane: Path, change: Change, expected: str) -> None:
     assert expected in refused(rewritten(crane, change))
 
 
-def misspelt(*way: str | int, right: str, wrong: str) -> Change:
-    def change(data: dict[str, Any]) -> None:
-        at: Any = data
-        for step in way:
-            at = at[step]
-        at[wrong] = at.pop(right, 1.0)
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        (misspelt("valves", 0, right="rated_voltage_v", wrong="rated_voltage"), "rated_voltage_v"),
-        (misspelt("fluid", right="bulk_modulus_pa", wrong="bulk_modulus"), "bulk_modulus_pa"),
-        (misspelt(right="command_delay_s", wrong="comand_delay_s"), "command_delay_s"),
-        (misspelt(right="gravity_m_s2", wrong="gravity"), "gravity_m_s2"),
-        (misspelt(right="effects", wrong="efects"), "effects"),
-        (misspelt("cylinders", 0, right="barrel", wrong="barel"), "barrel"),
-        (misspelt("cylinders", 0, "rod", right="mass", wrong="mass"), None),
-        (misspelt("sensors", right="rate_hz", wrong="rate"), "rate_hz"),
-    ],
-)
-def test_a_key_that_is_another_one_misspelt_is_refused(
-    crane: Path, change: Change, expected: str | None
-) -> None:
-    """It would be left out, and the default stand in its place."""
-    if expected is None:  # nothing of the kind is lacking: somebody else's key
-        assert load_robot(rewritten(crane, change))
-    else:
-        assert f"did you mean '{expected}'?" in refused(rewritten(crane, change))
-
-
 def test_an_unknown_effect_without_parameters_is_told_as_one(crane: Path) -> None:
     effect = {"name": "coulom_friction", "target": "lift_cylinder"}
     said = refused(rewritten(crane, set_in("effects", value=[effect])))

@@ -1,0 +1,258 @@
+"""What is asked of a controller: requests that cannot be, that come too late, its own path."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hydro_control import reference
+from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.errors import ControlError
+from hydro_control.gains import Gains
+from hydro_control.path_limits import same_start, start_of_path
+from hydro_control.reference import ReferencePlayer
+from hydro_control.trajectory import Waypoint
+from hydro_model.kinematics import tip_position
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.paths_check import joints_at_tip
+from hydro_model.paths_segments import Quintic
+from hydro_model.robot import EffectSpec, FloatArray
+from hydro_model.robot_files import load_robot
+
+ROBOT = load_robot("xs031")
+POSE = np.array([0.6, -1.5])
+STEP_NS = 2_000_000
+EMPTY = np.array([])
+
+
+def sample(cycle: int, q: FloatArray = POSE) -> Sample:
+    """Of a machine that nothing is driven of: its pressures matter to no reference."""
+    air = ROBOT.atmospheric_pressure_pa
+    rails = ROBOT.supply_pressure_pa + air, ROBOT.tank_pressure_pa + air
+    chambers = np.full(2, 8e6 + air)
+    return Sample(10**18 + cycle * STEP_NS, q, chambers, chambers, *rails)
+
+
+def answered(core: ControllerCore, cycle: int, q: FloatArray = POSE) -> Answer:
+    answer = core.answer(sample(cycle, q))
+    assert answer is not None
+    return answer
+
+
+def answered_up_to(core: ControllerCore, first: int, last: int) -> Answer:
+    return [answered(core, k) for k in range(first, last + 1)][-1]
+
+
+HUGE = float(np.finfo(float).max)
+
+
+@pytest.mark.parametrize(
+    ("space", "names", "end"),
+    [
+        ("joint", ["lift"], [HUGE]),
+        ("joint", ["lift"], [-HUGE]),
+        ("joint", ["lift", "tilt"], [0.6, 1e200]),
+        ("tip", ["tip_link"], [HUGE, 0.0, 0.0]),
+        ("tip", ["tip_link"], [2.0, -HUGE, HUGE]),
+    ],
+)
+def test_finite_numbers_beyond_all_machines_are_refused_as_others(
+    space: str, names: list[str], end: list[float]
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    still = np.zeros(len(end))
+    for point in (
+        [Waypoint(1.0, np.array(end), EMPTY, EMPTY)],
+        [Waypoint(0.0, np.array(end), EMPTY, EMPTY), Waypoint(1.0, still, EMPTY, EMPTY)],
+        [Waypoint(1.0, still, np.array(end), EMPTY), Waypoint(2.0, still, EMPTY, EMPTY)],
+    ):
+        with pytest.raises(ControlError, match=r"refused: point 0 of .* expected at most 1e\+06"):
+            core.request_trajectory(space, names, point)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
+
+
+@pytest.mark.parametrize("error", [ValueError, OverflowError, np.linalg.LinAlgError])
+def test_what_cannot_be_computed_is_refused_and_the_arm_is_held_on(
+    error: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+
+    def plan(*_: object) -> None:
+        raise error("SVD did not converge")
+
+    monkeypatch.setattr("hydro_control.reference.segments_through", plan)
+    with pytest.raises(ControlError, match="refused: it cannot be computed: SVD did not"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    assert core.counts.refused == 1
+    np.testing.assert_array_equal(answered(core, 1).reference.position, POSE)
+
+
+def while_checked(monkeypatch: pytest.MonkeyPatch, happens: Callable[[], object]) -> None:
+    """What the thread of the samples does while that of a request plans its trajectory."""
+    plan = reference.segments_through
+
+    def planned(at: FloatArray, points: list[Waypoint]) -> object:
+        legs = plan(at, points)
+        monkeypatch.undo()
+        happens()
+        return legs
+
+    monkeypatch.setattr(reference, "segments_through", planned)
+
+
+def test_a_trajectory_is_not_played_from_where_the_reference_no_longer_stands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Over a gap the arm has sunk: what was planned before would lift it by a leap."""
+    core, sunk = ControllerCore(ROBOT, Gains()), POSE - 0.02
+    answered(core, 0)
+    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+    while_checked(monkeypatch, lambda: answered(core, 100, sunk))
+    with pytest.raises(ControlError, match="refused: the reference was set anew while it was"):
+        core.request_trajectory("joint", ["lift"], there)
+    answer = [answered(core, k, sunk) for k in range(101, 110)][-1]
+    np.testing.assert_array_equal(answer.reference.position, sunk)
+    core.request_trajectory("joint", ["lift"], there)
+    np.testing.assert_allclose(answered(core, 110, sunk).reference.position, sunk, atol=1e-3)
+    assert core.moving
+
+
+def test_a_trajectory_is_not_played_from_where_another_began(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    quick = [Waypoint(0.1, np.array([0.601]), EMPTY, EMPTY)]
+    core.request_trajectory("joint", ["lift"], quick)
+    while_checked(monkeypatch, lambda: answered_up_to(core, 1, 60))
+    with pytest.raises(ControlError, match="set anew while it was checked: ask again"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
+
+
+LOADED = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 20.0}),))
+#: Held with the lift in mid-range; with the lift low the tilt's cylinder cannot.
+OUT = JointPath((Quintic.at_rest([-2.2], [-2.4], 4.0),), joints=("tilt",))
+LOW = np.array([-0.05, -2.2])
+HELD = "path refused, holding: .*'tilt_cylinder' would have to hold"
+
+
+def test_a_path_is_checked_from_where_the_joints_stand_that_it_does_not_name() -> None:
+    core = ControllerCore(LOADED, Gains(), OUT)
+    np.testing.assert_array_equal(answered(core, 0, LOW).reference.position, LOW)
+    assert re.match(HELD, core.message)
+    assert core.counts.refused == 1
+    assert not core.moving
+    high = np.array([0.6, -2.2])
+    core.restart()
+    answered(core, 0, high)
+    assert core.moving
+
+
+def test_the_check_of_a_tip_path_holds_for_its_posture_alone() -> None:
+    """Two postures of the crane put its tip to one place: the one does not speak for the other."""
+    down = np.array([0.6, -0.4])
+    corner = np.asarray(tip_position(ROBOT, down))
+    path = TipPath.through([corner.tolist(), (corner - np.array([0, 0, 0.1])).tolist()], [3.0])
+    up = joints_at_tip(ROBOT, corner, np.array([0.2, 0.5]))
+    np.testing.assert_allclose(tip_position(ROBOT, up), corner, atol=1e-6)
+    checked = start_of_path(ROBOT, path, 3.0)
+    np.testing.assert_allclose(checked, down, atol=1e-6)
+    near = np.array([0.05, -0.05])
+    assert same_start(ROBOT, path, checked, down + near)
+    assert not same_start(ROBOT, path, checked, up + near)
+
+
+class Beside:
+    """A controller whose own path is checked beside the samples."""
+
+    def __init__(self, q: FloatArray) -> None:
+        self.core = ControllerCore(LOADED, Gains(), OUT, checks_beside=True)
+        self.q, self.cycle = q, -1
+        self.run()
+
+    def run(self, cycles: int = 1, *, lost: int = 0) -> FloatArray:
+        self.cycle += lost
+        for _ in range(cycles):
+            self.cycle += 1
+            position = answered(self.core, self.cycle, self.q).reference.position
+        return position
+
+
+@pytest.mark.parametrize(("lift", "plays"), [(0.6, True), (-0.05, False)])
+def test_a_path_that_is_checked_beside_is_held_for_and_then_played_or_refused(
+    lift: float, plays: bool
+) -> None:
+    beside = Beside(np.array([lift, -2.2]))
+    np.testing.assert_array_equal(beside.run(100), beside.q)
+    assert beside.core.path_waits
+    with pytest.raises(ControlError, match="own path is being checked"):
+        beside.core.request_trajectory("joint", ["tilt"], [Waypoint(1.0, LOW[1:], EMPTY, EMPTY)])
+    beside.core.message = ""
+    beside.core.check_waiting_path()
+    beside.run()
+    assert not beside.core.path_waits
+    assert beside.core.moving == plays
+    assert plays == (beside.core.message == "")
+    assert plays or re.match(HELD, beside.core.message)
+    if plays:
+        np.testing.assert_allclose(beside.run(3000), [lift, -2.4])
+
+
+def test_a_path_that_waits_is_stopped_and_outlives_a_gap() -> None:
+    beside = Beside(np.array([0.6, -2.2]))
+    beside.run(50, lost=1000)
+    assert beside.core.path_waits  # nothing of it was driven: it may start anew
+    beside.core.request_trajectory("joint", [], [])
+    beside.run()
+    beside.core.check_waiting_path()
+    beside.run(100)
+    assert not beside.core.moving
+    assert not beside.core.path_waits
+
+
+def test_a_path_checked_before_a_gap_is_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lift has sunk meanwhile, and the load is too heavy for the tilt there."""
+    beside = Beside(np.array([0.6, -2.2]))
+    plan = ReferencePlayer.plan_path
+
+    def planned(*arguments: object) -> object:
+        found = plan(*arguments)  # type: ignore[arg-type]
+        monkeypatch.undo()
+        beside.q = LOW
+        beside.run(lost=1000)
+        return found
+
+    monkeypatch.setattr(ReferencePlayer, "plan_path", planned)
+    beside.core.check_waiting_path()
+    np.testing.assert_array_equal(beside.run(100), LOW)
+    assert beside.core.path_waits
+    beside.core.check_waiting_path()
+    np.testing.assert_array_equal(beside.run(100), LOW)
+    assert re.match(HELD, beside.core.message)
+
+
+@pytest.mark.parametrize("cycles", [50, 100, 101, 150])
+def test_a_start_is_kept_however_long_the_check_takes(
+    cycles: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Several machines that begin together do not begin apart by how long each one checked."""
+    core, motion = ControllerCore(ROBOT, Gains()), Quintic.at_rest([0.6], [0.7], 1.0)
+    answered(core, 0)
+    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+    while_checked(monkeypatch, lambda: answered_up_to(core, 1, cycles))
+    if cycles > 100:
+        with pytest.raises(ControlError, match=r"should have begun 0\.\d+ s ago, as it took so"):
+            core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+        assert not answered(core, cycles + 1).reference.velocity.any()
+        return
+    core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+    for k in range(cycles + 1, 300):
+        expected = motion.sample(max(0.0, (k - 100) * 0.002))[0][0]
+        assert answered(core, k).reference.position[0] == pytest.approx(expected, abs=1e-12)
