@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -302,7 +302,8 @@ class Contest:
         for at, term in enumerate(terms):
             close[at] = fit_term(self.training, without, term, noise, _ROUGH)
             # A fit's rows take much memory: those are let go of that can only fall further back.
-            for k in _behind({k: without.squares - one.squares for k, one in close.items()}):
+            gains = {k: without.squares - one.squares for k, one in close.items()}
+            for k in _behind(gains, {k for k in close if _of_all_valves(terms[k])}):
                 result[k] = self._contender(without, before, close.pop(k))
         for k in list(close):
             whole = fit(self.training, close.pop(k).model, noise, PASSES)
@@ -350,12 +351,26 @@ class Contest:
         return float(np.sum(left))
 
 
-def _behind(gains: Mapping[int, float]) -> list[int]:
-    """Which of some rough fits are not worth a thorough one, by what each gains."""
+def _behind(gains: Mapping[int, float], bound: Collection[int] = ()) -> list[int]:
+    """Which of some rough fits are not worth a thorough one, by what each gains.
+
+    Parameters
+    ----------
+    gains : mapping of int to float
+    bound : collection of int
+        Those that a rough fit knows too little of: they are not counted.
+    """
     ranked = sorted(gains, key=lambda k: -gains[k])
     least = CLOSE_SHARE * gains[ranked[0]]
+    counted = [k for k in ranked if k not in bound]
     # The best always: where a delay has to move first, none is any good until it has.
-    return [k for n, k in enumerate(ranked) if n >= _THOROUGH or (n and gains[k] < least)]
+    late = {k for n, k in enumerate(counted) if n >= _THOROUGH}
+    return [k for n, k in enumerate(ranked) if k in late or (n and gains[k] < least)]
+
+
+def _of_all_valves(term: ActiveEffect) -> bool:
+    """Whether it is a delay that no valve may be without: a rough fit takes it off those again."""
+    return term.effect.name == DELAY and term.cylinder is None
 
 
 def _best_of_each(contenders: Sequence[Contender]) -> list[Contender]:

@@ -277,10 +277,12 @@ class Searcher:
 
 
 def _sibling(trial: Trial, named: Sequence[Named]) -> bool:
-    """Whether a trial is an alternative to what was found already at its target."""
+    """Whether a trial cannot stand beside what was found already at its target.
+
+    What only was not told from that may be there as well: with it in place the set is made anew.
+    """
     return any(
-        c.term.target == trial.target
-        and (c.term.effect.name == trial.name or exclude(c.name, trial.name))
+        n.term.target == trial.target
+        and any(exclude(name, trial.name) for name in (n.term.effect.name, n.modelled.name))
         for n in named
-        for c in n.contenders
     )

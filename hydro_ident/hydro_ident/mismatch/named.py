@@ -38,8 +38,8 @@ _TURNING = {
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
 #: Sizes below which a finding is none, under the tip and at a joint: what gives way by a metre
-#: under a hand's push is no ground, and none at the end of an arm of three metres.
-_LEAST = {("external_contact", "stiffness"): (200.0, 2000.0)}
+#: under a push of 100 N is no ground, and nothing that turns an arm by a radian under 2 kN m.
+_LEAST = {("external_contact", "stiffness"): (100.0, 2000.0)}
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.

@@ -206,8 +206,9 @@ def _wavers(words: ChannelWords, best: Dependence, one: Wavering) -> Unexplained
     )
     on = "time", "piston_velocity"
     return Unexplained(
-        words.channel, on, best.share, one.p_value, text, best, confirmed=True, size=one.deviation
-    )
+        words.channel, on, best.share, one.p_value, text, best,
+        confirmed=one.confirmed, size=one.deviation,
+    )  # fmt: skip
 
 
 def _going(channel: str, best: Dependence, name: str) -> Unexplained:

@@ -9,9 +9,10 @@ What slow noise and drifting transducers add knows nothing of the direction of m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import combine_pvalues
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.chance import reached
@@ -21,7 +22,9 @@ from hydro_ident.mismatch.dependence import alone, values_of
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.held_out import VERIFIED, rms
-from hydro_ident.mismatch.settings import FAMILY_ERROR, FAMILY_ERROR_UNNAMED
+from hydro_ident.mismatch.precision import least_unconfirmed
+from hydro_ident.mismatch.products import paid
+from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.state_space import factors_of
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray
@@ -31,6 +34,10 @@ _TOGETHER = (1, 3)
 #: Share of what named effects do that their laws' form may leave: as much as true ones of forces
 #: change from stretch to stretch (`constancy`).
 _OF_NAMED = 0.25
+#: Chance that neither the mean nor its changes may exceed, and the least that is told from none.
+_EACH, _NEVER = 0.05, 1.0e-300
+#: Deviations of what is left from which rows that took no part would show a force.
+_SHOWS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +49,16 @@ class Wavering:
     mean, deviation : float
         Over time, in the channel's unit.
     p_value : float
-        That its size differs between stretches by chance, over all channels.
+        That it is there on average, and differs between stretches, by chance: Fisher's
+        combination of the two, over all channels.
+    confirmed : bool
+        It is there on rows that took no part, too; else these could not say.
     """
 
     mean: float
     deviation: float
     p_value: float
+    confirmed: bool = False
 
 
 def wavering(training: Training, fitted: Fitted, confirmer: Confirmer) -> dict[str, Wavering]:
@@ -67,43 +78,58 @@ def wavering(training: Training, fitted: Fitted, confirmer: Confirmer) -> dict[s
     """
     material = training.predictor.material
     forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
-    result = {}
+    flaws, result = Flaws.of(training, fitted), dict[str, Wavering]()
     for channel in forces:
-        one = _wavering(training, fitted, channel, len(forces))
+        one = _wavering(training, fitted, flaws, channel, len(forces))
         name = material.channels[channel]
-        if one is not None and _goes_on(confirmer.training, confirmer.fitted, name):
-            result[name] = one
+        there = None if one is None else _there(confirmer, name, one.mean)
+        if one is None or there is False:
+            continue
+        if there or one.deviation >= least_unconfirmed(training, fitted.model, channel):
+            result[name] = replace(one, confirmed=bool(there))
     return result
 
 
-def _wavering(training: Training, fitted: Fitted, channel: int, tried: int) -> Wavering | None:
+def _wavering(
+    training: Training, fitted: Fitted, flaws: Flaws, channel: int, tried: int
+) -> Wavering | None:
     bench, direction = _direction(training, fitted, channel)
     if bench is None:
         return None
     every = [sizes_of(bench, direction, together) for together in _TOGETHER]
     best: Sizes = min(every, key=lambda one: one.chance)
-    p = min(1.0, len(every) * tried * best.chance)
+    chances = _chance(bench, direction), min(paid([max(one.chance, _NEVER) for one in every]))
+    p = min(1.0, tried * float(combine_pvalues(chances, method="fisher").pvalue))
     size = best.deviation * rms(direction)
     if (
         p > FAMILY_ERROR_UNNAMED
+        or max(chances) > _EACH
         or best.deviation < COMES_AND_GOES * best.mean
-        or tried * _chance(bench, direction) > FAMILY_ERROR
-        or size < Flaws.of(training, fitted).least(channel, tolerance=_OF_NAMED)
+        or size < flaws.least(channel, tolerance=_OF_NAMED)
     ):
         return None
     return Wavering(best.mean, best.deviation, p)
 
 
-def _goes_on(training: Training, fitted: Fitted, name: str) -> bool:
-    """Whether rows that took no part have such a force on the average, or changing, too."""
+def _there(confirmer: Confirmer, name: str, mean: float) -> bool | None:
+    """Whether rows that took no part have such a force on the average, or changing, too.
+
+    None where a force of that mean would not stand out of what is left there.
+    """
+    training = confirmer.training
     names = training.predictor.material.channels
     if name not in names:
-        return False
-    bench, direction = _direction(training, fitted, names.index(name))
+        return None
+    bench, direction = _direction(training, confirmer.fitted, names.index(name))
     if bench is None:
-        return False
+        return None
     chances = _chance(bench, direction), sizes_of(bench, direction, _TOGETHER[0]).chance
-    return len(chances) * min(chances) <= VERIFIED
+    if min(paid([max(one, _NEVER) for one in chances])) <= VERIFIED:
+        return True
+    left = bench.beyond(direction[:, None])
+    products = bench.by_block(left * bench.residual[:, None])
+    expected = mean * float(np.sum(left**2))
+    return False if expected >= _SHOWS * float(np.linalg.norm(products)) else None
 
 
 def _direction(
