@@ -13,15 +13,15 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.flaws import swinging
+from hydro_ident.mismatch.flaws import Flaws, swinging
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.precision import measured_size
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.settings import PRECISION_UNNAMED
+from hydro_ident.mismatch.settings import FAMILY_ERROR, PRECISION_UNNAMED
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.wavering import Wavering, wavering
+from hydro_ident.mismatch.wavering import Wavering, _chance, _direction, _wavering, wavering
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
@@ -160,6 +160,23 @@ def test_a_drag_without_a_rhythm_is_told_with_what_it_is_at_times(
     assert told.channel == "lift/force"
     assert told.depends_on == ("time", "piston_velocity")
     assert "comes and goes" in told.text
+
+
+def test_mean_and_change_of_a_drag_are_told_together(
+    minute: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """A drag of few seconds: its mean could be chance once in a hundred, its change could not."""
+    time = np.arange(len(minute.q)) * 0.002
+    seldom = (np.floor(time / 2.0) % 10.0 == 3.0) | (np.floor(time / 1.5) % 17.0 == 11.0)
+    rng = np.random.default_rng(3)
+    noise = np.repeat(rng.normal(0.0, 90.0, len(time) // 50 + 1), 50)[: len(time)]
+    work = lay_out(_pushed(_dragged(minute, 0.12 * seldom), noise))
+    bench, direction = _direction(work.training, work.base, 0)
+    assert bench is not None
+    assert 2.0 * _chance(bench, direction) > FAMILY_ERROR
+    found = _wavering(work.training, work.base, Flaws.of(work.training, work.base), 0, 2)
+    assert found is not None
+    assert found.deviation > found.mean > 0.0
 
 
 @pytest.mark.parametrize("kind", ["nothing", "all along", "whatever moves"])
