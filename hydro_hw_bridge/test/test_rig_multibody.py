@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.rig.plant import Plant
 from hydro_hw_bridge.rig.pose import joints_for_tip, tip_frame
 from hydro_hw_bridge.rig.truth import Truth
@@ -96,6 +97,17 @@ def test_stroke_is_the_distance_between_the_pins() -> None:
         plant.state[:2] = q
         expected = [float(stroke(c, angle)) for c, angle in zip(robot.cylinders, q, strict=True)]
         np.testing.assert_allclose(plant.strokes(), expected, atol=1e-12)
+
+
+def test_parts_of_a_cylinder_on_a_joint_that_slides_are_refused() -> None:
+    """Its links carry them: the plant knows of no pins."""
+    robot = load_robot("xs031")
+    truth = Truth.ideal(robot)
+    slide = replace(robot.joints[1], prismatic=True)
+    seat = replace(robot.cylinders[1], l1_m=0.0, l2_m=0.0)
+    sliding = replace(robot, joints=(robot.joints[0], slide), cylinders=(robot.cylinders[0], seat))
+    with pytest.raises(BridgeError, match="'tilt_cylinder' is on a prismatic joint: expected"):
+        Plant(sliding, truth, np.array([0.8, -1.2]))
 
 
 def test_lever_is_the_derivative_of_the_stroke() -> None:

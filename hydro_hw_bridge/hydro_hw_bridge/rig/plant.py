@@ -303,6 +303,11 @@ def _cylinders(robot: Robot, truth: Truth) -> Records:
         index = robot.joint_index(cylinder.joint)
         row["joint"] = index
         row["direct"] = cylinder.l1_m == 0.0
+        if row["direct"] and (real.barrel is not None or real.rod is not None):
+            raise BridgeError(
+                f"truth {truth.name}: '{cylinder.name}' is on a prismatic joint: expected its"
+                " barrel and rod in the links that they move with, found parts of its own"
+            )
         row["parent_pin"], row["child_pin"] = _pins(cylinder, robot.joints[index])
         row["closed_length"], row["full_stroke"] = cylinder.x0_m, cylinder.stroke_m
         row["area_a"], row["area_b"] = cylinder.area_a_m2, cylinder.area_b_m2

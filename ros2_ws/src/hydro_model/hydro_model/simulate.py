@@ -115,8 +115,8 @@ def simulate(
     Raises
     ------
     SimulationError
-        Shapes do not fit, or the integration fails: a piston leaves its stroke, something
-        becomes infinite or the step collapses.
+        Shapes do not fit, the robot's delay is negative, or the integration fails: a piston
+        leaves its stroke, something becomes infinite or the step collapses.
     RobotError
         An effect does not resolve.
     """
@@ -221,6 +221,11 @@ def _rail(name: str, measured: ArrayLike | None, constant: float, count: int) ->
 
 
 def _commands(robot: Robot, voltages: FloatArray) -> FloatArray:
+    if robot.command_delay_s < 0.0:
+        raise SimulationError(
+            f"robot {robot.name}: expected a command_delay_s of 0 or more, found"
+            f" {robot.command_delay_s:g}: no command acts before it is given"
+        )
     rated = [robot.valve_of(cylinder.name).rated_voltage_v for cylinder in robot.cylinders]
     return np.ascontiguousarray(np.clip(voltages / np.array(rated), -1.0, 1.0))
 

@@ -228,6 +228,12 @@ def test_delay_by_a_part_of_a_sample(make_slider) -> None:
     np.testing.assert_allclose(late.q, now.q[::2], atol=1e-9)
 
 
+def test_a_command_that_acts_before_it_is_given_is_refused(make_slider) -> None:
+    """Going back in time to it, a roll-out would never end."""
+    with pytest.raises(SimulationError, match=r"command_delay_s of 0 or more, found -0\.01"):
+        simulate(make_slider(command_delay_s=-0.01), grid(0.02), np.zeros((11, 1)), [0.3])
+
+
 def test_voltage_is_limited_to_the_rated(make_slider) -> None:
     times = grid(0.05)
     beyond = simulate(make_slider(), times, np.full((len(times), 1), 25.0), [0.2])
