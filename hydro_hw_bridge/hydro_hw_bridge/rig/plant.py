@@ -386,9 +386,10 @@ def _pins(cylinder: Cylinder, joint: Joint) -> tuple[FloatArray, FloatArray]:
     if cylinder.l1_m == 0.0:
         return np.zeros(3), np.zeros(3)
     axis = np.asarray(joint.axis, dtype=float)
-    # Angles count from the child frame's x axis as seen along the joint axis.
+    # Angles count from the child frame's x axis as seen along the joint axis; from its y axis
+    # where that is x but for rounding or a calibration: 0.01 rad.
     along = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
-    if float(along @ along) < 1e-12:
+    if float(along @ along) < 0.01**2:
         along = np.array([0.0, 1.0, 0.0]) - axis[1] * axis
     along /= np.sqrt(along @ along)
     across = np.cross(axis, along)
