@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from hydro_hw_bridge.rig.plant import Plant
+from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.rig.plant import Plant, _pins
 from hydro_hw_bridge.rig.pose import joints_for_tip, tip_frame
 from hydro_hw_bridge.rig.truth import Truth
 from hydro_model.cylinder import stroke
@@ -96,6 +97,29 @@ def test_stroke_is_the_distance_between_the_pins() -> None:
         plant.state[:2] = q
         expected = [float(stroke(c, angle)) for c, angle in zip(robot.cylinders, q, strict=True)]
         np.testing.assert_allclose(plant.strokes(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("off", [1e-9, 1e-6, 1e-4, 5e-3])
+def test_an_axis_that_is_x_but_for_its_last_digits_turns_about_x(off: float) -> None:
+    """Whatever of x is left across it would point anywhere."""
+    robot = load_robot("xs031")
+    cylinder, joint = robot.cylinders[0], robot.joints[0]
+    exact = _pins(cylinder, replace(joint, axis=np.array([1.0, 0.0, 0.0])))
+    for aside in ([0.0, off], [off, 0.0], [-off, off]):
+        axis = np.array([1.0, *aside])
+        near = _pins(cylinder, replace(joint, axis=axis / np.linalg.norm(axis)))
+        np.testing.assert_allclose(near, exact, atol=4.0 * off)
+
+
+def test_parts_of_a_cylinder_on_a_joint_that_slides_are_refused() -> None:
+    """Its links carry them: the plant knows of no pins."""
+    robot = load_robot("xs031")
+    truth = Truth.ideal(robot)
+    slide = replace(robot.joints[1], prismatic=True)
+    seat = replace(robot.cylinders[1], l1_m=0.0, l2_m=0.0)
+    sliding = replace(robot, joints=(robot.joints[0], slide), cylinders=(robot.cylinders[0], seat))
+    with pytest.raises(BridgeError, match="'tilt_cylinder' is on a prismatic joint: expected"):
+        Plant(sliding, truth, np.array([0.8, -1.2]))
 
 
 def test_lever_is_the_derivative_of_the_stroke() -> None:

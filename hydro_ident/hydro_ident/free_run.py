@@ -1,9 +1,10 @@
 """Free-run validation: the robot rolled out from recorded voltages, against what it really did.
 
 A one-step fit of forces says little about a simulation: errors add up. Here the model gets the
-recorded valve voltages (and supply and tank pressure where recorded; the joint torques of joints
-without cylinder) and the first sample's state, and nothing else. Two figures per joint: restarted
-every few seconds, and, on bags that were held out whole, over a whole run.
+recorded valve voltages (and supply and tank pressure and the oil's temperature where recorded; the
+joint torques of joints without cylinder) and the first sample's state, and nothing else. Two
+figures per joint: restarted every few seconds, and, on bags that were held out whole, over a whole
+run.
 
 A roll-out that cannot be integrated is rejected and said, never replaced.
 """

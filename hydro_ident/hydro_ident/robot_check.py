@@ -15,6 +15,7 @@ import numpy as np
 from hydro_ident.robot_file_gaps import missing_fields
 from hydro_ident.robot_ranges import CylinderRange, cylinder_ranges, drawn_poses
 from hydro_ident.robot_units import unit_errors, unit_warnings
+from hydro_ident.robot_unused import unused_fields
 from hydro_model.effects import resolve
 from hydro_model.errors import RobotError
 from hydro_model.joint_ranges import limits
@@ -106,6 +107,7 @@ def check_robot(robot: Robot) -> RobotCheck:
     remarks += [Remark(ERROR, about, text) for about, text in unit_errors(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in unit_warnings(robot, ranges)]
     remarks += [Remark(WARNING, about, text) for about, text in missing_fields(robot)]
+    remarks += [Remark(WARNING, about, text) for about, text in unused_fields(robot)]
     order = (ERROR, WARNING, NOTE)
     return RobotCheck(robot, ranges, tuple(sorted(remarks, key=lambda r: order.index(r.level))))
 

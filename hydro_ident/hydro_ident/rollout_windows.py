@@ -154,6 +154,7 @@ def rolled_out(
         supply=_measured(trace.supply[at], robot.supply_pressure_pa),
         tank=_measured(trace.tank[at], robot.tank_pressure_pa),
         torque=torque,
+        oil_c=None if trace.oil_c is None else trace.oil_c[at],
     )
 
 

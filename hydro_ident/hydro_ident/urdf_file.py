@@ -9,7 +9,7 @@ from hydro_ident.consistent_robot import central
 from hydro_ident.errors import IdentError
 from hydro_model.robot import STANDARD_PARAMETERS, Robot
 
-_NOTE = " Inertia of the moving links by hydro_ident, what is fixed to them lumped in. "
+_NOTE = " Inertia of the moving links by hydro_ident, what hangs on them lumped in. "
 
 
 def urdf_with_inertia(robot: Robot) -> str:
@@ -23,7 +23,8 @@ def urdf_with_inertia(robot: Robot) -> str:
     Returns
     -------
     str
-        A moving link carries all that is fixed to it; those links lose their own inertia.
+        A moving link carries all that hangs on it beside the chain; those links lose their own
+        inertia.
 
     Raises
     ------
@@ -78,11 +79,11 @@ def _read(path: Path) -> ElementTree.Element:
 
 
 def _lumped(root: ElementTree.Element, moving: set[str]) -> set[str]:
-    """Links fixed to a moving link of the chain, directly or through others."""
+    """Links that hang on a moving link of the chain, directly or through others."""
     pairs = []
     for joint in root.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
-        if joint.get("type") == "fixed" and parent is not None and child is not None:
+        if parent is not None and child is not None:
             pairs.append((parent.get("link", ""), child.get("link", "")))
     found: set[str] = set()
     while new := {c for p, c in pairs if p in moving | found} - found - moving:

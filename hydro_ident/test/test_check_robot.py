@@ -142,6 +142,29 @@ def test_what_is_left_to_defaults_is_listed(crane: Crane) -> None:
     assert len(texts(check, WARNING, "sensors")) == 4
 
 
+def test_what_of_the_files_is_not_used_is_told(crane: Crane) -> None:
+    jaw = """<link name="jaw"><inertial><mass value="55"/>
+      <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="grip" type="revolute"><parent link="tip_link"/><child link="jaw"/>
+      <limit lower="0" upper="1" effort="1" velocity="1"/></joint></robot>"""
+    assert not [r for r in crane.check().remarks if r.about in ("grip", "lift", "tilt")]
+    crane.replace("</robot>", jaw)
+    text = crane.urdf.read_text(encoding="utf-8")
+    at = text.index("</joint>", text.index('name="lift"'))
+    dynamics = '<dynamics damping="300" friction="40"/>'
+    crane.urdf.write_text(text[:at] + dynamics + text[at:], encoding="utf-8")
+    crane.change("joints", value=[{"name": "tilt", "viscous_friction": 70.0}])
+    check = crane.check()
+    [branch] = texts(check, WARNING, "grip")
+    assert "the 55 kg behind it count as fixed to 'tilt_link' at position 0" in branch
+    dry, viscous = texts(check, WARNING, "lift")
+    assert "the URDF's friction of 40 is not used" in dry
+    assert "viscous friction of 300 N m s/rad" in viscous
+    assert "viscous_friction of 'lift_cylinder' in N s/m" in viscous
+    [listed] = texts(check, WARNING, "tilt")
+    assert "viscous friction of 70 N m s/rad" in listed
+
+
 def test_what_several_lack_is_one_line(crane: Crane) -> None:
     for k in (0, 1):
         for part in ("barrel", "rod", "child_pin_angle_rad"):

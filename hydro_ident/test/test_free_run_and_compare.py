@@ -15,10 +15,12 @@ from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import run
 from hydro_ident.compare import LEVEL, compare
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import traces_of
 from hydro_ident.free_run import free_run
 from hydro_ident.parameters import Parameter
+from hydro_ident.rollout_windows import rolled_out, usable_pieces
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -86,6 +88,23 @@ def test_the_true_robot_follows_its_recording_and_a_wrong_one_does_not(
         assert joint.whole_after is not None
     again = free_run(stiff, truth, traces, WHOLE)
     assert [j.rmse_after for j in again.joints] == [j.rmse_after for j in result.joints]
+
+
+def test_a_recorded_oil_temperature_is_what_a_free_run_drifts_with(
+    crane_run, write_bag: Callable[..., Path]
+) -> None:
+    """At the reference temperature nothing drifts, however long the recording warms up."""
+    [trace] = traces_of([read_recording(write_bag(crane_run.columns()), crane_run.robot)])
+    trace = replace(trace, oil_c=np.full(len(trace.time_s), 40.0))
+    piece = usable_pieces(crane_run.robot, trace, FilterSettings())[0]
+    piece = replace(piece, end=min(piece.end, piece.begin + 500))
+    drift = {"viscous": 2e4, "reference": 40.0, "warm_s": 300.0}
+    warming = EffectSpec("temperature_drift", "lift_cylinder", drift)
+    robot = replace(crane_run.robot, effects=(*crane_run.robot.effects, warming))
+    plain = rolled_out(crane_run.robot, piece).q
+    np.testing.assert_allclose(rolled_out(robot, piece).q, plain, rtol=0, atol=1e-9)
+    unknown = replace(piece, trace=replace(trace, oil_c=None))
+    assert np.abs(rolled_out(robot, unknown).q - plain).max() > 1e-6
 
 
 def test_only_held_out_blocks_are_run(crane_run, write_bag: Callable[..., Path]) -> None:

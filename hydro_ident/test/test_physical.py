@@ -332,11 +332,12 @@ def test_infeasible_values_enter_no_file(robot: Robot, tmp_path: Path) -> None:
     assert model.base_parameters[5].value < -59.0
 
 
-def test_urdf_lumps_fixed_links(tmp_path: Path, robot: Robot) -> None:
+@pytest.mark.parametrize("kind", ["fixed", "continuous"])
+def test_urdf_lumps_links_beside_the_chain(tmp_path: Path, robot: Robot, kind: str) -> None:
     assert robot.urdf is not None
-    tool = """<link name="tool"><inertial><origin xyz="0.1 0 0"/><mass value="50"/>
+    tool = f"""<link name="tool"><inertial><origin xyz="0.1 0 0"/><mass value="50"/>
       <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-      <joint name="grip" type="fixed"><parent link="tip_link"/><child link="tool"/>
+      <joint name="grip" type="{kind}"><parent link="tip_link"/><child link="tool"/>
       <origin xyz="0.2 0 0" rpy="0 0.3 0"/></joint></robot>"""
     file = tmp_path / "tooled.urdf"
     file.write_text(robot.urdf.read_text().replace("</robot>", tool))

@@ -303,6 +303,11 @@ def _cylinders(robot: Robot, truth: Truth) -> Records:
         index = robot.joint_index(cylinder.joint)
         row["joint"] = index
         row["direct"] = cylinder.l1_m == 0.0
+        if row["direct"] and (real.barrel is not None or real.rod is not None):
+            raise BridgeError(
+                f"truth {truth.name}: '{cylinder.name}' is on a prismatic joint: expected its"
+                " barrel and rod in the links that they move with, found parts of its own"
+            )
         row["parent_pin"], row["child_pin"] = _pins(cylinder, robot.joints[index])
         row["closed_length"], row["full_stroke"] = cylinder.x0_m, cylinder.stroke_m
         row["area_a"], row["area_b"] = cylinder.area_a_m2, cylinder.area_b_m2
@@ -381,9 +386,10 @@ def _pins(cylinder: Cylinder, joint: Joint) -> tuple[FloatArray, FloatArray]:
     if cylinder.l1_m == 0.0:
         return np.zeros(3), np.zeros(3)
     axis = np.asarray(joint.axis, dtype=float)
-    # Angles count from the child frame's x axis as seen along the joint axis.
+    # Angles count from the child frame's x axis as seen along the joint axis; from its y axis
+    # where that is x but for rounding or a calibration: 0.01 rad.
     along = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
-    if float(along @ along) < 1e-12:
+    if float(along @ along) < 0.01**2:
         along = np.array([0.0, 1.0, 0.0]) - axis[1] * axis
     along /= np.sqrt(along @ along)
     across = np.cross(axis, along)

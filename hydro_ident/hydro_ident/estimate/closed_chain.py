@@ -72,18 +72,26 @@ def expected_sizes(robot: Robot, base: BaseMap) -> FloatArray:
 
 
 def steel_masses(cylinder: Cylinder) -> tuple[float, float]:
-    """Masses of a steel barrel and rod of a cylinder's size, kg."""
+    """Masses of a steel barrel and rod of a cylinder's size, kg; 0 of one along its joint."""
     return _tube(cylinder)[0], _bar(cylinder)[0]
 
 
 def _tube(c: Cylinder) -> tuple[float, float, float]:
-    mass = _STEEL_KG_M3 * np.pi / 4.0 * (_OUTER**2 - 1.0) * c.bore_m**2 * c.x0_m
-    return mass, mass * c.x0_m / 2.0, mass * c.x0_m**2 / 3.0
+    return _slender((_OUTER**2 - 1.0) * c.bore_m**2, _length_m(c))
 
 
 def _bar(c: Cylinder) -> tuple[float, float, float]:
-    mass = _STEEL_KG_M3 * np.pi / 4.0 * c.rod_m**2 * c.x0_m
-    return mass, mass * c.x0_m / 2.0, mass * c.x0_m**2 / 3.0
+    return _slender(c.rod_m**2, _length_m(c))
+
+
+def _length_m(c: Cylinder) -> float:
+    # Of one along its joint `x0_m` is a position, and its bodies are parts of the links.
+    return c.x0_m if c.l1_m > 0.0 else 0.0
+
+
+def _slender(square_m2: float, length_m: float) -> tuple[float, float, float]:
+    mass = _STEEL_KG_M3 * np.pi / 4.0 * square_m2 * length_m
+    return mass, mass * length_m / 2.0, mass * length_m**2 / 3.0
 
 
 def fit_with_parts(

@@ -103,7 +103,7 @@ def _of_time(material: Material, effect: Effect, spec: ParameterSpec) -> list[fl
         # What it has done before, the base has taken up; others' own is looked for there.
         return [0.0]
     if effect.name == "temperature_drift" and (mean_c := mean_oil_c(material)) is not None:
-        # A temperature that is known needs no rise with time; roll-outs are at the mean.
+        # A temperature that is known needs no rise with time; roll-outs without are at the mean.
         known = {
             "reference": [mean_c],
             "rise": [0.0],

@@ -15,7 +15,13 @@ from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.places import bounded_bend, bounded_tilt, stations, tilts
+from hydro_ident.mismatch.places import (
+    bounded_bend,
+    bounded_bodies,
+    bounded_tilt,
+    stations,
+    tilts,
+)
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.stepping import given_steps, is_free
 from hydro_model.cylinder import stroke
@@ -55,6 +61,20 @@ def _arm(folder: Path, axes: tuple[str, str], kind: str = "revolute") -> Robot:
 
 def _tilt(robot: Robot) -> ActiveEffect:
     return bounded_tilt(robot, ActiveEffect(TILT, None, TILT.typical, target=robot.name))
+
+
+@pytest.mark.parametrize("x0_m", [-0.05, 0.0, 2.0])
+def test_bodies_of_a_cylinder_along_its_joint_are_the_links(x0_m: float) -> None:
+    """Its `x0_m` is a position of the joint, no length: below 0 bounds would be upside down."""
+    robot = load_robot("xs031")
+    along = replace(robot.cylinders[1], l1_m=0.0, x0_m=x0_m)
+    robot = replace(robot, cylinders=(robot.cylinders[0], along))
+    effect = CATALOGUE["cylinder_inertia"]
+    for index, free in enumerate((True, False)):
+        bounded = bounded_bodies(robot, ActiveEffect(effect, index, effect.typical)).effect
+        assert all(spec.lower == 0.0 for spec in bounded.parameters)
+        assert all((spec.upper > 0.0) == free for spec in bounded.parameters)
+        assert all(spec.upper >= 0.0 for spec in bounded.parameters)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ MODULES = {
     "hydro_hw_bridge/hydro_hw_bridge": ("codec", "e2e", "layout", "mapping", "signals"),
     "hydro_msgs_docs/hydro_msgs_docs": ("cdr",),
     "ros2_ws/src/hydro_model/hydro_model": (
-        *("fields", "robot", "robot_checks", "robot_files", "safe_yaml", "urdf"),
+        *("fields", "robot", "robot_checks", "robot_files", "safe_yaml", "urdf", "urdf_xml"),
     ),
 }
 #: Read no file of other people's.

@@ -29,6 +29,10 @@ OWN, OTHER, ANGLE = 14, 15, 16
 MASS, FIRST, SECOND = 17, 18, 19
 PART_COLUMNS = 20
 
+#: An axis no further from x than this turns about x: what is left of x across it would be where
+#: the last digits of its numbers, or a calibration of the axis, happen to point.
+ALONG_X_RAD = 0.01
+
 PART_SIZE = len(PART_PARAMETERS)
 _SIZE = len(STANDARD_PARAMETERS)
 
@@ -36,7 +40,8 @@ _SIZE = len(STANDARD_PARAMETERS)
 def pins(cylinder: Cylinder, joint: Joint) -> tuple[FloatArray, FloatArray]:
     """Directions of the two pins from the joint axis, in the child frame at q = 0.
 
-    Angles count about the joint axis, from the x axis (the y axis where the joint turns about x).
+    Angles count about the joint axis, from the x axis (the y axis where the joint turns about x,
+    to within `ALONG_X_RAD`).
     The angle between the pins is q + q0, so the parent pin stands at ``child_pin_angle - q0``.
 
     Parameters
@@ -52,7 +57,7 @@ def pins(cylinder: Cylinder, joint: Joint) -> tuple[FloatArray, FloatArray]:
     """
     axis = np.asarray(joint.axis, dtype=float)
     along = np.array([1.0, 0.0, 0.0]) - axis[0] * axis
-    if float(along @ along) < 1e-12:
+    if float(along @ along) < ALONG_X_RAD**2:
         along = np.array([0.0, 1.0, 0.0]) - axis[1] * axis
     along /= np.linalg.norm(along)
     across = np.cross(axis, along)

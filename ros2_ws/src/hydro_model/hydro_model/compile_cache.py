@@ -7,15 +7,18 @@ folder named after all sources cannot.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import os
 import shutil
+import tempfile
 from pathlib import Path
 
 #: Working copies and versions whose kernels are kept: those that were used last.
 _KEPT = 16
-
+#: What the name of a folder begins with that one run has for itself.
+_PASSING = "hydro_model_kernels_"
 
 #: Packages with kernels that take constants and kernels from several of their files; in others
 #: each takes what is in its own file and in this package.
@@ -43,24 +46,60 @@ def use_user_cache() -> None:
     """Point numba at the folder of the sources as they stand, unless the user chose one.
 
     Has no effect once numba is imported, so `hydro_model` calls it when it is imported itself.
+    Where there is no home, or none that can be written to, what is compiled is kept for this
+    process and those that it starts.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
+    try:
+        folder = _user_folder()
+    except (OSError, RuntimeError):  # the latter: nobody knows where the home is
+        # Not numba's own choice, beside the sources: kernels of older ones may lie there.
+        folder = _folder_of_this_run()
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+def is_kept(folder: str) -> bool:
+    """Whether what lies in a cache folder is there for later runs.
+
+    Parameters
+    ----------
+    folder : str
+    """
+    return not Path(folder).name.startswith(_PASSING)
+
+
+def _user_folder() -> Path:
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hydro_model"
     folder = base / source_state()
-    try:
-        if not folder.is_dir():
-            folder.mkdir(parents=True, exist_ok=True)
-            _prune(base)
-        # Used now: another copy's process that prunes will not take these away from a run.
-        os.utime(folder)
-    except OSError:
-        return  # no home to write to: numba then compiles anew each time
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    fresh = not folder.is_dir()
+    folder.mkdir(parents=True, exist_ok=True)
+    # Used now: another copy's process that prunes will not take these away from a run.
+    os.utime(folder)
+    if fresh:
+        _prune(base)
+    return folder
+
+
+def _folder_of_this_run() -> Path:
+    folder, owner = Path(tempfile.mkdtemp(prefix=_PASSING)), os.getpid()
+
+    def forget() -> None:
+        if os.getpid() == owner:  # not where a fork of it ends
+            shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(forget)
+    return folder
 
 
 def _prune(base: Path) -> None:
     """Forget the caches of all but the states of the sources that were used last."""
-    folders = sorted(base.iterdir(), key=lambda folder: folder.stat().st_mtime, reverse=True)
-    for old in folders[_KEPT:]:
+    for old in sorted(base.iterdir(), key=_last_used, reverse=True)[_KEPT:]:
         shutil.rmtree(old, ignore_errors=True)
+
+
+def _last_used(folder: Path) -> float:
+    try:
+        return folder.stat().st_mtime
+    except OSError:  # another process that prunes was quicker
+        return 0.0

@@ -7,6 +7,8 @@ from typing import Any
 
 from numba.core import config, event
 
+from hydro_model.compile_cache import is_kept
+
 
 def notice(module: str, folder: str) -> str:
     """What is said.
@@ -16,7 +18,7 @@ def notice(module: str, folder: str) -> str:
     module : str
         Of the kernel that is compiled first.
     folder : str
-        Where compiled kernels are kept; empty where numba finds a place itself, or none.
+        Where compiled kernels are kept; empty where numba finds a place itself.
 
     Returns
     -------
@@ -24,6 +26,8 @@ def notice(module: str, folder: str) -> str:
     """
     # Which other kernels this run will need nobody knows yet.
     kept = f"; kept in {folder} for later runs" if folder else ""
+    if not is_kept(folder):
+        kept = "; for this run alone: no cache folder can be written to (XDG_CACHE_HOME names one)"
     return (
         f"hydro_model: compiling kernels of {module} and what else no earlier run of these"
         f" sources has needed (seconds to half a minute){kept}"

@@ -156,6 +156,13 @@ class Fields:
             raise self._wrong(key, "a number above 0", value)
         return value
 
+    def not_negative(self, key: str, default: float = _REQUIRED) -> float:
+        """A finite number of zero or more."""
+        value = self.number(key, default)
+        if value < 0.0:
+            raise self._wrong(key, "a number of 0 or more", value)
+        return value
+
     def vector(self, key: str, size: int, default: Sequence[float] = _REQUIRED) -> FloatArray:
         """An array of `size` finite numbers."""
         value = self._get(key, default, f"{size} numbers")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,9 @@ _OPTIONS = {
         "end of the pressure sensors' range, gauge (not stated without: 250 is taken)",
     ),
 }
+#: How far the pins of a cylinder along a joint may be beside one another, over its closed length:
+#: its length is then that along the joint to a five-thousandth.
+ASKEW = 0.02
 _NUMBERS = ("PX", "PY", "CX", "CY", "BORE", "ROD", "STROKE", "CLOSED")
 
 
@@ -38,10 +41,13 @@ class MeasuredCylinder:
     joint : str
     parent_pin_m, child_pin_m : (float, float)
         Pins from the joint's axis at q = 0, in the plane in which positive turns
-        counter-clockwise, x along the child link's x axis.
+        counter-clockwise, x along the child link's x axis. Of a joint that slides x is along its
+        axis.
     bore_m, rod_m, stroke_m : float
     closed_m : float
         From pin to pin with the rod fully in.
+    slides : bool
+        The joint is prismatic, and the cylinder lies along it.
     """
 
     joint: str
@@ -51,17 +57,34 @@ class MeasuredCylinder:
     rod_m: float
     stroke_m: float
     closed_m: float
+    slides: bool = False
 
     def lines(self) -> list[str]:
         """The cylinder's entry in the file."""
-        parent, child = (math.atan2(y, x) for x, y in (self.parent_pin_m, self.child_pin_m))
-        between = math.remainder(child - parent, 2.0 * math.pi)
         return [
             f"  - name: {self.joint}_cylinder",
             f"    joint: {self.joint}",
             f"    bore_m: {self.bore_m:g}",
             f"    rod_m: {self.rod_m:g}",
             f"    stroke_m: {self.stroke_m:g}",
+            *(self._along() if self.slides else self._triangle()),
+        ]
+
+    def _along(self) -> list[str]:
+        """Where a joint that slides is with the rod fully in."""
+        (px, py), (cx, cy) = self.parent_pin_m, self.child_pin_m
+        if cx <= px or abs(cy - py) > ASKEW * self.closed_m:
+            raise RobotError(
+                f"--cylinder {self.joint}: on a joint that slides, x being along its axis,"
+                f" expected the cylinder along it, CX above PX and CY as PY, found {px:g} {py:g}"
+                f" and {cx:g} {cy:g}"
+            )
+        return [f"    x0_m: {self.closed_m - (cx - px):.5f}"]
+
+    def _triangle(self) -> list[str]:
+        parent, child = (math.atan2(y, x) for x, y in (self.parent_pin_m, self.child_pin_m))
+        between = math.remainder(child - parent, 2.0 * math.pi)
+        return [
             f"    l1_m: {math.hypot(*self.parent_pin_m):.5f}",
             f"    l2_m: {math.hypot(*self.child_pin_m):.5f}",
             f"    q0_rad: {between:.5f}",
@@ -149,7 +172,8 @@ def _parser() -> argparse.ArgumentParser:
         prog="new_robot",
         description="Write NAME.hydraulics.yaml beside NAME.urdf from pins and datasheets.",
         epilog="PX PY and CX CY: pins on the parent and on the child link, m from the joint's axis"
-        " at q = 0, seen so that positive turns counter-clockwise, x along the child link."
+        " at q = 0, seen so that positive turns counter-clockwise, x along the child link; of a"
+        " joint that slides x is along its axis, and the cylinder lies along it."
         " CLOSED: pin to pin, rod fully in.",
     )
     p.add_argument("urdf", type=Path, metavar="NAME.urdf", help="links, joints, limits, masses")
@@ -179,12 +203,13 @@ def _parser() -> argparse.ArgumentParser:
     return p
 
 
-def _measured(words: Sequence[str]) -> MeasuredCylinder:
+def _measured(words: Sequence[str], sliding: Collection[str]) -> MeasuredCylinder:
     try:
         px, py, cx, cy, bore, rod, stroke, closed = (float(word) for word in words[1:])
     except ValueError as error:
         raise RobotError(f"--cylinder {words[0]}: expected eight numbers in m, {error}") from error
-    return MeasuredCylinder(words[0], (px, py), (cx, cy), bore, rod, stroke, closed)
+    slides = words[0] in sliding
+    return MeasuredCylinder(words[0], (px, py), (cx, cy), bore, rod, stroke, closed, slides)
 
 
 def _valves(given: Sequence[Sequence[float]], cylinders: int) -> list[tuple[float, float]]:
@@ -224,13 +249,16 @@ def _ratings(options: argparse.Namespace) -> dict[str, float | None]:
 def _run(arguments: Sequence[str]) -> int:
     options = _parser().parse_args(arguments)
     from hydro_model.robot_files import load_robot
+    from hydro_model.urdf import read_chain
 
     out = options.urdf.with_suffix(".hydraulics.yaml")
     if not options.urdf.is_file():
         raise RobotError(f"no URDF '{options.urdf}'")
     if out.exists() and not options.force:
         raise RobotError(f"{out} is there already: move it away, or replace it with --force")
-    cylinders = [_measured(words) for words in options.cylinder]
+    chain = read_chain(options.urdf, options.tip)
+    sliding = [joint.name for joint in chain.joints if joint.prismatic]
+    cylinders = [_measured(words, sliding) for words in options.cylinder]
     valves = _valves(options.valve, len(cylinders))
     text = hydraulics_text(
         options.urdf, options.tip, cylinders, valves, options.supply, **_ratings(options)

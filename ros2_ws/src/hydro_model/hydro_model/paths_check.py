@@ -267,8 +267,8 @@ def check_times(path: Path, step_s: float) -> FloatArray:
 
 
 def _limit(times: FloatArray, values: FloatArray, limit: float, what: str, bound: str) -> None:
-    worst = int(np.argmax(values))
-    if values[worst] > limit + 1e-9:
+    worst = int(np.argmax(values))  # of NaN the first
+    if not values[worst] <= limit + 1e-9:
         sign = -1.0 if bound == "at least" else 1.0
         raise RobotError(
             f"{what} {sign * values[worst]:.4g} at {times[worst]:.2f} s,"

@@ -116,6 +116,7 @@ class Cylinder:
         Direction of the child-link pin in the child frame, from the x axis, positive in the
         joint's own sense of rotation.
     barrel, rod : CylinderPart or None
+        On a triangle; those of one directly on a joint are parts of its links.
     bulk_modulus_pa : float
         Effective bulk modulus of both chambers.
     viscous_friction : float

@@ -11,7 +11,7 @@ import numpy as np
 
 from hydro_model.cylinder import inside_stroke, stroke
 from hydro_model.errors import RobotError
-from hydro_model.robot import Cylinder, FloatArray, Robot
+from hydro_model.robot import Cylinder, FloatArray, Joint, Robot
 
 #: Of a stroke, and of the joint's range: by how much joint limits may be too wide.
 LIMITS_SLACK = 0.03
@@ -21,7 +21,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def check_robot(robot: Robot, path: Path) -> None:
-    """Names that are given twice or are not there, and cylinders that their joints do not fit.
+    """Names given twice or not there, cylinders that their joints do not fit, no pressure.
 
     Parameters
     ----------
@@ -42,19 +42,42 @@ def check_robot(robot: Robot, path: Path) -> None:
         check_known(
             f"cylinder '{cylinder.name}'", "joint", cylinder.joint, robot.joint_names, path
         )
-        joint = robot.joints[robot.joint_index(cylinder.joint)]
-        if cylinder.l1_m == 0.0 and not joint.prismatic:
-            raise RobotError(
-                f"{path}: cylinder '{cylinder.name}' on revolute joint '{joint.name}' needs"
-                " l1_m, l2_m, q0_rad and x0_m"
-            )
-        if not np.isfinite([joint.lower, joint.upper]).all():
-            raise RobotError(
-                f"{path}: cylinder '{cylinder.name}' needs joint '{joint.name}' to have finite"
-                f" limits, found {joint.lower} to {joint.upper}"
-            )
+        _check_seat(cylinder, robot.joints[robot.joint_index(cylinder.joint)], path)
     for valve in robot.valves:
         check_known(f"valve '{valve.name}'", "cylinder", valve.cylinder, cylinders, path)
+    if robot.supply_pressure_pa < robot.tank_pressure_pa:
+        raise RobotError(
+            f"{path}: expected a supply pressure_pa of at least the tank's"
+            f" {robot.tank_pressure_pa:g} Pa, found {robot.supply_pressure_pa:g} Pa"
+        )
+
+
+def _check_seat(cylinder: Cylinder, joint: Joint, path: Path) -> None:
+    """Refuse a cylinder that its joint cannot carry in the form in which the file has it."""
+    who = f"{path}: cylinder '{cylinder.name}'"
+    direct = cylinder.l1_m == 0.0
+    if direct and not joint.prismatic:
+        raise RobotError(
+            f"{who} on revolute joint '{joint.name}' needs l1_m, l2_m, q0_rad and x0_m"
+        )
+    if joint.prismatic and not direct:
+        raise RobotError(
+            f"{who} on prismatic joint '{joint.name}' has l1_m, which is of a joint that turns:"
+            " expected no l1_m, l2_m and q0_rad, and as x0_m the joint's position with the rod"
+            " fully in"
+        )
+    # Nothing in the file says where along the joint its pins are: a URDF says where a mass is.
+    if direct and (cylinder.barrel is not None or cylinder.rod is not None):
+        raise RobotError(
+            f"{who} on prismatic joint '{joint.name}' has a barrel or rod, which move with the"
+            f" links there: expected the barrel's mass in the <inertial> of '{joint.parent_link}'"
+            f" and the rod's in that of '{joint.child_link}', in the URDF"
+        )
+    if not np.isfinite([joint.lower, joint.upper]).all():
+        raise RobotError(
+            f"{who} needs joint '{joint.name}' to have finite"
+            f" limits, found {joint.lower} to {joint.upper}"
+        )
 
 
 def check_known(who: str, what: str, name: str, known: tuple[str, ...], path: Path) -> None:

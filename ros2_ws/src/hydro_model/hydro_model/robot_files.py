@@ -136,7 +136,7 @@ def _robot_from(top: Fields, path: Path) -> Robot:
         atmospheric_pressure_pa=fluid.positive("atmospheric_pressure_pa", 101325.0),
         supply_pressure_pa=supply.number("pressure_pa", 0.0),
         tank_pressure_pa=supply.number("tank_pressure_pa", 0.0),
-        command_delay_s=top.number("command_delay_s", 0.0),
+        command_delay_s=top.not_negative("command_delay_s", 0.0),
         effects=tuple(_effect(f) for f in top.items("effects")),
         base_parameters=base,
         base_covariance=_covariance(top, len(base)),
@@ -242,9 +242,9 @@ def _part(f: Fields | None, pin: str) -> CylinderPart | None:
     if f is None:
         return None
     part = CylinderPart(
-        mass_kg=f.number("mass_kg"),
+        mass_kg=f.not_negative("mass_kg"),
         com_from_pin_m=f.number(f"com_from_{pin}_pin_m"),
-        inertia_com_kg_m2=f.number("inertia_com_kg_m2"),
+        inertia_com_kg_m2=f.not_negative("inertia_com_kg_m2"),
     )
     f.check_spelling()
     return part

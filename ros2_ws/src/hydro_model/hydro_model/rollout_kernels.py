@@ -12,7 +12,13 @@ from hydro_model.dormand_prince import STAGES as EXPLICIT_STAGES
 from hydro_model.explicit_kernels import IMPLICIT_STEPS, try_explicit, watch_stiffness
 from hydro_model.kernel import copy, kernel, merged
 from hydro_model.rosenbrock_kernels import jacobian, try_step
-from hydro_model.signals import PISTON_POSITION, SUPPLY_PRESSURE, TANK_PRESSURE, VALVE_SIGNAL
+from hydro_model.signals import (
+    OIL_TEMPERATURE,
+    PISTON_POSITION,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    VALVE_SIGNAL,
+)
 from hydro_model.simulate_arrays import RATES, REST, STROKE
 from hydro_model.simulate_kernels import right_hand_side
 from hydro_model.solver_kernels import FIRST_STEP_S, scaled_rates
@@ -173,6 +179,13 @@ def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> No
 
 
 @kernel
+def _warm(work: Any, oil_c: float) -> None:
+    """Let all laws see a temperature of the oil."""
+    for i in range(work.signals.shape[0]):
+        work.signals[i, OIL_TEMPERATURE] = oil_c
+
+
+@kernel
 def roll_out(
     model: Any,
     work: Any,
@@ -181,6 +194,7 @@ def roll_out(
     commands: Array,
     rails: Array,
     torques: Array,
+    oil: Array,
     delay: float,
     tolerance: float,
     inputs: Array,
@@ -203,6 +217,8 @@ def roll_out(
         Supply and tank pressure before effects; between samples their mean holds.
     torques : (N, n) array
         Joint torques, each row held until the next sample.
+    oil : (N,) array
+        Its temperature, deg C, each held until the next sample; NaN where it is not known.
     delay, tolerance : float
     inputs : (m + 2 + n,) array
         Working memory.
@@ -227,6 +243,7 @@ def roll_out(
                 inputs[m + i] = 0.5 * (rails[sample - 1, i] + rails[sample, i])
             for j in range(torques.shape[1]):
                 inputs[m + 2 + j] = torques[sample - 1, j]
+            _warm(work, oil[sample - 1])
             status, time, held, h = _to_sample(
                 model,
                 work,
@@ -249,6 +266,7 @@ def roll_out(
             inputs[m + i] = rails[sample, i]
         for j in range(torques.shape[1]):
             inputs[m + 2 + j] = torques[sample, j]
+        _warm(work, oil[sample])
         if sample == 0:
             right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):

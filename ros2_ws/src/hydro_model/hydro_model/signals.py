@@ -3,10 +3,10 @@
 A law receives one row of `SIGNAL_COUNT` numbers, in a roll-out from the state, in the
 identification from a recording. Pressures are gauge. In a roll-out, signals that are an outcome of
 the step or are not simulated are NaN, so that a law that needs them fails loudly:
-`PISTON_ACCELERATION`, `VALVE_RATE`, `OIL_TEMPERATURE`, and `SUPPLY_FLOW` and `RETURN_FLOW` for
-laws of a single cylinder (the sums over all valves are known to laws of the whole robot only),
-and `OTHER_ACCELERATION`. On a joint without cylinder, pressures, areas, edges and flows are NaN,
-and the piston's force is the drive's torque.
+`PISTON_ACCELERATION`, `VALVE_RATE`, `OIL_TEMPERATURE` where it was not measured, and `SUPPLY_FLOW`
+and `RETURN_FLOW` for laws of a single cylinder (the sums over all valves are known to laws of the
+whole robot only), and `OTHER_ACCELERATION`. On a joint without cylinder, pressures, areas, edges
+and flows are NaN, and the piston's force is the drive's torque.
 `hydro_model.effects.rows.signal_rows` fills them from a recording.
 
 Only append: compiled laws in a user's numba cache hold these numbers.

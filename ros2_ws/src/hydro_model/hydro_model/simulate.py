@@ -83,6 +83,7 @@ def simulate(
     supply: ArrayLike | None = None,
     tank: ArrayLike | None = None,
     torque: ArrayLike | None = None,
+    oil_c: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> Rollout:
     """Roll the model out from recorded voltages.
@@ -105,6 +106,9 @@ def simulate(
         effects on them.
     torque : (N, n) array, optional
         Further joint torques, each row held until the next sample.
+    oil_c : (N,) array, optional
+        Measured temperature of the oil, deg C, each held until the next sample. Without it
+        effects that look at it go by time.
     tolerance : float
         Relative error per step.
 
@@ -115,8 +119,8 @@ def simulate(
     Raises
     ------
     SimulationError
-        Shapes do not fit, or the integration fails: a piston leaves its stroke, something
-        becomes infinite or the step collapses.
+        Shapes do not fit, the robot's delay is negative, or the integration fails: a piston
+        leaves its stroke, something becomes infinite or the step collapses.
     RobotError
         An effect does not resolve.
     """
@@ -130,6 +134,7 @@ def simulate(
         ]
     )
     torques = shaped("torque", np.zeros((count, n)) if torque is None else torque, (count, n))
+    oil = np.full(count, np.nan) if oil_c is None else shaped("oil_c", oil_c, (count,))
     q_start = shaped("q0", q0, (n,))
     qd_start = shaped("qd0", np.zeros(n) if qd0 is None else qd0, (n,))
     rails_known = {"measured_supply": supply is not None, "measured_tank": tank is not None}
@@ -141,7 +146,7 @@ def simulate(
         p0 = equilibrium_pressures(models[0][1].robot, q_start, rails[0, 0], rails[0, 1])
     start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
     late = _late(models[0][1].robot, times, commands)
-    return _run(models, times, late, rails, torques, start, tolerance)
+    return _run(models, times, late, rails, torques, oil, start, tolerance)
 
 
 def _late(robot: Robot, times: FloatArray, commands: FloatArray) -> FloatArray:
@@ -172,6 +177,7 @@ def _run(
     commands: FloatArray,
     rails: FloatArray,
     torques: FloatArray,
+    oil: FloatArray,
     start: FloatArray,
     tolerance: float,
 ) -> Rollout:
@@ -195,6 +201,7 @@ def _run(
             commands,
             rails,
             torques,
+            oil,
             float(model.robot.command_delay_s),
             float(tolerance),
             inputs,
@@ -221,6 +228,11 @@ def _rail(name: str, measured: ArrayLike | None, constant: float, count: int) ->
 
 
 def _commands(robot: Robot, voltages: FloatArray) -> FloatArray:
+    if robot.command_delay_s < 0.0:
+        raise SimulationError(
+            f"robot {robot.name}: expected a command_delay_s of 0 or more, found"
+            f" {robot.command_delay_s:g}: no command acts before it is given"
+        )
     rated = [robot.valve_of(cylinder.name).rated_voltage_v for cylinder in robot.cylinders]
     return np.ascontiguousarray(np.clip(voltages / np.array(rated), -1.0, 1.0))
 

@@ -1,27 +1,41 @@
-"""The serial chain of a URDF, from its root to the tip link, with fixed joints lumped in."""
+"""The serial chain of a URDF from its root to the tip link, what hangs on it lumped in."""
 
 from __future__ import annotations
 
-import io
-from collections import Counter
-from contextlib import redirect_stderr
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
 
 import numpy as np
-from urdf_parser_py import urdf as urdf_xml
 
-from hydro_model.errors import RobotError, in_short
+from hydro_model.errors import RobotError
 from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Joint
 from hydro_model.spatial import from_roll_pitch_yaw
+from hydro_model.urdf_xml import parse_urdf
 
 _MOVING = ("revolute", "continuous", "prismatic")
-MAX_URDF_BYTES = 16_000_000
-_MAX_DEPTH = 32
-#: Links fixed to one another, one behind the other.
-_MAX_FIXED = 200
+#: Links beside the way to the tip, one behind the other.
+_MAX_BESIDE = 200
+
+
+@dataclass(frozen=True, slots=True)
+class SideBranch:
+    """Links that hang on the chain by a movable joint, which counts as fixed at position 0.
+
+    Attributes
+    ----------
+    joint : str
+        The movable joint.
+    carrier : str
+        Moving link of the chain that they are lumped into.
+    mass_kg : float
+        Of all that is behind the joint.
+    """
+
+    joint: str
+    carrier: str
+    mass_kg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +49,17 @@ class Chain:
         Standard parameters in the joint frames.
     tip_offset_m : (3,) array
         Tip in the last joint frame.
+    branches : tuple of SideBranch
+        Those with a mass.
+    dry_friction : mapping of str to float
+        `<dynamics friction>` by joint, where there is any: nothing uses it.
     """
 
     joints: tuple[Joint, ...]
     link_inertia: FloatArray
     tip_offset_m: FloatArray
+    branches: tuple[SideBranch, ...] = ()
+    dry_friction: Mapping[str, float] = field(default_factory=dict)
 
 
 def standard_parameters(
@@ -81,122 +101,33 @@ def read_chain(path: Path, tip_link: str) -> Chain:
     Raises
     ------
     RobotError
-        The file is absent or malformed, the tip link unknown, or a joint on the way is neither
-        revolute, continuous, prismatic nor fixed.
+        The file is absent or malformed, the tip link unknown, a joint on the way mimics another,
+        or a joint that matters is neither revolute, continuous, prismatic nor fixed.
     """
-    model = _parse(path)
+    model = parse_urdf(path)
     if tip_link not in model.link_map:
         known = ", ".join(model.link_map)
         raise RobotError(f"{path}: no link '{tip_link}' (links: {known})")
     way = _way_to(model, tip_link, path)
     joints: list[Joint] = []
     inertia: list[FloatArray] = []
+    branches: list[SideBranch] = []
     rotation, translation = np.eye(3), np.zeros(3)
     for xml in way:
+        _check_kind(xml, path)
         r, t = _origin(xml.origin)
         translation, rotation = translation + rotation @ t, rotation @ r
         if xml.type in _MOVING:
             joints.append(_joint(xml, rotation, translation, path))
             inertia.append(np.zeros(len(STANDARD_PARAMETERS)))
             rotation, translation = np.eye(3), np.zeros(3)
-        elif xml.type != "fixed":
-            raise RobotError(
-                f"{path}: joint '{xml.name}' is {xml.type}, expected {', '.join(_MOVING)} or fixed"
-            )
         if joints:
             inertia[-1] = inertia[-1] + _lumped(model, xml.child, rotation, translation, way)
+            branches += _branches(model, xml.child, way, joints[-1].child_link, path)
     if not joints:
         raise RobotError(f"{path}: no moving joint between the root and '{tip_link}'")
-    return Chain(tuple(joints), np.array(inertia), translation)
-
-
-def _parse(path: Path) -> Any:
-    if not path.is_file():
-        raise RobotError(f"no URDF at {path}")
-    if path.stat().st_size > MAX_URDF_BYTES:
-        raise RobotError(f"{path}: larger than {MAX_URDF_BYTES} bytes, no URDF")
-    _check_xml(path)
-    # The parser prints what it does not know (materials, plugins) to stderr: not our user's news.
-    with redirect_stderr(io.StringIO()):
-        try:
-            model = urdf_xml.URDF.from_xml_file(str(path))
-            model.get_root()
-        except Exception as error:  # the parser raises AssertionError, KeyError, ...
-            raise RobotError(f"{path}: not a valid URDF: {in_short(error)}") from error
-    _check_names(model, path)
-    _check_numbers(model, path)
-    return model
-
-
-def _check_xml(path: Path) -> None:
-    """Refuse what no URDF has and what could grow or nest without end, before it is parsed."""
-    depth = 0
-
-    def refuse(*_: object) -> None:
-        raise RobotError(f"{path}: not a valid URDF: expected no document type or entities")
-
-    def begin(*_: object) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _MAX_DEPTH:
-            raise RobotError(f"{path}: not a valid URDF: elements nested deeper than {_MAX_DEPTH}")
-
-    def end(_: object) -> None:
-        nonlocal depth
-        depth -= 1
-
-    parser = expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler, parser.EndElementHandler = begin, end
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except (expat.ExpatError, ValueError, LookupError, OSError) as error:
-        raise RobotError(f"{path}: not a valid URDF: {in_short(error)}") from error
-
-
-def _check_names(model: Any, path: Path) -> None:
-    """Refuse what the parser would resolve by taking the last one."""
-    groups = {
-        "link": [link.name for link in model.links],
-        "joint": [joint.name for joint in model.joints],
-        "child link": [joint.child for joint in model.joints],
-    }
-    for what, names in groups.items():
-        twice = sorted(str(name) for name, count in Counter(names).items() if count > 1)
-        if twice:
-            raise RobotError(f"{path}: {what} '{twice[0]}' appears more than once")
-
-
-def _check_numbers(model: Any, path: Path) -> None:
-    for joint in model.joints:
-        limit = joint.limit
-        limits = [limit.lower, limit.upper, limit.velocity, limit.effort] if limit else []
-        damping = [joint.dynamics.damping] if joint.dynamics else []
-        numbers = [*_pose(joint.origin), joint.axis, limits, damping]
-        _check_finite(f"joint '{joint.name}'", numbers, path)
-    for link in model.links:
-        if (body := link.inertial) is None:
-            continue
-        if body.inertia is None:
-            raise RobotError(f"{path}: link '{link.name}' has a mass without <inertia>")
-        numbers = [*_pose(body.origin), body.mass, body.inertia.to_matrix()]
-        _check_finite(f"link '{link.name}'", numbers, path)
-        if body.mass < 0.0:
-            raise RobotError(
-                f"{path}: link '{link.name}' has mass {body.mass}, expected 0 or more"
-            )
-
-
-def _pose(origin: Any) -> list[Any]:
-    return [] if origin is None else [origin.xyz, origin.rpy]
-
-
-def _check_finite(who: str, numbers: list[Any], path: Path) -> None:
-    for value in numbers:
-        if value is not None and not all(
-            np.isfinite(v) for v in np.ravel(np.array(value, dtype=object)) if v is not None
-        ):
-            raise RobotError(f"{path}: {who} has {value}, expected finite numbers")
+    dry = {x.name: float(x.dynamics.friction) for x in way if x.dynamics and x.dynamics.friction}
+    return Chain(tuple(joints), np.array(inertia), translation, tuple(branches), dry)
 
 
 def _way_to(model: Any, tip_link: str, path: Path) -> list[Any]:
@@ -218,11 +149,23 @@ def _origin(origin: Any) -> tuple[FloatArray, FloatArray]:
     return from_roll_pitch_yaw(*rpy), xyz
 
 
+def _check_kind(xml: Any, path: Path) -> None:
+    if xml.type not in (*_MOVING, "fixed"):
+        raise RobotError(
+            f"{path}: joint '{xml.name}' is {xml.type}, expected {', '.join(_MOVING)} or fixed"
+        )
+
+
 def _joint(xml: Any, rotation: FloatArray, translation: FloatArray, path: Path) -> Joint:
     axis = np.array([1.0, 0.0, 0.0] if xml.axis is None else xml.axis, dtype=float)
     norm = float(np.linalg.norm(axis))
     if not norm > 0.0:
         raise RobotError(f"{path}: joint '{xml.name}' has a zero axis")
+    if xml.mimic is not None:
+        raise RobotError(
+            f"{path}: joint '{xml.name}' mimics '{xml.mimic.joint}', expected joints on the way to"
+            " the tip that each move by themselves"
+        )
     limit = xml.limit
     turning = xml.type == "continuous"
     if limit is None and not turning:
@@ -254,20 +197,42 @@ def _lumped(
     rotation: FloatArray,
     translation: FloatArray,
     way: list[Any],
-    fixed: int = 0,
+    depth: int = 0,
 ) -> FloatArray:
-    """Parameters of a link and of what is fixed to it beside the chain, in the joint frame."""
-    if fixed > _MAX_FIXED:
-        raise RobotError(f"link '{link}': expected at most {_MAX_FIXED} fixed joints in a row")
+    """Parameters of a link and of what hangs on it beside the chain, in the joint frame.
+
+    Movable joints beside the chain stand at position 0.
+    """
+    if depth > _MAX_BESIDE:
+        raise RobotError(
+            f"link '{link}': expected at most {_MAX_BESIDE} joints in a row beside the chain"
+        )
     total = _own(model.link_map[link], rotation, translation)
+    for joint, child in _beside(model, link, way):
+        r, t = _origin(joint.origin)
+        total += _lumped(model, child, rotation @ r, translation + rotation @ t, way, depth + 1)
+    return total
+
+
+def _branches(
+    model: Any, link: str, way: list[Any], carrier: str, path: Path
+) -> Iterator[SideBranch]:
+    """What hangs on a link by movable joints, directly or behind fixed ones, and has a mass."""
+    for joint, child in _beside(model, link, way):
+        _check_kind(joint, path)
+        further = list(_branches(model, child, way, carrier, path))
+        if joint.type == "fixed":
+            yield from further
+        elif mass_kg := float(_lumped(model, child, np.eye(3), np.zeros(3), way)[0]):
+            yield SideBranch(joint.name, carrier, mass_kg)
+
+
+def _beside(model: Any, link: str, way: list[Any]) -> Iterator[tuple[Any, str]]:
+    """Joints that leave a link, and where they lead, without those on the way to the tip."""
     on_way = {joint.name for joint in way}
     for name, child in model.child_map.get(link, []):
-        joint = model.joint_map[name]
-        if name in on_way or joint.type != "fixed":
-            continue
-        r, t = _origin(joint.origin)
-        total += _lumped(model, child, rotation @ r, translation + rotation @ t, way, fixed + 1)
-    return total
+        if name not in on_way:
+            yield model.joint_map[name], child
 
 
 def _own(link: Any, rotation: FloatArray, translation: FloatArray) -> FloatArray:

@@ -87,6 +87,19 @@ def test_child_pin_of_the_crane_stands_where_its_file_says() -> None:
         assert np.allclose(child, [np.cos(angle), 0.0, np.sin(angle)], atol=1e-12)
 
 
+@pytest.mark.parametrize("off", [1e-9, 1e-6, 1e-4, 5e-3])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_axis_that_is_x_but_for_its_last_digits_turns_about_x(off: float, sign: float) -> None:
+    """Whatever of x is left across it would point anywhere."""
+    robot = load_robot("xs031")
+    joint, cylinder = robot.joints[0], robot.cylinders[0]
+    exact = pins(cylinder, replace(joint, axis=np.array([sign, 0.0, 0.0])))
+    for aside in ([0.0, off], [off, 0.0], [-off, off]):
+        axis = np.array([sign, *aside])
+        near = pins(cylinder, replace(joint, axis=axis / np.linalg.norm(axis)))
+        np.testing.assert_allclose(near, exact, atol=2.0 * off)
+
+
 def test_energy_is_that_of_points_on_the_lines(robot: Robot) -> None:
     """Barrel and rod as two points each, with the same mass, first moment and inertia."""
     bare = replace(robot, cylinders=())

@@ -48,3 +48,9 @@ def test_a_run_that_needs_further_kernels_names_those(tmp_path: Path) -> None:
 
 def test_no_folder_is_promised_where_none_is_known() -> None:
     assert "kept" not in notice("hydro_model.kernel", "")
+
+
+def test_what_is_kept_for_one_run_alone_is_said_so() -> None:
+    said = notice("hydro_model.kernel", "/tmp/hydro_model_kernels_x1")
+    assert "kept in" not in said
+    assert "for this run alone" in said

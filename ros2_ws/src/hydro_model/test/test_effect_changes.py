@@ -48,6 +48,25 @@ def test_cylinder_bodies_are_those_of_a_description_that_has_them() -> None:
     )
 
 
+def test_barrel_of_a_telescope_weighs_on_the_link_before_it() -> None:
+    """Points at the joint's origin: of the boom, and of the tube that moves with the joint."""
+    slide = replace(CRANE.joints[1], prismatic=True, lower=0.0, upper=1.0)
+    seat = replace(CRANE.cylinders[1], l1_m=0.0, barrel=None, rod=None)
+    robot = replace(CRANE, joints=(CRANE.joints[0], slide), cylinders=(CRANE.cylinders[0], seat))
+    bodies = ("cylinder_inertia", "tilt_cylinder", {"barrel_mass": 20.0, "rod_mass": 12.0})
+    found = with_changes(listed(robot, bodies))
+    at = np.array([Q[0], 0.4])
+    more = inverse_dynamics(found, at, ZERO, ZERO) - inverse_dynamics(robot, at, ZERO, ZERO)
+    pulls = []
+    for mass, along in ((20.0, 0.0), (12.0, at[1])):
+        place = slide.translation_m + along * slide.rotation @ slide.axis
+        point = replace(robot, tip_offset_m=np.zeros(3), joints=(robot.joints[0],))
+        point = replace(point, link_inertia=robot.link_inertia[:1], cylinders=())
+        columns = tip_jacobian(replace(point, tip_offset_m=place), at[:1])
+        pulls.append(mass * 9.81 * float(columns[2, 0]))
+    assert more[0] == pytest.approx(sum(pulls), rel=1e-9)
+
+
 def test_tilt_turns_gravity_as_turning_the_first_joint_does() -> None:
     """The crane's joints turn about one axis: tilting it is an offset of the first angle."""
     robot = with_changes(listed(CRANE, ("base_tilt", "xs031", {"pitch": 0.02})))

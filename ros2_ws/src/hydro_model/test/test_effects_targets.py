@@ -113,6 +113,29 @@ def test_payload_may_change_more_than_once_but_not_twice_at_once() -> None:
         resolve(listed(first, first))
 
 
+@pytest.mark.parametrize("first", ["lift_cylinder", "lift_cylinder/a", "lift", "xs031"])
+@pytest.mark.parametrize("then", ["lift_cylinder", "lift_cylinder/a", "lift", "xs031"])
+def test_a_chamber_within_its_cylinder_is_listed_twice_in_either_order(
+    first: str, then: str
+) -> None:
+    volume = {"volume_a": 1e-3, "volume_b": 1e-3}
+    with pytest.raises(RobotError, match="'dead_volume' is listed twice for 'lift_cylinder"):
+        resolve(listed(("dead_volume", first, volume), ("dead_volume", then, volume)))
+
+
+def test_chambers_listed_one_by_one_are_two() -> None:
+    volume, bias = {"volume_a": 1e-3, "volume_b": 1e-3}, {"bias": 1e5}
+    for name, values in (("dead_volume", volume), ("pressure_sensor_bias", bias)):
+        specs = [(name, f"lift_cylinder/{side}", values) for side in "ba"]
+        found = resolve(listed(*specs, (name, "tilt_cylinder/a", values)))
+        assert {one.target for one in found} == set(CHAMBERS[:3])
+
+
+def test_a_chamber_of_which_nothing_is_said_does_not_leak() -> None:
+    (one,) = resolve(listed(("external_leakage", "lift_cylinder", {"coefficient_b": 2e-13})))
+    assert one.parameters.tolist() == [0.0, 2e-13]
+
+
 def readings(count: int = 50) -> Readings:
     rng = np.random.default_rng(1)
     return Readings(

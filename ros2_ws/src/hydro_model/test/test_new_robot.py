@@ -185,3 +185,36 @@ def test_a_folder_that_cannot_be_written_is_one_line(
     assert "cannot be written" in said
     assert said.count("\n") == 1
     assert [file.name for file in urdf.parent.iterdir()] == [urdf.name]
+
+
+TELESCOPE = URDF.replace(
+    '<joint name="end" type="fixed"><parent link="boom"/>',
+    """<joint name="slide" type="prismatic">
+    <parent link="boom"/><child link="tube"/><origin xyz="1 0 0"/><axis xyz="1 0 0"/>
+    <limit lower="0.05" upper="0.85" effort="40000" velocity="0.8"/>
+  </joint>
+  <link name="tube"><inertial><mass value="80"/><origin xyz="0.6 0 0"/>
+    <inertia ixx="1" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="end" type="fixed"><parent link="tube"/>""",
+)
+
+
+def test_a_cylinder_along_a_joint_that_slides_has_no_triangle(urdf: Path) -> None:
+    """Pins 1.2 m apart at q = 0 and 1.15 m with the rod fully in: in at q = -0.05 m."""
+    urdf.write_text(TELESCOPE, encoding="utf-8")
+    along = ["slide", "-0.9", "0.1", "0.3", "0.11", "0.06", "0.035", "0.95", "1.15"]
+    assert main([str(urdf), *REST, "--cylinder", *CYLINDER, "--cylinder", *along]) == 0
+    _, ram = load_robot(urdf.with_suffix(".hydraulics.yaml")).cylinders
+    assert (ram.l1_m, ram.x0_m) == (0.0, pytest.approx(-0.05))
+    assert stroke(ram, 0.3) == pytest.approx(0.35)
+
+
+@pytest.mark.parametrize("pins", [("0.3", "0.1", "-0.9", "0.1"), ("-0.9", "0.1", "0.3", "0.2")])
+def test_a_cylinder_askew_to_a_joint_that_slides_leaves_no_file(
+    urdf: Path, pins: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf.write_text(TELESCOPE, encoding="utf-8")
+    askew = ["slide", *pins, "0.06", "0.035", "0.95", "1.15"]
+    assert run(urdf, *askew) == 2
+    assert "expected the cylinder along it, CX above PX and CY as PY" in capsys.readouterr().err
+    assert not urdf.with_suffix(".hydraulics.yaml").exists()

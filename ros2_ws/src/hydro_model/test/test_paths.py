@@ -171,6 +171,15 @@ def test_check_names_what_is_exceeded(tmp_path: FilePath, text: str, expected: s
         check_path(ROBOT, load_path(file))
 
 
+def test_what_is_no_number_is_not_within_a_limit(tmp_path: FilePath) -> None:
+    """Of a start that was never measured: the other joint stays there."""
+    file = tmp_path / "p.yaml"
+    file.write_text("joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: hold, duration_s: 1.0}]\n")
+    with pytest.raises(RobotError, match="joint 'lift' goes to nan at"):
+        check_path(ROBOT, load_path(file), near=np.array([np.nan, -1.5]))
+    assert check_path(replace(ROBOT, valves=()), load_path(file)).flow_share.tolist() == [0.0, 0.0]
+
+
 def test_check_knows_what_the_valves_can_pass(tmp_path: FilePath) -> None:
     file = tmp_path / "p.yaml"
     file.write_text(

@@ -276,6 +276,22 @@ def drop(*way: str | int) -> Change:
         (set_in("cylinders", 0, "x0_m", value=0.95), "outside its stroke"),
         (set_in("cylinders", 0, "barrel", value=[1]), "'barrel' should be a mapping"),
         (set_in("cylinders", 0, "stroke_sensor", value="yes"), "should be true or false"),
+        (
+            set_in("cylinders", 0, "barrel", "mass_kg", value=-17.4),
+            "barrel: 'mass_kg' should be a number of 0 or more, found -17.4",
+        ),
+        (
+            set_in("cylinders", 0, "rod", "inertia_com_kg_m2", value=-0.6),
+            "rod: 'inertia_com_kg_m2' should be a number of 0 or more, found -0.6",
+        ),
+        (
+            set_in("command_delay_s", value=-0.004),
+            "'command_delay_s' should be a number of 0 or more, found -0.004",
+        ),
+        (
+            set_in("supply", "tank_pressure_pa", value=2.0e7),
+            "expected a supply pressure_pa of at least the tank's 2e+07 Pa, found 1.9e+07 Pa",
+        ),
         (set_in("valves", 0, "cylinder", value="nose"), "no cylinder 'nose'"),
         (set_in("valves", 1, "cylinder", value="lift_cylinder"), "appears more than once"),
         (set_in("valves", 1, "name", value="lift_valve"), "'lift_valve' appears more than once"),
@@ -328,6 +344,44 @@ def test_direct_cylinder_on_a_revolute_joint(crane: Path) -> None:
         del data["cylinders"][0]["l1_m"]
 
     assert "needs l1_m, l2_m, q0_rad and x0_m" in refused(rewritten(crane, change))
+
+
+@pytest.fixture
+def telescope(crane: Path) -> Path:
+    """The crane with a tilt joint that slides; its cylinder is still on a triangle."""
+    urdf = crane.with_name("xs031.urdf")
+    text = urdf.read_text(encoding="utf-8")
+    urdf.write_text(text.replace('"tilt" type="revolute"', '"tilt" type="prismatic"'), "utf-8")
+    return crane
+
+
+def direct(data: dict[str, Any]) -> None:
+    for key in ("l1_m", "l2_m", "q0_rad", "barrel", "rod"):
+        del data["cylinders"][1][key]
+    data["cylinders"][1] |= {"x0_m": -3.0, "stroke_m": 3.0}
+
+
+def test_a_triangle_on_a_joint_that_slides(telescope: Path) -> None:
+    said = refused(telescope)
+    assert "cylinder 'tilt_cylinder' on prismatic joint 'tilt' has l1_m" in said
+    assert load_robot(rewritten(telescope, direct)).cylinders[1].l1_m == 0.0
+
+
+@pytest.mark.parametrize("part", ["barrel", "rod"])
+def test_barrel_and_rod_of_a_joint_that_slides_belong_to_the_links(
+    telescope: Path, part: str
+) -> None:
+    """Its pins are nowhere in the file: their masses would be lost."""
+    pin = {"barrel": "parent", "rod": "child"}[part]
+    body = {"mass_kg": 10.0, f"com_from_{pin}_pin_m": 0.3, "inertia_com_kg_m2": 0.5}
+
+    def change(data: dict[str, Any]) -> None:
+        direct(data)
+        data["cylinders"][1][part] = body
+
+    said = refused(rewritten(telescope, change))
+    assert "cylinder 'tilt_cylinder' on prismatic joint 'tilt' has a barrel or rod" in said
+    assert "<inertial> of 'lift_link' and the rod's in that of 'tilt_link'" in said
 
 
 def test_a_cylinder_needs_limits(crane: Path) -> None:

@@ -228,6 +228,25 @@ def test_delay_by_a_part_of_a_sample(make_slider) -> None:
     np.testing.assert_allclose(late.q, now.q[::2], atol=1e-9)
 
 
+def test_a_command_that_acts_before_it_is_given_is_refused(make_slider) -> None:
+    """Going back in time to it, a roll-out would never end."""
+    with pytest.raises(SimulationError, match=r"command_delay_s of 0 or more, found -0\.01"):
+        simulate(make_slider(command_delay_s=-0.01), grid(0.02), np.zeros((11, 1)), [0.3])
+
+
+def test_measured_oil_temperature_is_what_friction_drifts_with(make_slider) -> None:
+    drift = {"viscous": 2e4, "reference": 40.0, "halving_temperature": 17.5}
+    robot = make_slider(viscous_friction=2e4, effects={"temperature_drift": drift})
+    times = grid(0.3)
+    volts, oil = np.full((len(times), 1), 4.0), np.where(times < 0.15, 57.5, 40.0)
+    run = simulate(robot, times, volts, [0.1], oil_c=oil)
+    halved = np.where(times < 0.15, 1e4, 2e4)
+    np.testing.assert_allclose(run.friction[:, 0], halved * run.qd[:, 0], rtol=1e-9, atol=1e-6)
+    warm = simulate(make_slider(viscous_friction=1e4), times, volts, [0.1])
+    np.testing.assert_allclose(run.q[times < 0.15], warm.q[times < 0.15], atol=1e-7)
+    assert abs(run.q[-1, 0] - warm.q[-1, 0]) > 1e-5
+
+
 def test_voltage_is_limited_to_the_rated(make_slider) -> None:
     times = grid(0.05)
     beyond = simulate(make_slider(), times, np.full((len(times), 1), 25.0), [0.2])
@@ -293,6 +312,7 @@ def test_a_piston_that_leaves_its_stroke_is_named(make_slider) -> None:
         ({"q0": [0.1, 0.2]}, r"q0 should have shape \(1,\)"),
         ({"p0": [1e6, 1e6]}, r"p0 should have shape \(1, 2\)"),
         ({"supply": [1.0]}, r"supply should have shape \(11,\)"),
+        ({"oil_c": np.full(11, np.nan)}, "oil_c holds values that are not finite"),
     ],
 )
 def test_bad_input_is_said(make_slider, change, message) -> None:

@@ -13,7 +13,7 @@ from hydro_model.errors import RobotError
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
 from hydro_model.spatial import from_roll_pitch_yaw
-from hydro_model.urdf import Chain, read_chain
+from hydro_model.urdf import Chain, SideBranch, read_chain
 
 INERTIAL = """<inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>
   <inertia ixx="0.5" ixy="0.02" ixz="-0.03" iyy="0.6" iyz="0.04" izz="0.7"/></inertial>"""
@@ -125,19 +125,63 @@ def test_axis_is_normalised_and_defaults_to_x(tmp_path: Path) -> None:
     assert (second.lower, second.upper) == (-np.inf, np.inf)
 
 
-def test_links_beyond_the_tip_do_not_count(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_what_moves_beside_the_chain_counts_as_fixed_at_position_0(
+    tmp_path: Path, kind: str
+) -> None:
+    """A jaw behind a fixed bracket, with a tooth that moves on it; and links beyond the tip."""
+
+    def chain(kind: str) -> Chain:
+        free = {"limit": "", "axis": ""} if kind == "fixed" else {}
+        path = written(
+            tmp_path,
+            *(link(name) for name in ("base", "boom", "bracket", "jaw", "tooth", "arm", "beyond")),
+            joint("j1", "base", "boom"),
+            fixed("f1", "boom", "bracket"),
+            joint("grip", "bracket", "jaw", kind, **free),
+            joint("bite", "jaw", "tooth", kind, **free),
+            joint("j2", "boom", "arm"),
+            joint("j3", "arm", "beyond", kind, **free),
+        )
+        return read_chain(path, "arm")
+
+    moving, still = chain(kind), chain("fixed")
+    assert [j.name for j in moving.joints] == ["j1", "j2"]
+    np.testing.assert_array_equal(moving.link_inertia, still.link_inertia)
+    assert moving.link_inertia[:, 0].tolist() == [12.0, 6.0]
+    assert moving.branches == (SideBranch("grip", "boom", 6.0), SideBranch("j3", "arm", 3.0))
+    assert still.branches == ()
+
+
+def test_branches_without_a_mass_or_of_the_base_are_no_matter(tmp_path: Path) -> None:
     path = written(
         tmp_path,
-        *(link(name) for name in ("base", "a", "b")),
-        joint("j1", "base", "a"),
-        joint("j2", "a", "b"),
+        *(link(name) for name in ("base", "arm", "door")),
+        link("needle", 0.0),
+        joint("j1", "base", "arm"),
+        joint("hinge", "base", "door"),
+        joint("dial", "arm", "needle"),
     )
-    chain = read_chain(path, "a")
-    assert [j.name for j in chain.joints] == ["j1"]
+    chain = read_chain(path, "arm")
+    assert chain.branches == ()
     assert chain.link_inertia[0, 0] == 3.0
 
 
+def test_friction_that_nothing_uses_is_told(tmp_path: Path) -> None:
+    rough = LIMIT + '<dynamics damping="2" friction="{}"/>'
+    path = written(
+        tmp_path,
+        *(link(name) for name in ("base", "a", "b")),
+        joint("j1", "base", "a", limit=rough.format(30)),
+        joint("j2", "a", "b", limit=rough.format(0)),
+    )
+    chain = read_chain(path, "b")
+    assert chain.dry_friction == {"j1": 30.0}
+    assert [j.viscous_friction for j in chain.joints] == [2.0, 2.0]
+
+
 BASE, ARM = link("base"), link("arm")
+MIMIC = LIMIT + '<mimic joint="other" multiplier="2"/>'
 
 
 @pytest.mark.parametrize(
@@ -146,6 +190,25 @@ BASE, ARM = link("base"), link("arm")
         ((BASE, ARM, joint("j", "base", "arm", "floating")), "joint 'j' is floating, expected"),
         ((BASE, ARM, joint("j", "base", "arm", "planar")), "joint 'j' is planar, expected"),
         ((BASE, ARM, joint("j", "base", "arm", "wobbly")), "not a valid URDF"),
+        (
+            (BASE, ARM, joint("j", "base", "arm", limit=MIMIC)),
+            "joint 'j' mimics 'other', expected",
+        ),
+        (
+            (BASE, ARM, link("k"), joint("j", "base", "arm"), joint("l", "arm", "k", "floating")),
+            "joint 'l' is floating, expected",
+        ),
+        (
+            (
+                *(BASE, ARM, link("k"), link("m"), joint("j", "base", "arm")),
+                *(joint("l", "arm", "k"), joint("n", "k", "m", "planar")),
+            ),
+            "joint 'n' is planar, expected",
+        ),
+        (
+            (BASE, ARM, joint("j", "base", "arm", limit=f'{LIMIT}<dynamics friction="nan"/>')),
+            "expected finite numbers",
+        ),
         ((BASE, ARM, joint("j", "base", "arm", axis='<axis xyz="0 0 0"/>')), "has a zero axis"),
         ((BASE, ARM, joint("j", "base", "arm", limit="")), "joint 'j' has no <limit>"),
         (

@@ -33,15 +33,26 @@ def _with_cylinder_bodies(robot: Robot, target: str, parameters: FloatArray) -> 
     cylinder = robot.cylinder(target)
     parts = robot.part_parameters.copy()
     if target not in chains:
-        # On a prismatic joint the barrel stands still and the rod is a part of the link.
-        inertia = robot.link_inertia.copy()
-        inertia[robot.joint_index(cylinder.joint), 0] += parameters[1]
-        return replace(robot, link_inertia=inertia)
+        return _with_points(robot, robot.joint_index(cylinder.joint), parameters)
     length = PART_LENGTH * cylinder.x0_m
     slender = np.array([1.0, length / 2.0, length**2 / 3.0])
     at = 2 * chains.index(target)
     parts[at : at + 2] += np.outer(parameters[:2], slender)
     return replace(robot, part_inertia=parts)
+
+
+def _with_points(robot: Robot, at: int, parameters: FloatArray) -> Robot:
+    """Barrel and rod of a prismatic joint: parts of the links before and behind it.
+
+    Where along the joint they are nothing says: points at its origin in either link.
+    """
+    from hydro_model.part_regrouping import point_mass
+
+    inertia = robot.link_inertia.copy()
+    inertia[at] += parameters[1] * point_mass(np.zeros(3))
+    if at > 0:
+        inertia[at - 1] += parameters[0] * point_mass(np.asarray(robot.joints[at].translation_m))
+    return replace(robot, link_inertia=inertia)
 
 
 def _tilted(robot: Robot, target: str, parameters: FloatArray) -> Robot:
@@ -117,7 +128,7 @@ CYLINDER_INERTIA = Effect(
     looks_like=("first moments", "base inertial parameters", "payload_change"),
     separating_experiment="rest and fast motion over the whole stroke; often below detection",
     limits="added to the bodies that the description has; centres of mass half the closed length"
-    " from the pins",
+    " from the pins; on a prismatic joint points at its origin, the barrel's of the link before",
 )
 
 BASE_TILT = Effect(

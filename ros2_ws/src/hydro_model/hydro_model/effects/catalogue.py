@@ -69,13 +69,13 @@ def resolve(robot: Robot) -> tuple[ActiveEffect, ...]:
     seen: set[tuple[str, str, float]] = set()
     for one in active:
         # Two changes that start at different times are two events, not one listed twice.
-        key = (one.effect.name, one.target, start_s(one))
-        whole = (one.effect.name, one.target.split("/")[0], key[2])
-        if key in seen or (one.side and whole in seen):
+        # A whole cylinder takes both of its chambers, whichever is listed first.
+        held = {(one.effect.name, one.target + side, start_s(one)) for side in ("", "/a", "/b")}
+        if held & seen:
             raise RobotError(
                 f"{_where(robot)}: effect '{one.effect.name}' is listed twice for '{one.target}'"
             )
-        seen.add(key)
+        seen |= held
     order = list(CATALOGUE)
     return tuple(sorted(active, key=lambda a: (order.index(a.effect.name), _rank(robot, a))))
 

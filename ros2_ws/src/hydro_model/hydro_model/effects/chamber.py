@@ -67,8 +67,9 @@ EXTERNAL_LEAKAGE = Effect(
     equation="q_A = -c_A p1,  q_B = -c_B p2",
     source="laminar flow out of a chamber to atmosphere",
     parameters=(
-        ParameterSpec("coefficient_a", "m^3/(s Pa)", "c_A", 0.0, 1e-9, 5e-13, True, optional=True),
-        ParameterSpec("coefficient_b", "m^3/(s Pa)", "c_B", 0.0, 1e-9, 5e-13, True, optional=True),
+        # A chamber that a robot file says nothing of does not leak.
+        ParameterSpec("coefficient_a", "m^3/(s Pa)", "c_A", 0.0, 1e-9, 5e-13, True, True, 0.0),
+        ParameterSpec("coefficient_b", "m^3/(s Pa)", "c_B", 0.0, 1e-9, 5e-13, True, True, 0.0),
     ),
     terms=(Term(Stage.FLOW_A, _out_of_a), Term(Stage.FLOW_B, _out_of_b)),
     channels=("flow_a", "flow_b"),
