@@ -21,7 +21,14 @@ from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.parts import length_s, partly, spread_parts, thinly
+from hydro_ident.mismatch.parts import (
+    hardly_held,
+    length_s,
+    partly,
+    split_of,
+    spread_parts,
+    thinly,
+)
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.prior import (
     fixed_prior,
@@ -172,7 +179,8 @@ def residuals(
     whole, recorded = _of_one_oil(whole, recorded)
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole, recorded)
-    split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
+    every = 0 if others else settings.hold_out_every
+    split = split_of(surveys[: len(sources)], every, choices, whole, traces)
     if not torque:
         choices = settled(robot, forces, looked_at, choices, still, signals, split)
     laid = _Laid(robot, forces, choices, still, whole)
@@ -197,6 +205,7 @@ def residuals(
         there = _material_there(laid, traces, others)
         check = _elsewhere(there, training, signals, unlocked)
     else:
+        notes += hardly_held(material, fit_rows, check_rows) if every else ()
         known = within(material, training.mask, material)
         check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
@@ -295,14 +304,6 @@ class _Laid:
             self.robot, self.forces, traces, choices.filters, choices.windows(step_s),
             self.still, choices.rest_speed, self.whole,
         )  # fmt: skip
-
-
-def _split(surveys: Sequence[Survey], every: int, choices: Choices) -> HoldOut:
-    """Which blocks of the training recordings are kept to verify on; none where others are."""
-    if not every:
-        return HoldOut(every=0)
-    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
-    return HoldOut.of(durations, every, parallel_hz=choices.filters.parallel_hz)
 
 
 def _notes(
