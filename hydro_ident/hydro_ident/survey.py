@@ -93,6 +93,17 @@ def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     return (*others, *notes, *bridged)
 
 
+def by_torques(surveys: Sequence[Survey]) -> bool:
+    """Whether forces are joint torques, as no pressure was recorded.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Of all that is fitted; what is verified on may know more.
+    """
+    return any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+
+
 def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
     """Signals of several recordings together."""
     merged = SignalSurvey(robot)

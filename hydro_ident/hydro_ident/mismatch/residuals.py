@@ -45,6 +45,7 @@ from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
 from hydro_ident.survey import (
     Survey,
+    by_torques,
     merged_signals,
     recorded_notes,
     still_joints_of,
@@ -167,7 +168,7 @@ def residuals(
         There are recordings to verify on, and none has a row.
     """
     signals = merged_signals(robot, surveys[: len(sources)])
-    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+    torque = by_torques(surveys[: len(sources)])
     forces = own_forces(robot, torque)
     locked = still_joints_of(robot, signals)
     still = still_positions(surveys, locked)
