@@ -47,6 +47,7 @@ from hydro_ident.survey import (
     Survey,
     by_torques,
     merged_signals,
+    parked_elsewhere,
     recorded_notes,
     still_joints_of,
     still_positions,
@@ -202,9 +203,10 @@ def residuals(
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
-        notes += _unlocked(robot, unlocked)
+        parked = parked_elsewhere(signals, still)
+        notes += _unlocked(robot, unlocked) + _parked(robot, parked)
         there = _material_there(laid, traces, others)
-        check = _elsewhere(there, training, signals, unlocked)
+        check = _elsewhere(there, training, signals, unlocked, parked)
     else:
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
         known = within(material, training.mask, material)
@@ -251,10 +253,11 @@ def _elsewhere(
     training: Training,
     signals: SignalSurvey,
     unlocked: Mapping[str, Sequence[int]],
+    parked: Mapping[str, Mapping[int, float]],
 ) -> Check:
     """Rows of other recordings: verified on are fitted channels, where their joints have been."""
     material = training.predictor.material
-    foreign = unfitted(there, unlocked)
+    foreign = unfitted(there, unlocked, parked)
     known = within(material, training.mask, there) & ~foreign
     own = np.isin(np.array(there.channels)[there.channel], material.channels)
     return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
@@ -267,6 +270,17 @@ def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str,
         " all that was fitted: forces there, and flows of its own, are not verified on"
         for name, joints in unlocked.items()
         if joints
+    )
+
+
+def _parked(robot: Robot, parked: Mapping[str, Mapping[int, float]]) -> tuple[str, ...]:
+    """Which recordings have joints stand still where nothing fitted has had them."""
+    return tuple(
+        f"{name}: {robot.joint_names[j]} stands still {off:.2g}"
+        f" {'m' if robot.joints[j].prismatic else 'rad'} from where it stood in all that was"
+        " fitted: forces there are not verified on, as gravity may be another"
+        for name, joints in parked.items()
+        for j, off in joints.items()
     )
 
 
