@@ -26,7 +26,7 @@ from hydro_ident.estimate.force_rows import ForceModel, Motion
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.rests import REST_S, known_velocities, lasting, usual_speed
+from hydro_ident.mismatch.rests import REST_S, known_velocities, lasting, usual_size
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
@@ -225,7 +225,7 @@ class Material:
         for k, _ in enumerate(self.channels):
             joint, places = self.joint_of(k), self.of_channels([k])
             own = [v[:, joint] for p in places if (v := speeds[p.stretch]) is not None]
-            usual = usual_speed(own)
+            usual = usual_size(own)
             if usual is None:
                 continue
             for place in places:
@@ -243,9 +243,7 @@ class Material:
     def _idle(self, stretch: Stretch, cylinder: int) -> BoolArray:
         """Samples whose valve signal is small beside what is usual."""
         signals = [np.abs(s.trace.valve_signal[:, cylinder]) for s in self.stretches]
-        together = np.concatenate(signals)
-        known = together[np.isfinite(together)]
-        usual = float(np.quantile(known, 0.95)) if known.size else 0.0
+        usual = usual_size(signals) or 0.0
         return np.asarray(np.abs(stretch.trace.valve_signal[:, cylinder]) < IDLE_SIGNAL * usual)
 
     @property
@@ -255,7 +253,7 @@ class Material:
 
     def _motions_of(self, joint: int) -> int:
         speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
-        usual = usual_speed([np.abs(v) for _, v in speeds])
+        usual = usual_size([np.abs(v) for _, v in speeds])
         if usual is None:
             return 0
         noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
