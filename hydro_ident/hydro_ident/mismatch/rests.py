@@ -77,3 +77,23 @@ def lasting(slow: BoolArray, step_s: float, reach_s: float) -> BoolArray:
         if (end - begin) * step_s >= REST_S:
             result[max(begin - reach, 0) : end + reach] = True
     return result
+
+
+def directions(velocity: FloatArray, least: float, step_s: float) -> list[int]:
+    """Directions of motions one after the other, 1 or -1; the same ones repeat.
+
+    Parameters
+    ----------
+    velocity : (T,) array
+    least : float
+        Speed beyond which a joint moves.
+    step_s : float
+        Sampling interval.
+    """
+    found = [
+        (begin, way)
+        for way in (1, -1)
+        for begin, end in runs(way * velocity > least)
+        if (end - begin) * step_s >= REST_S
+    ]
+    return [way for _, way in sorted(found)]

@@ -13,8 +13,11 @@ from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.rests import usual_size
+from hydro_ident.mismatch.testable import untestable
 from hydro_model.cylinder import stroke
+from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
@@ -103,3 +106,34 @@ def test_what_never_moves_has_no_usual_size() -> None:
 def test_of_what_moves_throughout_hardly_any_exceeds_the_usual_size() -> None:
     sizes = np.abs(np.sin(np.linspace(0.0, 60.0, 10_000)))
     assert usual_size([sizes]) == pytest.approx(float(np.quantile(sizes, 0.95)), rel=2e-3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_steps_one_way_are_one_motion_and_those_to_and_fro_are_one_each(
+    robot: Robot, count: int
+) -> None:
+    """Of a travel in steps friction, gravity and levers are one curve over the position."""
+    for one_way, motions in ((True, 1), (False, count)):
+        tilt = 0.3 * _bursts(0.4 / count if one_way else 0.2, count, one_way)
+        speeds = np.stack([np.zeros_like(tilt), tilt], axis=1)
+        material = _material(robot, (_trace(robot, speeds + 1e-12, 0.0, 0.0),))
+        assert material.motions == motions
+        friction = untestable(material, CATALOGUE["coulomb_friction"])
+        assert friction.startswith("the joints move one way only") == (motions < 2)
+
+
+def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:
+    tilt = np.full(round(SECONDS / STEP_S), 0.004)
+    whole = (_trace(robot, np.stack([0.5 * tilt, tilt], axis=1), 0.0, 0.0),)
+    parts = spread_parts(whole, 80.0)
+    assert len(parts) == 8
+    assert _material(robot, parts).motions == 1
+
+
+def test_motions_are_counted_across_parts(robot: Robot) -> None:
+    """There and back in parts that each see one way."""
+    time = STEP_S * np.arange(round(SECONDS / STEP_S))
+    tilt = 0.004 * np.sign(np.sin(2.0 * np.pi * (time + 0.5) / 150.0))
+    whole = (_trace(robot, np.stack([0.0 * tilt, tilt], axis=1) + 1e-12, 0.0, 0.0),)
+    material = _material(robot, spread_parts(whole, 80.0))
+    assert material.motions == 4
