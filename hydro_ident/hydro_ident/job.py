@@ -29,6 +29,7 @@ from hydro_ident.parameters import student_95
 from hydro_ident.sources import Source, first_traces
 from hydro_ident.survey import (
     Survey,
+    by_torques,
     merged_signals,
     still_joints_of,
     still_positions,
@@ -293,7 +294,7 @@ def planned_force_model(
     robot: Robot, effects: ListedEffects, surveys: Sequence[Survey]
 ) -> ForceModel:
     """The force model with the listed effects: fitted, held or undone."""
-    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+    torque = by_torques(surveys)
     model = force_model(effects.level, torque, effects.force_names, effects.force_columns)
     changes = effects.held_torque if effects.changes else None
     return replace(model, held=changes, corrected=effects.corrected if effects.errors else None)

@@ -96,9 +96,8 @@ def windows(
     trace = piece.trace
     mask = np.ones(piece.end - piece.begin, dtype=bool)
     if split.every:
-        block = split.block_s[trace.label.rsplit("#", 1)[0]]
-        index = np.floor(trace.time_s[piece.begin : piece.end] / block).astype(int)
-        mask = np.asarray((index % split.every == split.every - 1) == held)
+        time_s = trace.time_s[piece.begin : piece.end]
+        mask = np.asarray(split.holds(trace.recording, time_s) == held)
     least = round(SHORTEST_S / trace.step_s)
     found = []
     for a, b in runs(mask):

@@ -93,6 +93,17 @@ def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     return (*others, *notes, *bridged)
 
 
+def by_torques(surveys: Sequence[Survey]) -> bool:
+    """Whether forces are joint torques, as no pressure was recorded.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Of all that is fitted; what is verified on may know more.
+    """
+    return any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+
+
 def merged_signals(robot: Robot, surveys: Iterable[Survey]) -> SignalSurvey:
     """Signals of several recordings together."""
     merged = SignalSurvey(robot)
@@ -121,3 +132,30 @@ def still_positions(
     """
     held = {s.name: still_joints_of(s.signals.robot, s.signals) for s in surveys}
     return {s.name: {j: s.signals.q[j].mean for j in still if j in held[s.name]} for s in surveys}
+
+
+def parked_elsewhere(
+    fitted: SignalSurvey, still: Mapping[str, Mapping[int, float]]
+) -> dict[str, dict[int, float]]:
+    """Joints that stand still far from where they stood in all that is fitted, and how far.
+
+    As far as a joint's least travel is near: a joint that goes no further stands still, too.
+
+    Parameters
+    ----------
+    fitted : SignalSurvey
+        Of all recordings that are fitted.
+    still : mapping of str to mapping of int to float
+        As `still_positions` returns it.
+
+    Returns
+    -------
+    dict of str to dict of int to float
+        Distances in rad or m by recording and joint; recordings without such joints left out.
+    """
+    near, result = least_travel(fitted.robot), dict[str, dict[int, float]]()
+    for name, joints in still.items():
+        off = {j: max(fitted.low[j] - q, q - fitted.high[j]) for j, q in joints.items()}
+        far = {j: float(d) for j, d in off.items() if d > near[j]}
+        result |= {name: far} if far else {}
+    return result

@@ -91,6 +91,7 @@ def test_the_report_speaks_of_the_joint() -> None:
     none = np.zeros(2)
     curve = Dependence(
         0,
+        CHANNEL,
         "piston_position",
         "velocity_squared",
         9.0,

@@ -44,8 +44,8 @@ def unnamed(
 ) -> Unexplained:
     """A dependence of the lift's force."""
     curve = Dependence(
-        0, variable, times, 40.0, 2, 6.0, 1e-4, 0.24, 44.2, np.array([0.1, 0.9]), np.zeros(2),
-        np.zeros(2), period,
+        0, "lift/force", variable, times, 40.0, 2, 6.0, 1e-4, 0.24, 44.2,
+        np.array([0.1, 0.9]), np.zeros(2), np.zeros(2), period,
     )  # fmt: skip
     return Unexplained("lift/force", (variable,), 0.24, 1e-4, TEXT, curve, form, confirmed=True)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +15,11 @@ from hydro_model.robot import FloatArray
 GUARD_PERIODS = 3.0
 #: Held-out blocks are at least so many guards long, so that enough is left between them.
 _BLOCK_GUARDS = 10.0
+#: Where parts end blocks end, too: the guard is looked for in so many steps at least.
+_PART_STEPS = 8
+
+#: Begins and ends of parts of recordings, s, in order, by the recording's name.
+Parts = Mapping[str, Sequence[tuple[float, float]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +27,8 @@ class HoldOut:
     """Every `every`-th block of each recording is kept from the fit and used for the scores.
 
     Blocks spread over the whole run see every kind of motion that the fit sees; the last part
-    of a run alone would judge a chirp by a ramp.
+    of a run alone would judge a chirp by a ramp. Of recordings that are looked at in parts the
+    blocks lie along the time in these: parts at some spacing would miss every block of the clock.
 
     Attributes
     ----------
@@ -32,11 +38,14 @@ class HoldOut:
         0: nothing is held out (whole bags validate).
     guard_s : float
         Rows this close to a held-out block take part in neither: the filters carry over.
+    parts : mapping of str to sequence of (float, float), or None
+        What is looked at of each recording, nothing of those that are not listed; None: all.
     """
 
     block_s: Mapping[str, float] = field(default_factory=dict)
     every: int = 5
     guard_s: float = GUARD_PERIODS / 10.0
+    parts: Parts | None = None
 
     @staticmethod
     def of(
@@ -44,8 +53,9 @@ class HoldOut:
         every: int = 5,
         longest_s: float = 4.0,
         parallel_hz: float = 10.0,
+        parts: Parts | None = None,
     ) -> HoldOut:
-        """Blocks of at most `longest_s`, at least `every` of them in each recording.
+        """Blocks of at most `longest_s`, at least `every` of them in what is looked at of each.
 
         Parameters
         ----------
@@ -56,11 +66,14 @@ class HoldOut:
             Ten guards, if that is longer.
         parallel_hz : float
             Cut-off of the filter that the guard keeps out: it is three of its periods long.
+        parts : mapping of str to sequence of (float, float), optional
+            Where only parts are looked at: begins and ends by recording.
         """
         guard_s = GUARD_PERIODS / parallel_hz
         longest_s = max(longest_s, _BLOCK_GUARDS * guard_s)
-        blocks = {k: min(longest_s, v / every) for k, v in durations_s.items()}
-        return HoldOut(blocks, every, guard_s)
+        seconds = {k: sum(end - begin for begin, end in v) for k, v in (parts or {}).items()}
+        blocks = {k: min(longest_s, seconds.get(k, v) / every) for k, v in durations_s.items()}
+        return HoldOut(blocks, every, guard_s, parts)
 
     def training(self, rows: Rows) -> Rows:
         """The rows to fit: outside held-out blocks and their guard."""
@@ -69,7 +82,8 @@ class HoldOut:
         kept = ~self._held(rows, 0.0)
         # Held blocks shorter than the guard would fit between its two ends.
         shortest = self.block_s[rows.label.rsplit("#", 1)[0]]
-        steps = max(1, math.ceil(self.guard_s / shortest))
+        least = 1 if self.parts is None else _PART_STEPS
+        steps = max(least, math.ceil(self.guard_s / shortest))
         for shift in np.linspace(0.0, self.guard_s, steps + 1)[1:]:
             kept &= ~self._held(rows, -shift) & ~self._held(rows, shift)
         return rows.take(kept)
@@ -78,10 +92,36 @@ class HoldOut:
         """The rows to score."""
         return rows if self.every == 0 else rows.take(self._held(rows, 0.0))
 
+    def holds(self, recording: str, time_s: FloatArray) -> BoolArray:
+        """Which times lie in held-out blocks; there have to be some.
+
+        Parameters
+        ----------
+        recording : str
+        time_s : (N,) array
+            From the start of the recording.
+        """
+        inside, along = np.ones(time_s.shape, dtype=np.bool_), time_s
+        if self.parts is not None:
+            inside, along = _along(self.parts.get(recording, ()), time_s)
+        index = np.floor(along / self.block_s[recording]).astype(int)
+        return np.asarray(inside & (index % self.every == self.every - 1))
+
     def _held(self, rows: Rows, shift_s: float) -> BoolArray:
-        block = self.block_s[rows.label.rsplit("#", 1)[0]]
-        index = np.floor((rows.time_s + shift_s) / block).astype(int)
-        return np.asarray(index % self.every == self.every - 1)
+        return self.holds(rows.label.rsplit("#", 1)[0], rows.time_s + shift_s)
+
+
+def _along(
+    parts: Sequence[tuple[float, float]], time_s: FloatArray
+) -> tuple[BoolArray, FloatArray]:
+    """Which times lie in parts, and the time in these that has gone by then."""
+    if not parts:
+        return np.zeros(time_s.shape, dtype=np.bool_), time_s
+    begins, ends = np.array(parts).T
+    number = np.maximum(np.searchsorted(begins, time_s, side="right") - 1, 0)
+    before = np.cumsum(ends - begins) - (ends - begins)
+    inside = (time_s >= begins[number]) & (time_s < ends[number])
+    return inside, np.where(inside, before[number] + time_s - begins[number], 0.0)
 
 
 #: Points of a channel that are kept for its plot.

@@ -20,7 +20,9 @@ from hydro_ident.estimate.derivatives import QUICKEST, FilterSettings
 from hydro_ident.estimate.force_rows import ForceModel, measured_force
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.rests import usual_size
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
+from hydro_ident.survey import still_joints_of
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import FloatArray
@@ -28,7 +30,7 @@ from hydro_model.robot import FloatArray
 #: Noise that is borne: of a velocity, as a share of the usual speed of its joint; of inertia's
 #: force, as a share of the measured force's spread.
 SPEED_SHARE, FORCE_SHARE = 0.2, 0.1
-#: Time over which the usual speed is taken, and which of its speeds is usual.
+#: Time over which the usual speed is taken, and which share of a motion's speeds it exceeds.
 _SPEED_S, _USUAL = 0.5, 0.9
 #: A joint moves where its usual speed is beyond so many deviations of noise in it.
 _MOVES = 5.0
@@ -105,6 +107,8 @@ def choices_of(
     noise = np.array([sensor.noise(sensor.smallest_change) for sensor in signals.q])
     speeds = _usual_speeds(traces)
     moving = (noise > 0.0) & (speeds > _MOVES * math.sqrt(2.0) * noise / _SPEED_S)
+    # One that travels less than that is held where it stands: its noise is in no row.
+    moving[list(still_joints_of(signals.robot, signals))] = False
     worst = ""
     for joint in np.flatnonzero(moving).tolist():
         borne = SPEED_SHARE * speeds[joint] / noise[joint]
@@ -176,8 +180,8 @@ def _usual_speeds(traces: Sequence[Trace]) -> FloatArray:
         span = round(_SPEED_S / trace.step_s)
         if trace.samples > span:
             moves.append(np.abs(trace.q[span:] - trace.q[:-span]) / _SPEED_S)
-    together = np.concatenate(moves) if moves else np.zeros((1, traces[0].q.shape[1]))
-    return np.asarray(np.quantile(np.nan_to_num(together), _USUAL, axis=0))
+    joints = range(traces[0].q.shape[1])
+    return np.array([usual_size([m[:, j] for m in moves], _USUAL) or 0.0 for j in joints])
 
 
 def _text(joint: str, filters: FilterSettings, window_s: float) -> str:

@@ -29,6 +29,9 @@ class Dependence:
     Attributes
     ----------
     channel : int
+        By the channels of the rows that it was found on.
+    name : str
+        The channel's: other rows of the same recordings may lack some.
     variable : str
     times : str
         What the function is multiplied by: empty, `direction`, `valve_signal`, `compression`,
@@ -54,6 +57,7 @@ class Dependence:
     """
 
     channel: int
+    name: str
     variable: str
     times: str
     gain: float
@@ -185,8 +189,10 @@ def dependence_of(
     residual = fitted.residual[own]
     before = float(np.mean(residual**2))
     after = float(np.mean((residual - function) ** 2))
+    name = training.predictor.material.channels[channel]
     found = Dependence(
-        channel, variable, times, gain, freedom, (gain - freedom) / np.sqrt(2.0 * freedom), 1.0,
+        channel, name, variable, times, gain, freedom,
+        (gain - freedom) / np.sqrt(2.0 * freedom), 1.0,
         max(0.0, 1.0 - after / before) if before > 0.0 else 0.0,
         float(np.sqrt(np.mean(function**2))), knots, theta - theta.mean(), theta,
     )  # fmt: skip

@@ -47,7 +47,7 @@ from hydro_ident.mismatch.settings import (
 from hydro_ident.mismatch.unknown import Unexplained, not_testable
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, check_names, sources_of
-from hydro_ident.survey import Survey, recorded_notes, survey_source
+from hydro_ident.survey import Survey, by_torques, recorded_notes, survey_source
 from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
 from hydro_model.robot import Robot
 from hydro_model.terminal import advance
@@ -103,7 +103,7 @@ def diagnose(
     except NotEnoughDataError as error:
         work, wrong = None, [str(error)]
     if work is None:
-        problems = tuple(wrong) or (_too_little(robot, surveys),)
+        problems = tuple(wrong) or (_too_little(robot, surveys[: len(sources)]),)
         return Diagnosis(
             NOT_ENOUGH,
             robot,
@@ -117,6 +117,7 @@ def diagnose(
 
 
 def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
+    """Why what is fitted is not enough."""
     total = sum(s.duration_s for s in surveys)
     text = (
         f"{total:.3g} s of recording leave too few rows in any channel: record positions of every"
@@ -124,7 +125,7 @@ def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
     )
     if broken := broken_up([s.continuity for s in surveys], total):
         text = f"{text}; {broken}"
-    wet = any(s.wet for s in surveys) or not any(s.dry for s in surveys)
+    wet = not by_torques(surveys)
     lacking = [s.name for s in surveys if not (s.wet if wet else s.dry)]
     if not lacking or (wet and not robot.cylinders):
         return text

@@ -64,7 +64,7 @@ def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
         "findings": [finding_dict(found, one) for one in found.findings],
         "unexplained": [unexplained_dict(one) for one in found.unexplained],
         "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
-        "located": [_located_dict(found, d) for d in found.located[:_LOCATED]],
+        "located": [_located_dict(d) for d in found.located[:_LOCATED]],
         "rejected": [
             {
                 "names": list(f.named.names),
@@ -255,10 +255,9 @@ def refinement_dict(one: Refinement) -> dict[str, Any]:
     }
 
 
-def _located_dict(found: Diagnosis, d: Dependence) -> dict[str, Any]:
-    channels = found.work.training.predictor.material.channels if found.work else ()
+def _located_dict(d: Dependence) -> dict[str, Any]:
     return {
-        "channel": channels[d.channel] if channels else "",
+        "channel": d.name,
         "variable": d.variable,
         "times": d.times,
         "p_value": d.p_value,

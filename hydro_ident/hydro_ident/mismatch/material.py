@@ -15,7 +15,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
@@ -26,7 +25,7 @@ from hydro_ident.estimate.force_rows import ForceModel, Motion
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.rests import REST_S, known_velocities, lasting, usual_speed
+from hydro_ident.mismatch.rests import directions, known_velocities, lasting, usual_size
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
@@ -225,7 +224,7 @@ class Material:
         for k, _ in enumerate(self.channels):
             joint, places = self.joint_of(k), self.of_channels([k])
             own = [v[:, joint] for p in places if (v := speeds[p.stretch]) is not None]
-            usual = usual_speed(own)
+            usual = usual_size(own)
             if usual is None:
                 continue
             for place in places:
@@ -243,32 +242,29 @@ class Material:
     def _idle(self, stretch: Stretch, cylinder: int) -> BoolArray:
         """Samples whose valve signal is small beside what is usual."""
         signals = [np.abs(s.trace.valve_signal[:, cylinder]) for s in self.stretches]
-        together = np.concatenate(signals)
-        known = together[np.isfinite(together)]
-        usual = float(np.quantile(known, 0.95)) if known.size else 0.0
+        usual = usual_size(signals) or 0.0
         return np.asarray(np.abs(stretch.trace.valve_signal[:, cylinder]) < IDLE_SIGNAL * usual)
 
     @property
     def motions(self) -> int:
-        """How often the joint that moves most often does so, one way and then the other."""
+        """How often the joint that turns most often moves, one way and then the other.
+
+        Steps one way are one motion, as they are of one curve over the position: friction is told
+        from gravity, and time from position, by a joint that comes back.
+        """
         return max((self._motions_of(j) for j in range(self.robot.dof)), default=0)
 
     def _motions_of(self, joint: int) -> int:
         speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
-        usual = usual_speed([np.abs(v) for _, v in speeds])
+        usual = usual_size([np.abs(v) for _, v in speeds])
         if usual is None:
             return 0
         noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
         least = max(MOTION_SPEED * usual, noise)
-        count = 0
-        for stretch, v in speeds:
-            moves = [runs(v > least), runs(v < -least)]
-            count += sum(
-                (end - begin) * stretch.trace.step_s >= REST_S
-                for some in moves
-                for begin, end in some
-            )
-        return count if least > 0.0 else 0
+        if not least > 0.0:
+            return 0
+        ways = [w for s, v in speeds for w in directions(v, least, s.trace.step_s)]
+        return sum(way != before for way, before in zip(ways, [0, *ways], strict=False))
 
     def _speed(self, stretch: Stretch) -> FloatArray | None:
         """Speeds of the joints, behind the parallel filter where they are noisy."""

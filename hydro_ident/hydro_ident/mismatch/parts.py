@@ -9,13 +9,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.scores import HoldOut, Parts
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.choices import Choices
+from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.settings import PART_S
 from hydro_ident.mismatch.training import Training
+from hydro_ident.survey import Survey
 
 #: Rows of a channel below this share of what a search would have of it are told: of so few a
 #: search sees effects of twice the usual size at best, as what rows tell grows with their root.
 _THIN = 0.25
+#: So are channels of which less than this share of the rows is held out, where a fifth is usual.
+_HARDLY_HELD = 0.1
 
 
 def spread_parts(traces: tuple[Trace, ...], longest_s: float) -> tuple[Trace, ...]:
@@ -86,6 +93,63 @@ def partly(what: str, whole: tuple[Trace, ...], parts: tuple[Trace, ...]) -> tup
         f"{what} {length_s(parts):.0f} s of {length_s(whole):.0f} s recorded, in {len(parts)}"
         " evenly spread parts (--longest for more)",
     )
+
+
+def split_of(
+    surveys: Sequence[Survey],
+    every: int,
+    choices: Choices,
+    whole: tuple[Trace, ...],
+    parts: tuple[Trace, ...],
+) -> HoldOut:
+    """Which blocks of the training recordings are kept to verify on.
+
+    Parameters
+    ----------
+    surveys : sequence of Survey
+        Of these recordings.
+    every : int
+        0: none, where others are there for it.
+    choices : Choices
+    whole, parts : tuple of Trace
+        All that was recorded, and what of it is fitted; the same object where that is all.
+    """
+    if not every:
+        return HoldOut(every=0)
+    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
+    own = None if parts is whole else _times(parts)
+    return HoldOut.of(durations, every, parallel_hz=choices.filters.parallel_hz, parts=own)
+
+
+def _times(parts: Sequence[Trace]) -> Parts:
+    """Begins and ends of parts, by recording."""
+    result: dict[str, list[tuple[float, float]]] = {}
+    for part in parts:
+        times = float(part.time_s[0]), float(part.time_s[-1]) + part.step_s
+        result.setdefault(part.recording, []).append(times)
+    return result
+
+
+def hardly_held(material: Material, fit: BoolArray, held: BoolArray) -> tuple[str, ...]:
+    """Which channels have hardly any rows to verify on, as holes may lie where blocks would.
+
+    Parameters
+    ----------
+    material : Material
+    fit, held : (N,) bool array
+        Rows of it to fit and to verify on.
+    """
+    notes = []
+    for k, name in enumerate(material.channels):
+        count = int((held & (material.channel == k)).sum())
+        share = count / max(count + int((fit & (material.channel == k)).sum()), 1)
+        if share < _HARDLY_HELD:
+            notes.append(
+                f"of {name} {100.0 * share:.2g} % of the rows are held out, where a fifth is"
+                " usual: what acts there is hardly verified; give a recording of its own for"
+                " that (--validate)"
+            )
+    return tuple(notes)
 
 
 def thinly(fitted: Training, searched: Training, share: float) -> tuple[str, ...]:

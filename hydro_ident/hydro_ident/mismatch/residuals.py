@@ -21,7 +21,14 @@ from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.parts import length_s, partly, spread_parts, thinly
+from hydro_ident.mismatch.parts import (
+    hardly_held,
+    length_s,
+    partly,
+    split_of,
+    spread_parts,
+    thinly,
+)
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.prior import (
     fixed_prior,
@@ -38,7 +45,9 @@ from hydro_ident.mismatch.training import Training, start_model
 from hydro_ident.sources import WHOLE_S, Source
 from hydro_ident.survey import (
     Survey,
+    by_torques,
     merged_signals,
+    parked_elsewhere,
     recorded_notes,
     still_joints_of,
     still_positions,
@@ -160,7 +169,7 @@ def residuals(
         There are recordings to verify on, and none has a row.
     """
     signals = merged_signals(robot, surveys[: len(sources)])
-    torque = any(s.dry for s in surveys) and not any(s.wet for s in surveys)
+    torque = by_torques(surveys[: len(sources)])
     forces = own_forces(robot, torque)
     locked = still_joints_of(robot, signals)
     still = still_positions(surveys, locked)
@@ -172,7 +181,8 @@ def residuals(
     whole, recorded = _of_one_oil(whole, recorded)
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole, recorded)
-    split = _split(surveys[: len(sources)], 0 if others else settings.hold_out_every, choices)
+    every = 0 if others else settings.hold_out_every
+    split = split_of(surveys[: len(sources)], every, choices, whole, traces)
     if not torque:
         choices = settled(robot, forces, looked_at, choices, still, signals, split)
     laid = _Laid(robot, forces, choices, still, whole)
@@ -193,10 +203,12 @@ def residuals(
         traces = spread_parts(recorded, settings.longest_s)
         notes += partly("verified on", recorded, traces)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
-        notes += _unlocked(robot, unlocked)
+        parked = parked_elsewhere(signals, still)
+        notes += _unlocked(robot, unlocked) + _parked(robot, parked)
         there = _material_there(laid, traces, others)
-        check = _elsewhere(there, training, signals, unlocked)
+        check = _elsewhere(there, training, signals, unlocked, parked)
     else:
+        notes += hardly_held(material, fit_rows, check_rows) if every else ()
         known = within(material, training.mask, material)
         check = Check(predictor, check_rows & known, moving, check_rows & ~known)
     bank = Bank(scan.predictor)
@@ -241,10 +253,11 @@ def _elsewhere(
     training: Training,
     signals: SignalSurvey,
     unlocked: Mapping[str, Sequence[int]],
+    parked: Mapping[str, Mapping[int, float]],
 ) -> Check:
     """Rows of other recordings: verified on are fitted channels, where their joints have been."""
     material = training.predictor.material
-    foreign = unfitted(there, unlocked)
+    foreign = unfitted(there, unlocked, parked)
     known = within(material, training.mask, there) & ~foreign
     own = np.isin(np.array(there.channels)[there.channel], material.channels)
     return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
@@ -257,6 +270,17 @@ def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str,
         " all that was fitted: forces there, and flows of its own, are not verified on"
         for name, joints in unlocked.items()
         if joints
+    )
+
+
+def _parked(robot: Robot, parked: Mapping[str, Mapping[int, float]]) -> tuple[str, ...]:
+    """Which recordings have joints stand still where nothing fitted has had them."""
+    return tuple(
+        f"{name}: {robot.joint_names[j]} stands still {off:.2g}"
+        f" {'m' if robot.joints[j].prismatic else 'rad'} from where it stood in all that was"
+        " fitted: forces there are not verified on, as gravity may be another"
+        for name, joints in parked.items()
+        for j, off in joints.items()
     )
 
 
@@ -295,14 +319,6 @@ class _Laid:
             self.robot, self.forces, traces, choices.filters, choices.windows(step_s),
             self.still, choices.rest_speed, self.whole,
         )  # fmt: skip
-
-
-def _split(surveys: Sequence[Survey], every: int, choices: Choices) -> HoldOut:
-    """Which blocks of the training recordings are kept to verify on; none where others are."""
-    if not every:
-        return HoldOut(every=0)
-    durations = {s.name: max(s.duration_s, 1e-3) for s in surveys}
-    return HoldOut.of(durations, every, parallel_hz=choices.filters.parallel_hz)
 
 
 def _notes(

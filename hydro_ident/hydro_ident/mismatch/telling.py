@@ -99,17 +99,23 @@ def within(material: Material, rows: BoolArray, there: Material) -> BoolArray:
     return result
 
 
-def unfitted(there: Material, moving: Mapping[str, Collection[int]]) -> BoolArray:
+def unfitted(
+    there: Material,
+    moving: Mapping[str, Collection[int]],
+    parked: Mapping[str, Collection[int]] | None = None,
+) -> BoolArray:
     """Which rows ask for what a joint's motion alone would have told: it stood still in the fit.
 
-    A force depends on how all joints lie and move: in a recording in which such a joint does, no
-    force is predicted. A chamber's balance knows its own joint only.
+    A force depends on how all joints lie and move: in a recording in which such a joint does, or
+    stands still elsewhere, no force is predicted. A chamber's balance knows its own joint only.
 
     Parameters
     ----------
     there : Material
     moving : mapping of str to collection of int
         By recording, the joints that move there and stood still in all that was fitted.
+    parked : mapping of str to collection of int, optional
+        Those that stand still there, too, but elsewhere.
 
     Returns
     -------
@@ -118,8 +124,8 @@ def unfitted(there: Material, moving: Mapping[str, Collection[int]]) -> BoolArra
     """
     result = np.zeros(there.size, dtype=np.bool_)
     for number, name in enumerate(there.recordings):
-        joints = moving.get(name, ())
-        for k in range(len(there.channels)) if joints else ():
+        joints, elsewhere = moving.get(name, ()), (parked or {}).get(name, ())
+        for k in range(len(there.channels)) if joints or elsewhere else ():
             if not there.is_flow(k) or there.joint_of(k) in joints:
                 result |= (there.recording == number) & (there.channel == k)
     return result

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -75,19 +76,21 @@ def law_views(found: Diagnosis) -> list[LawView]:
     ]
     if views:
         return views
-    strongest: dict[int, Dependence] = {}
+    strongest: dict[str, Dependence] = {}
     for one in found.located:
-        strongest.setdefault(one.channel, one)
+        strongest.setdefault(one.name, one)
+    # Located is on the rows that are searched, which may have other channels than those fitted.
+    channels = found.work.training.predictor.material.channels
     return [
         _dependence_view(
             found.work.training,
             found.work.base,
-            one,
+            replace(one, channel=channels.index(one.name)),
             f"the strongest of all dependences looked at in this channel: chance alone makes as"
             f" much with p = {one.p_value:.2g}",
         )
         for one in strongest.values()
-        if one.variable in SIGNALS
+        if one.variable in SIGNALS and one.name in channels
     ]
 
 

@@ -12,9 +12,16 @@ import pytest
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_ident.mismatch import residuals as steps
 from hydro_ident.mismatch.choices import Choices
+from hydro_ident.mismatch.diagnosis_file import result_dict
+from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.locate import dependences
+from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.parts import spread_parts, thinly
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import PART_S, DiagnosisSettings
+from hydro_ident.mismatch.training import Training
+from hydro_ident.report.diagnosis_views import law_views
+from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.robot_files import load_robot
@@ -114,13 +121,37 @@ def test_channels_that_are_hardly_searched_are_told(
     assert note.startswith("effects are searched on 0 % of the rows of lift/force")
 
 
-def test_a_search_without_forces_knows_the_rest_of_the_base(fragmented: Residuals) -> None:
-    """No traceback where no piece that is searched is long enough for a force."""
+def _searched_without_forces(fragmented: Residuals) -> Training:
+    """What is searched where no piece of it is long enough for a force."""
     training = fragmented.training
     laid = [s.trace for s in fragmented.scan.predictor.material.stretches]
     short = tuple(replace(_cut(t, 1.0, 0), label=t.label) for t in laid)
     own = steps._Laid(fragmented.robot, training.predictor.material.forces, Choices(), {})
-    scan = steps._searched(own, short, fragmented.split, fragmented.signals, training)
+    return steps._searched(own, short, fragmented.split, fragmented.signals, training)
+
+
+def test_what_is_located_keeps_its_channel_where_the_search_lacks_some(
+    fragmented: Residuals,
+) -> None:
+    scan = _searched_without_forces(fragmented)
+    there = scan.predictor.material.channels
+    assert there != fragmented.training.predictor.material.channels
+    located = dependences(scan, fit(scan, fragmented.base.model))
+    assert {d.name for d in located} <= set(there)
+    assert all(d.name == there[d.channel] for d in located)
+    found = Diagnosis(
+        MATCHES, fragmented.robot, fragmented.robot, located=tuple(located),
+        work=replace(fragmented, scan=scan), whole=fragmented.base,
+    )  # fmt: skip
+    listed = result_dict(found, Provenance("diagnose", "0", "xs031", {}, {}))["located"]
+    assert [one["channel"] for one in listed] == [d.name for d in located[: len(listed)]]
+    for view in law_views(found):
+        assert view.title.split(" against ")[0] in there
+
+
+def test_a_search_without_forces_knows_the_rest_of_the_base(fragmented: Residuals) -> None:
+    """No traceback where no piece that is searched is long enough for a force."""
+    training, scan = fragmented.training, _searched_without_forces(fragmented)
     assert set(scan.predictor.names) < set(training.predictor.names)
     assert training.prior is not None
     assert scan.offset(fragmented.base.model).size < training.prior.root.shape[0]

@@ -22,7 +22,8 @@ from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.unknown import unexplained
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.mismatch.worth import bears, in_reach
@@ -32,7 +33,7 @@ from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
-from hydro_model.cylinder import stroke
+from hydro_model.cylinder import lever, stroke
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.targets import ActiveEffect
@@ -158,6 +159,33 @@ def test_what_lacks_the_forces_is_named(plain: Any) -> None:
     surveys = [survey_source(source, robot) for source in sources_of(recordings)]
     assert _too_little(robot, surveys).endswith("no chamber pressures in without")
     assert _too_little(robot, surveys[:1]).endswith("half a minute or more")
+
+
+def test_what_is_verified_on_does_not_decide_by_what_forces_are_told(plain: Any) -> None:
+    """Fitted are torques alone: a recording that knows pressures as well has torques, too."""
+    robot, none = load_robot("xs031"), np.full_like(plain.p_a, np.nan)
+    force = np.stack(
+        [
+            (c.area_a_m2 * plain.p_a[:, k] - c.area_b_m2 * plain.p_b[:, k])
+            * lever(c, plain.q[:, k])
+            for k, c in enumerate(robot.cylinders)
+        ],
+        axis=1,
+    )
+    fitted_ = plain.recording("torques", effort=force, p_a=none, p_b=none)
+    both = plain.recording("both", effort=force)
+    sources, others = sources_of([fitted_]), sources_of([both])
+    surveys = [survey_source(source, robot) for source in (*sources, *others)]
+    work = residuals(robot, sources, others, surveys, DiagnosisSettings())
+    assert work is not None
+    for material, mask in (
+        (work.training.predictor.material, work.training.mask),
+        (work.check.predictor.material, work.check.mask),
+    ):
+        assert material.forces.torque
+        for name in ("lift/torque", "tilt/torque"):
+            own = material.channel == material.channels.index(name)
+            assert (own & mask).sum() > 100
 
 
 def test_a_recording_that_cannot_verify_is_the_one_that_is_named(plain: Any) -> None:

@@ -119,7 +119,9 @@ def test_what_has_no_name_and_is_tiny_is_noted() -> None:
     wave = 1e4 * np.sin(np.arange(1000.0))
     channel = ChannelResult("lift/force", "N", np.arange(1000.0), wave, wave, wave, 1.0)
     curve = np.zeros(3)
-    some = Dependence(0, "time", "", 9.0, 2, 9.0, 0.001, 0.09, 5.0, curve, curve, curve, 0.3)
+    some = Dependence(
+        0, "lift/force", "time", "", 9.0, 2, 9.0, 0.001, 0.09, 5.0, curve, curve, curve, 0.3
+    )
     text = "9% of what is left in lift/force follows time (5 N rms, repeats every 0.3 s)"
     tiny = Unexplained("lift/force", ("time",), 0.09, 0.001, text, some, size=5.0)
     real = replace(tiny, size=12.0)

@@ -57,7 +57,9 @@ def _found(work: Residuals, name: str, parameters: dict[str, float]) -> tuple[Fi
 
 def _told(variable: str) -> dict[str, Unexplained]:
     """Something in the lift's force that follows a variable."""
-    one = Dependence(0, variable, "", 50.0, 8, 10.0, 0.0005, 0.5, 800.0, EMPTY, EMPTY, EMPTY)
+    one = Dependence(
+        0, "lift/force", variable, "", 50.0, 8, 10.0, 0.0005, 0.5, 800.0, EMPTY, EMPTY, EMPTY
+    )
     return {"lift/force": Unexplained("lift/force", (variable,), 0.5, 0.0005, "", one)}
 
 
