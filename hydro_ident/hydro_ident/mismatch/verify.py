@@ -140,7 +140,7 @@ def verify(
     prior = check.known(training)
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
-    instants = tried_instants if mine.effect.start else 1
+    instants = tried_instants.get((mine.effect.name, mine.target), 1)
     # Its instants are paid for, and what was refused before it: so far down chance has to be told.
     dear = instants / _FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
