@@ -82,6 +82,20 @@ class Verification:
     comes_and_goes: bool = False
     idle: bool = False
 
+    def by_base(self, channel: str) -> bool:
+        """Whether rows that do not exercise it are predicted better by the base that it frees.
+
+        Without it the base had taken up what the training rows have of it. That speaks for
+        something there, but not for its name.
+
+        Parameters
+        ----------
+        channel : str
+            In which it shows.
+        """
+        before, after = self.before.get(channel, 0.0), self.after.get(channel, np.inf)
+        return self.silent and self.p_value <= STANDS and after < before
+
 
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
 #: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
