@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.state_space import SIGNALS, row_values
 from hydro_ident.mismatch.training import Training, layout_of
+from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
 
 #: Variable, factor, knots and columns (N, m).
@@ -54,6 +55,9 @@ class Dependence:
         Of the straight pieces at the knots; of cosine and sine.
     period : float
         After which it repeats; 0 where it does not.
+    lags : (R,) array
+        What the variable is ahead by in each recording, so that a wave over time has one phase in
+        all; empty where it has.
     """
 
     channel: int
@@ -70,6 +74,18 @@ class Dependence:
     curve: FloatArray
     coefficients: FloatArray
     period: float = 0.0
+    lags: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def along(self, at: FloatArray, recording: IndexArray) -> FloatArray:
+        """Where along the function, or its wave, rows are.
+
+        Parameters
+        ----------
+        at : (n,) array
+            The variable.
+        recording : (n,) int array
+        """
+        return at + self.lags[recording] if self.lags.size else at
 
 
 def alone(training: Training, fitted: Fitted, channel: int) -> tuple[Training, Bench | None]:

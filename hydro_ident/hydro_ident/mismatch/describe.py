@@ -109,15 +109,17 @@ def form_of(
     if held.predictor.material.channels != names:
         return None
     sizes = _sizes(training, fitted, found)
+    elsewhere = found.variable == "time" and held.predictor is not training.predictor
+    # Of other recordings no phase is known.
+    seen = replace(found, lags=np.zeros(0)) if elsewhere else found
     words = ChannelWords.of(training.predictor.material, found.channel)
     both = [
-        (_rows(training, fitted, found, sizes, v), _rows(held, confirmer.fitted, found, sizes, v))
+        (_rows(training, fitted, found, sizes, v), _rows(held, confirmer.fitted, seen, sizes, v))
         for v in variables_of(found.variable, words)
     ]
     rows = [(here, there) for here, there in both if here is not None and there is not None]
     if not rows or rows[0][0].variable != found.variable:
         return None
-    elsewhere = found.variable == "time" and held.predictor is not training.predictor
     told = told_forms(*rows[0], Curve(found.knots, found.period, elsewhere), rows[1:])
     if not told:
         return None
@@ -180,7 +182,9 @@ def _rows(
     at, factor = values[variable][own.mask], factor[own.mask]
     if not np.isfinite(at).all() or not np.isfinite(factor).all():
         return None
-    return Rows(bench, at, factor, own.layout.recording, variable)
+    recording = own.layout.recording
+    at = found.along(at, recording) if variable == found.variable else at
+    return Rows(bench, at, factor, recording, variable)
 
 
 def _form(

@@ -11,6 +11,7 @@ from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import FreeRun, free_run
 from hydro_ident.mismatch.answering import STAGES, Answer, answered, base_to_search
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.exclusion import shut_out
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
@@ -193,10 +194,18 @@ def _modelled(
 
 
 def _testable(answer: Answer) -> list[str]:
-    """Names that these recordings can show: what was found, and tried and not taken."""
+    """Names that these recordings can show: what was found, and tried and not taken.
+
+    And what the robot's file lists, which is fitted all along.
+    """
     names = [n for f in answer.findings for n in f.named.names]
-    # What was taken back was testable as well.
-    names += [f.named.term.effect.name for f in (*answer.rejected, *answer.taken)]
+    # What was taken back was testable as well, and so was what anything was weighed against, or
+    # stood in the way of before the last scan.
+    named = [f.named for f in (*answer.findings, *answer.rejected, *answer.taken)]
+    names += [c.term.effect.name for n in named for c in n.tried]
+    for one in (n.modelled for n in answer.search.named):
+        names += [*shut_out(one.term.effect.name), *shut_out(one.name)]
+    names += [t.effect.name for t in answer.work.base.model.terms]
     return names + [name for name, _, _ in answer.search.impossible]
 
 

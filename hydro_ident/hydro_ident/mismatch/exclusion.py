@@ -19,6 +19,11 @@ def exclude(one: str, other: str) -> bool:
     return one == other or any({one, other} <= some for some in EXCLUSIVE)
 
 
+def shut_out(name: str) -> frozenset[str]:
+    """Other names that cannot stand beside one at its target, and are not tried there."""
+    return frozenset[str]().union(*(some for some in EXCLUSIVE if name in some)) - {name}
+
+
 def rival(one: ActiveEffect, other: ActiveEffect) -> bool:
     """Whether two effects cannot stand side by side."""
     return one.target == other.target and exclude(one.effect.name, other.effect.name)

@@ -21,6 +21,7 @@ from hydro_ident.mismatch.settings import (
 )
 from hydro_ident.mismatch.state_space import row_values
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
 
 #: What the machine does, of which flaws are functions.
@@ -105,18 +106,24 @@ def _moved(training: Training, fitted: Fitted, one: Dependence, variable: str) -
     values = row_values(predictor, fitted.model, one.channel, variable)[own]
     if not np.isfinite(values).all() or np.ptp(values) <= 0.0:
         return 0.0
-    return swinging(predictor.material.time_s[own], values, 1.0 / one.period)
+    material = predictor.material
+    return swinging(material.time_s[own], values, 1.0 / one.period, material.recording[own])
 
 
-def swinging(time_s: FloatArray, values: FloatArray, frequency_hz: float) -> float:
-    """Share (rms) of a signal that swings at a frequency.
+def swinging(
+    time_s: FloatArray, values: FloatArray, frequency_hz: float, recording: IndexArray
+) -> float:
+    """Share (rms) of a signal that swings at a frequency, in each recording at its own phase.
 
     Parameters
     ----------
     time_s, values : (N,) array
     frequency_hz : float
+    recording : (N,) int array
     """
     swing = values - values.mean()
-    line = np.mean(swing * np.exp(-2j * np.pi * frequency_hz * time_s))
+    turned = swing * np.exp(-2j * np.pi * frequency_hz * time_s)
+    lines = [turned[recording == r] for r in np.unique(recording)]
+    square = sum(float(np.abs(own.sum()) ** 2) / own.size for own in lines) / values.size
     size = float(np.sqrt(np.mean(swing**2)))
-    return float(np.sqrt(2.0) * np.abs(line)) / size if size > 0.0 else 0.0
+    return float(np.sqrt(2.0 * square)) / size if size > 0.0 else 0.0

@@ -201,6 +201,8 @@ class Look:
         Rmse by channel without and with it.
     worse : str
         What speaks against it in a channel.
+    instants : int
+        From how many it had to choose on these rows when it comes and goes.
     """
 
     p_value: float
@@ -209,6 +211,12 @@ class Look:
     shown: float
     sides: tuple[dict[str, float], dict[str, float]]
     worse: str
+    instants: int = 1
+
+    @property
+    def paid(self) -> float:
+        """The p-value with the choice among instants paid for, at most 1."""
+        return min(1.0, self.instants * self.p_value)
 
 
 def looked(
@@ -286,12 +294,12 @@ def objection(one: Look, least: float) -> str:
     ----------
     one : Look
     least : float
-        Largest p-value with which it stands.
+        Largest p-value, instants paid for, with which it stands.
     """
     if one.worse:
         return one.worse
-    if one.p_value > least:
-        return f"held-out rows are not predicted better with it (p = {one.p_value:.2g})"
+    if one.paid > least:
+        return f"held-out rows are not predicted better with it (p = {one.paid:.2g})"
     if one.against > VERIFIED:
         return f"a placebo of equal freedom predicts held-out rows as well ({one.placebo:.0%})"
     return ""

@@ -23,7 +23,9 @@ _HEAD_STARTS_S = (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0, 2560
 _FINER = 12
 
 
-def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Model, int]:
+def at_own_instants(
+    training: Training, check: Check, model: Model
+) -> tuple[Model, Mapping[tuple[str, str], int]]:
     """A model as other recordings have it: what comes and goes does when it predicts them best.
 
     What is under way all along, as oil that warms up, may have been so before they begin.
@@ -39,17 +41,23 @@ def at_own_instants(training: Training, check: Check, model: Model) -> tuple[Mod
     -------
     model : Model
         The same where the check is of the recordings that were fitted, or nothing begins.
-    tried : int
-        Instants that were looked at for each effect that begins: p-values pay for them.
+    tried : mapping of (str, str) to int
+        By name and target of each effect that was placed, how many instants, or head starts, it
+        had to choose from: its p-value pays for them. Where two of one name and target were, every
+        choice of the one went with every choice of the other.
     """
-    tried = 1
+    tried: dict[tuple[str, str], int] = {}
     if check.predictor is training.predictor:
         return model, tried
     for term in (t for t in model.terms if t.effect.edges):
         if term.effect.start:
-            model, tried = _placed(check, model, term)
+            model, count = _placed(check, model, term)
         elif mean_oil_c(check.predictor.material) is None:
-            model, tried = _under_way(check, model, term)
+            model, count = _under_way(check, model, term)
+        else:
+            continue
+        own = term.effect.name, term.target
+        tried[own] = tried.get(own, 1) * count
     return model, tried
 
 
@@ -67,7 +75,8 @@ def _sight(check: Check, model: Model, mine: ActiveEffect) -> Sight:
 def _under_way(check: Check, model: Model, mine: ActiveEffect) -> tuple[Model, int]:
     """The model with one effect under way for as long as predicts the check best, of how many.
 
-    A machine is warm when it is recorded again; what warms it does not begin anew.
+    A machine is warm when it is recorded again; what warms it does not begin anew. As between
+    instants, what lies between two head starts that were tried is no further choice.
     """
     sight, name = _sight(check, model, mine), mine.effect.head_start
 

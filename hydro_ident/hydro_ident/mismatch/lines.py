@@ -12,7 +12,7 @@ from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.state_space import row_values
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.mismatch.whitening import IndexArray, Noise
 from hydro_model.robot import FloatArray
 
 #: A variable, the factor's name and its values (N,), 0 on other rows.
@@ -52,7 +52,9 @@ def lines_of(
         if variable not in VARIABLES:
             continue
         values = row_values(training.predictor, fitted.model, channel, variable)
-        lines = Lines.of(bench, values[mask], factor[mask])
+        # Each recording has its own time: nothing says when in it something swings to and fro.
+        apart = training.layout.recording if variable == "time" else None
+        lines = Lines.of(bench, values[mask], factor[mask], apart)
         if lines is None or _worth(factor[mask]) < LEAST_ROWS:
             continue
         what = channel, variable, times
@@ -83,13 +85,46 @@ def _line(
     bench, (values, factor) = lines.bench, over
     period = 1.0 / float(lines.numbers[number])
     columns = waves(values / period) * factor[:, None]
-    one = dependence_of(training, fitted, bench, what, np.zeros(2), columns)
-    if one is None:
+    recording = training.predictor.material.recording
+    groups = np.unique(recording[training.mask]) if len(lines.apart) > 1 else np.zeros(0, int)
+    each = [columns * (recording == r)[:, None] for r in groups] or [columns]
+    pairs = np.concatenate(each, axis=1)
+    found = dependence_of(training, fitted, bench, what, np.zeros(2), pairs)
+    if found is None:
         return None
-    white, inverse, _ = one[1]
-    theta = inverse @ (white.T @ bench.residual)
-    p = lines.p_value(number, bench.residual - white @ theta)
-    return replace(repeats(one[0], period), p_value=p)
+    one, (white, inverse, _) = found
+    p = lines.p_value(number, bench.residual - white @ (inverse @ (white.T @ bench.residual)))
+    if groups.size:
+        lags = _lags(one.coefficients, period, groups, recording)
+        columns = waves((values + lags[recording]) / period) * factor[:, None]
+        found = dependence_of(training, fitted, bench, what, np.zeros(2), columns)
+        if found is None:
+            return None
+        # One size, and a phase in each recording.
+        freedom = groups.size + 1
+        value = (found[0].gain - freedom) / np.sqrt(2.0 * freedom)
+        one = replace(found[0], freedom=freedom, value=value, lags=lags)
+    return replace(repeats(one, period), p_value=p)
+
+
+def _lags(
+    theta: FloatArray, period: float, groups: IndexArray, recording: IndexArray
+) -> FloatArray:
+    """What brings a wave to the phase of the first of some recordings, for all of them, (R,).
+
+    Parameters
+    ----------
+    theta : (2 k,) array
+        Of cosine and sine in each of the groups.
+    period : float
+    groups : (k,) int array
+        Recordings that have the wave.
+    recording : (N,) int array
+    """
+    phase = np.arctan2(theta[1::2], theta[::2])
+    lags = np.zeros(int(recording.max()) + 1)
+    lags[groups] = (phase[0] - phase) / (2.0 * np.pi) * period
+    return lags
 
 
 def repeats(one: Dependence, period: float) -> Dependence:

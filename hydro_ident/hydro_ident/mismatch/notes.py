@@ -142,10 +142,20 @@ def silent_notes(findings: Sequence[Finding]) -> list[str]:
     """Those of the `findings` that no held-out row could speak for or against."""
     return [
         f"{f.named.term.effect.name} of {f.named.term.target}: the rows to verify on do not"
-        " exercise it; only cross-validation within the training rows speaks for it"
+        f" exercise it{_unheard(f)}"
         for f in findings
         if f.verification.silent
     ]
+
+
+def _unheard(one: Finding) -> str:
+    """What speaks for a finding that held-out rows do not exercise."""
+    if one.verification.by_base(one.channels[0]):
+        return (
+            " themselves, but the base that it frees predicts them better; for its name and size"
+            " only cross-validation within the training rows speaks"
+        )
+    return "; only cross-validation within the training rows speaks for it"
 
 
 def instant_notes(work: Residuals, whole: Fitted) -> list[str]:

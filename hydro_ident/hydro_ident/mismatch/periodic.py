@@ -4,7 +4,8 @@ The whitened residual is transformed to wave numbers over each of these variable
 the channel's factor. A line is a wave number whose power stands far above its neighbours'; their
 own power is the noise that it is held against (Thomson, Proc. IEEE 70 (1982) 1055, section XIII),
 so that nothing smooth in the spectrum counts, whatever made it. The noise is a power of the wave
-number near it: that of what drifts is steep.
+number near it: that of what drifts is steep. What repeats over time has another phase in every
+recording: their powers are added up, not their sums.
 """
 
 from __future__ import annotations
@@ -14,8 +15,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import digamma, polygamma
+from scipy.stats import f as ratio_law
 
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
 
 ComplexArray = np.ndarray[tuple[int, ...], np.dtype[np.complexfloating]]
@@ -30,9 +35,6 @@ _ROWS = 3.0
 _REACH, _NEAREST = 60, 4
 #: Strongest wave numbers that are looked at more closely, by either measure.
 _PEAKS = 4
-#: Of the logarithm of a power over its mean, for the exponential law: less the mean (Euler's
-#: constant), and variance.
-_BELOW, _VARIANCE = float(np.euler_gamma), np.pi**2 / 6.0
 
 
 @dataclass(frozen=True)
@@ -47,26 +49,44 @@ class Lines:
         The variable on the bench's rows, and what a repeating function is multiplied by.
     numbers : (K,) array
         Periods per unit of the variable that are looked at, evenly spaced.
+    apart : tuple of (n,) bool array
+        Rows whose sums are apart, as a line may have any phase in each; together all of them.
     """
 
     bench: Bench
     at: FloatArray
     factor: FloatArray
     numbers: FloatArray
+    apart: tuple[BoolArray, ...]
 
     @staticmethod
-    def of(bench: Bench, at: FloatArray, factor: FloatArray) -> Lines | None:
-        """None where the variable has too little range."""
-        return Lines(bench, at, factor, wave_numbers(at)) if is_scanned(at) else None
+    def of(
+        bench: Bench, at: FloatArray, factor: FloatArray, recording: IndexArray | None = None
+    ) -> Lines | None:
+        """None where the variable has too little range.
+
+        Parameters
+        ----------
+        bench : Bench
+        at, factor : (n,) array
+            As the attributes.
+        recording : (n,) int array, optional
+            Of each row, where a line may have another phase in every one of them.
+        """
+        if not is_scanned(at):
+            return None
+        own = np.zeros(at.size, dtype=np.intp) if recording is None else recording
+        shown = np.unique(own[factor != 0.0])
+        return Lines(bench, at, factor, wave_numbers(at), tuple(own == r for r in shown))
 
     def strongest(self) -> tuple[int, ...]:
         """Wave numbers whose power is largest, by itself and beside its neighbours'.
 
         Through gaps and pauses of the motion a strong line lifts its neighbours, too.
         """
-        powers = self._found
         found: list[int] = []
-        background, _ = self._background(powers, np.arange(powers.size))
+        background, _, _ = self._background(self._found, np.arange(self.numbers.size))
+        powers = self._found.sum(axis=0)
         for size in (powers, powers / background):
             left = size.copy()
             for _ in range(_PEAKS):
@@ -93,43 +113,52 @@ class Lines:
             The whitened residual without it: what its neighbours hold of it through gaps and
             pauses of the motion is not their own.
         """
-        background, worth = self._background(self._powers(rest), np.array([number]))
-        ratio = self._found[number] / background[0]
-        # The tail of a power over the mean of so many others.
-        return float((1.0 + ratio / worth[0]) ** -worth[0])
+        background, worth, shape = self._background(self._powers(rest), np.array([number]))
+        ratio = float(self._found[:, number].sum()) / background[0]
+        # The tail of so many powers over the mean of so many others.
+        return float(ratio_law.sf(ratio, 2.0 * shape[0], 2.0 * worth[0]))
 
     def _background(
         self, powers: FloatArray, at: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What the neighbours of some wave numbers, by place, say of their power.
 
         And how many independent powers it is worth: least squares of a straight line of the
-        logarithms over that of the wave number.
+        logarithms over that of the wave number. Last how many powers of one size the sum of powers
+        (R, K) is: so many of the largest have its mean, and a tail that is no lighter.
         """
         near = np.arange(-_REACH, _REACH + 1)
         beside = at[:, None] + near[np.abs(near) > _NEAREST][None]
-        there = (beside >= 0) & (beside < powers.size)
-        beside = np.clip(beside, 0, powers.size - 1)
+        there = (beside >= 0) & (beside < self.numbers.size)
+        beside = np.clip(beside, 0, self.numbers.size - 1)
         x = np.where(there, np.log(self.numbers[beside] / self.numbers[at][:, None]), 0.0)
-        y = np.where(there, np.log(np.maximum(powers[beside], 1e-300)), 0.0)
+        sizes = np.stack([_mean_log(own[beside], there) for own in powers])
+        sizes = np.exp(sizes - sizes.max(axis=0))
+        shape = sizes.sum(axis=0)
+        y = np.where(there, np.log(np.maximum(powers.sum(axis=0)[beside], 1e-300)), 0.0)
         count, first, second = there.sum(axis=1), x.sum(axis=1), (x**2).sum(axis=1)
         determinant = count * second - first**2
         level = (second * y.sum(axis=1) - first * (x * y).sum(axis=1)) / determinant
         # So many steps of the scan are independent.
-        variance = PER_PERIOD * _VARIANCE * second / determinant
-        return np.exp(level + _BELOW), 1.0 / variance
+        variance = PER_PERIOD * polygamma(1, shape) * second / determinant
+        # The logarithm of a power is on the average below that of its mean.
+        below = np.log(shape) - digamma(shape)
+        return np.exp(level + below), 1.0 / variance, shape
 
     @cached_property
     def _found(self) -> FloatArray:
-        """Powers of the residual that the bench left, (K,)."""
+        """Powers of the residual that the bench left, (R, K)."""
         return self._powers(self.bench.residual)
 
     def _powers(self, residual: FloatArray) -> FloatArray:
-        """Squared Fourier sums of a whitened residual, (K,)."""
+        """Squared Fourier sums of a whitened residual over each of `apart`, (R, K)."""
         bench, (coarse, fine) = self.bench, self._turns
         weights = bench.noise.adjoint(bench.layout, bench.rows, residual[: bench.measured])
-        sums = (coarse * (weights * self.factor)[self.factor != 0.0]) @ fine.T
-        return np.asarray(np.abs(sums.ravel()[: self.numbers.size]) ** 2)
+        shown = self.factor != 0.0
+        turned = coarse * (weights * self.factor)[shown]
+        own = [rows[shown] for rows in self.apart]
+        sums = np.stack([(turned[:, rows] @ fine[:, rows].T).ravel() for rows in own])
+        return np.asarray(np.abs(sums[:, : self.numbers.size]) ** 2)
 
     @cached_property
     def _turns(self) -> tuple[ComplexArray, ComplexArray]:
@@ -145,6 +174,12 @@ class Lines:
             np.exp(self.numbers[::side, None] * at[None]),
             np.exp(step * np.arange(side)[:, None] * at[None]),
         )
+
+
+def _mean_log(powers: FloatArray, there: BoolArray) -> FloatArray:
+    """Mean logarithm of powers (k, m), of those in `there` (k, m), (k,)."""
+    logs = np.where(there, np.log(np.maximum(powers, 1e-300)), 0.0)
+    return np.asarray(logs.sum(axis=1) / there.sum(axis=1))
 
 
 def wave_numbers(at: FloatArray) -> FloatArray:

@@ -82,6 +82,20 @@ class Verification:
     comes_and_goes: bool = False
     idle: bool = False
 
+    def by_base(self, channel: str) -> bool:
+        """Whether rows that do not exercise it are predicted better by the base that it frees.
+
+        Without it the base had taken up what the training rows have of it. That speaks for
+        something there, but not for its name.
+
+        Parameters
+        ----------
+        channel : str
+            In which it shows.
+        """
+        before, after = self.before.get(channel, 0.0), self.after.get(channel, np.inf)
+        return self.silent and self.p_value <= STANDS and after < before
+
 
 #: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
 #: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
@@ -140,7 +154,7 @@ def verify(
     prior = check.known(training)
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
-    instants = tried_instants if mine.effect.start else 1
+    instants = tried_instants.get((mine.effect.name, mine.target), 1)
     # Its instants are paid for, and what was refused before it: so far down chance has to be told.
     dear = instants / _FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
@@ -160,7 +174,7 @@ def verify(
         reason = reason or (_apart(agreement) if alien else "")
     going = "" if reason else _comes_and_goes(training, without, here)
     reason = reason or going
-    sides = best.p_value, *best.sides, best.placebo
+    sides = best.paid, *best.sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
 
@@ -169,7 +183,7 @@ def _paid_for(looks: Sequence[Look], instants: int) -> list[Look]:
     """Ways of looking, any of which may tell, with that and the instants tried paid for."""
     shared = paid([one.p_value for one in looks])
     return [
-        replace(one, p_value=min(1.0, instants * p)) for one, p in zip(looks, shared, strict=True)
+        replace(one, p_value=p, instants=instants) for one, p in zip(looks, shared, strict=True)
     ]
 
 
@@ -188,7 +202,7 @@ def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
     """
     before, after = best.sides
     gains = any(after[n] < before[n] for n in acting if n in after)
-    if not size or (not silent and gains and best.p_value <= FAINTLY):
+    if not size or (not silent and gains and best.paid <= FAINTLY):
         return ""
     little = "hardly exercise it" if silent else "show it but faintly"
     little = little if silent or gains else "gain nothing by it"
@@ -215,18 +229,20 @@ def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool,
     """The look that speaks for a finding, whether there is nothing to see, and what is against it.
 
     What shows on held-out rows but faintly they are not bound to confirm: they are to give a true
-    finding's share of chance, and its own recording the rest. No look may deny it plainly.
+    finding's share of chance, and its own recording the rest. No look may deny it plainly. Either
+    is of the rows as they are: what a finding pays for its instants does not speak against it.
     """
     least, spread = STANDS * _FURTHER**named.refused, max(named.spread, 1.0)
     best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
     against = objection(best, least)
-    plain = not against and best.p_value <= _LUCK * least
+    plain = not against and best.paid <= _LUCK * least
     if met and not plain and max(one.shown for one in looks) < SHOWN * spread:
         # It acts there, and as it should: what only its own recording tells was fitted to that,
         # unless more of it is there, and plainly: its size came out too small, or acts more.
         return best, False, against or "held-out rows exercise it and cannot tell it from nothing"
     denied = any(one.shown >= _PLAINLY * spread and one.p_value > _NEVER for one in looks)
-    faint = against and not objection(best, max(least, missed(best.shown / spread)))
+    unpaid = replace(best, instants=1)
+    faint = against and not objection(unpaid, missed(best.shown / spread))
     silent = not met or (bool(faint) and not denied)
     return best, silent, _unexercised(best, named) if silent else against
 

@@ -130,6 +130,14 @@ def _held_out_errors(found: Diagnosis, data: Mapping[str, Any]) -> str:
     return ", ".join(f"{number(data[key])} {unit} {what}" for key, what in sides)
 
 
+def _unexercised(found: Diagnosis, one: Finding, data: Mapping[str, Any]) -> str:
+    """What rows to verify on say of a finding that they do not exercise."""
+    text = "these rows do not exercise it"
+    if not one.verification.by_base(one.channels[0]):
+        return text
+    return f"{text}; by the base that it frees: {_held_out_errors(found, data)}"
+
+
 def _finding(found: Diagnosis, one: Finding) -> str:
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
@@ -143,7 +151,7 @@ def _finding(found: Diagnosis, one: Finding) -> str:
             "held-out error in motion, with every other finding in the model",
             _held_out_errors(found, data)
             if data["heldout_exercised"]
-            else "these rows do not exercise it",
+            else _unexercised(found, one, data),
         ),
         ("chance, over all that was tried", number(data["p_value"], 2)),
         ("experiment that tells it apart", data["separating_experiment"]),

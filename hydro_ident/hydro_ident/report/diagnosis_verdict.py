@@ -173,6 +173,12 @@ def _sure(found: Diagnosis, held_out: Sequence[ChannelRows]) -> list[str]:
             f"The rows to verify on do not exercise {shortened(silent)}: only cross-validation"
             " within the training rows speaks for that, and for its name."
         )
+    freed = [_place(f) for f in found.findings if f.verification.by_base(f.channels[0])]
+    if freed:
+        lines.append(
+            f"Beside {shortened(freed)} the base predicts these rows better: without it, the base"
+            " had taken up something in the recordings that were fitted that is not in these."
+        )
     lines += noise_line(held_out)
     lines += free_run_line(found.free_run)
     lines += loss_line(found.losses)

@@ -171,7 +171,8 @@ def _law(
     the residual, and is taken out.
     """
     law = np.zeros(own.size)
-    law[own] = _curve(d, values[d.variable][own])
+    recording = training.predictor.material.recording[own]
+    law[own] = _curve(d, d.along(values[d.variable][own], recording))
     if d.times:
         factors = factors_of(training.predictor, fitted.model, d.channel, values, own)
         law[own] *= factors[d.times][own]

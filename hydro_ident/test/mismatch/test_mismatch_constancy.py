@@ -215,11 +215,15 @@ def test_beside_what_is_named_a_drag_is_no_small_part_of_it(
 def test_how_much_of_a_signal_swings_at_a_frequency() -> None:
     time = np.arange(0.0, 20.0, 0.002)
     signal = 3.0 + 4.0 * np.sin(2.0 * np.pi * 0.25 * time) + 0.3 * np.cos(2.0 * np.pi * 7.0 * time)
-    size = np.sqrt(8.0 + 0.045)
-    assert swinging(time, signal, 7.0) == pytest.approx(np.sqrt(0.045) / size, rel=1e-3)
-    assert swinging(time, signal, 0.25) == pytest.approx(np.sqrt(8.0) / size, rel=1e-3)
-    assert swinging(time, signal, 3.0) < 1e-3
-    assert swinging(time, np.ones(time.size), 7.0) == 0.0
+    size, one = np.sqrt(8.0 + 0.045), np.zeros(time.size, dtype=np.intp)
+    assert swinging(time, signal, 7.0, one) == pytest.approx(np.sqrt(0.045) / size, rel=1e-3)
+    assert swinging(time, signal, 0.25, one) == pytest.approx(np.sqrt(8.0) / size, rel=1e-3)
+    assert swinging(time, signal, 3.0, one) < 1e-3
+    assert swinging(time, np.ones(time.size), 7.0, one) == 0.0
+    # As much in two recordings, in which it swings against each other.
+    both, which = np.concatenate([signal, 6.0 - signal]), np.repeat([0, 1], time.size)
+    twice = np.concatenate([time, time])
+    assert swinging(twice, both, 7.0, which) == pytest.approx(np.sqrt(0.045) / size, rel=1e-3)
 
 
 def test_a_hum_is_told_at_a_size_at_which_a_flaw_of_the_form_is_not(

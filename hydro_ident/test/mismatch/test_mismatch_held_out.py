@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.diagnosis import _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
@@ -298,3 +299,25 @@ def test_silent_findings_are_said_to_be(work: Residuals) -> None:
         assert entry["heldout_exercised"] is exercised
         cards = " ".join(line for _, lines in diagnosis_verdict(said, []).cards for line in lines)
         assert ("do not exercise Coulomb friction" in cards) is not exercised
+
+
+@pytest.mark.parametrize(
+    ("p_value", "after", "freed"), [(1e-4, 80.0, True), (0.1, 80.0, False), (1e-4, 140.0, False)]
+)
+def test_a_base_that_a_silent_finding_frees_is_said_to_predict_better(
+    work: Residuals, p_value: float, after: float, freed: bool
+) -> None:
+    """A ground that is never met on these rows, which the base had taken up as weight."""
+    sides = {"lift/force": 140.0}, {"lift/force": after}
+    found = Verification(p_value, *sides, 0.0, True, "", silent=True)
+    finding = Finding(_named(work, 0.0005)[1], found, ("lift/force",))
+    (note,) = silent_notes([finding])
+    assert ("the base that it frees predicts them better" in note) is freed
+    assert "do not exercise it" in note
+    assert "only cross-validation within the training rows speaks" in note
+    said = Diagnosis(PARTLY, work.robot, work.robot, (finding,), notes=(note,))
+    cards = " ".join(line for _, lines in diagnosis_verdict(said, []).cards for line in lines)
+    assert ("Beside Coulomb friction" in cards) is freed
+    assert ("the base that it frees predicts them better" in summary_text(said)) is freed
+    # Rows that exercise it say so themselves.
+    assert not replace(found, silent=False).by_base("lift/force")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch import verify as verify_module
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.diagnosis import diagnose
@@ -19,6 +20,7 @@ from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.notes import instant_notes
 from hydro_ident.mismatch.onset import beginning, begins
 from hydro_ident.mismatch.outcome import MATCHES
+from hydro_ident.mismatch.places import ends_of, instants_of
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import RefineSettings
@@ -70,7 +72,7 @@ def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole
     there, tried = at_own_instants(loaded.training, loaded.check, whole.model)
     assert _start(whole.model.terms[0]) == HERE_S
     assert _start(there.terms[0]) == pytest.approx(THERE_S, abs=0.1)
-    assert tried > 3
+    assert tried["payload_change", "xs031"] > 3
     errors = [
         float(np.sqrt(np.mean(loaded.check.residual(m)[loaded.check.mask] ** 2)))
         for m in (whole.model, there)
@@ -90,10 +92,41 @@ def test_an_alternative_can_pay_for_every_instant_that_was_tried(
     assert not found.silent
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_each_pays_for_its_own_instants(
+    loaded: Residuals, whole: Fitted, monkeypatch: pytest.MonkeyPatch, backwards: bool
+) -> None:
+    """Whatever was placed after it; oil that warms up pays for when it began to, as well."""
+    drift = {"viscous": 3.0e4, "rise": 24.0, "time_constant": 12.0}
+    warming = EffectSpec("temperature_drift", "lift_cylinder", drift)
+    terms = resolve(replace(load_robot("xs031"), effects=(_load(HERE_S), warming)))
+    model = replace(loaded.base.model, terms=tuple(terms[::-1] if backwards else terms))
+    both, paid = fit(loaded.training, model, passes=1), list[int]()
+    _, tried = at_own_instants(loaded.training, loaded.check, both.model)
+    # Instants one after the other, or pairs of eight: half of what chance may do is either's.
+    material = loaded.check.predictor.material
+    count, few = len(instants_of(material)), len(ends_of(material))
+    assert tried["payload_change", "xs031"] in (2 * (2 + count), few * (few + 1))
+    assert tried["temperature_drift", "lift_cylinder"] == 10
+    monkeypatch.setattr(verify_module, "_paid_for", lambda looks, n: paid.append(n) or looks)
+    for term in both.model.terms:
+        named = named_of([Contender(term, both, 900.0, 900.0, 4.0)], 0.0005, 1.0)
+        verify(loaded.training, both, named, loaded.check)
+    assert paid == [tried[term.effect.name, term.target] for term in both.model.terms]
+
+
+def test_two_loads_pay_for_every_choice_of_both(loaded: Residuals) -> None:
+    robot = replace(loaded.robot, effects=(_load(9.0), _load(2.0)))
+    model = replace(loaded.base.model, terms=tuple(resolve(robot)))
+    _, both = at_own_instants(loaded.training, loaded.check, model)
+    _, one = at_own_instants(loaded.training, loaded.check, replace(model, terms=model.terms[:1]))
+    assert both["payload_change", "xs031"] >= one["payload_change", "xs031"] ** 2
+
+
 def test_nothing_else_moves(loaded: Residuals, whole: Fitted) -> None:
     assert at_own_instants(loaded.training, loaded.check, loaded.base.model) == (
         loaded.base.model,
-        1,
+        {},
     )
     there, _ = at_own_instants(loaded.training, loaded.check, whole.model)
     assert there.terms[0].parameters[0] == whole.model.terms[0].parameters[0]

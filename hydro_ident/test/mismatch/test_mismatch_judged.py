@@ -51,6 +51,30 @@ def test_what_held_out_rows_should_hardly_show_takes_more_than_luck(
 
 
 @pytest.mark.parametrize(
+    ("p_value", "silent"),
+    [
+        # In favour, and no more likely by chance than a true one of that size would have it.
+        (0.005, True),
+        # As nothing at all would have it.
+        (0.6, False),
+    ],
+)
+def test_what_instants_cost_does_not_deny_a_finding(
+    named: Named, p_value: float, silent: bool
+) -> None:
+    """124 of them make of p = 0.005 in favour one half and more."""
+    faint = replace(_look(p_value, 12.0), instants=124)
+    other = replace(_look(0.005 if silent else 0.7, 30.0), instants=124)
+    _, quiet, against = _judged([faint, other], named, met=True)
+    assert quiet is silent
+    assert against == ("" if silent else "held-out rows are not predicted better with it (p = 1)")
+    # Where it stands by these rows alone they are paid for.
+    plain = replace(_look(1e-5, 100.0), instants=124)
+    assert _judged([plain, plain], named, met=True) == (plain, False, "")
+    assert plain.paid == pytest.approx(1.24e-3)
+
+
+@pytest.mark.parametrize(
     ("p_value", "silent", "after", "said"),
     [
         (1e-4, False, 1.0, ""),
