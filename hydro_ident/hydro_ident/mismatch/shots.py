@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.held_effects import sensor_errors
 from hydro_ident.estimate.noise import encoder_noise
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -62,15 +63,15 @@ class Shots:
         ----------
         robot : Robot
         terms : sequence of ActiveEffect
-            Its effects; what they say of sensors is taken out of what was measured.
+            Its effects; what they say of sensors alone is taken out of what was measured. What
+            also changes the robot, such as a delay of its commands, its roll-out has already.
 
         Returns
         -------
         list of array or None
             None where a window cannot be integrated.
         """
-        readings = [t for t in terms if t.effect.reading is not None]
-        stretches = self.predictor.signals.corrected(readings)
+        stretches = self.predictor.signals.corrected(sensor_errors(terms))
         return [self._missed(robot, stretches[s], begin, end) for s, begin, end in self.spans]
 
     def only(self, kept: Sequence[bool]) -> Shots:
