@@ -32,14 +32,14 @@ class Shots:
     ----------
     predictor : Predictor
         Of the recordings.
-    spans : tuple of (int, int, int)
-        Stretch, first sample and end of every window.
+    spans : tuple of (int, int, int, int)
+        Stretch of every window, its first sample and end, and from when on all is known before.
     rollouts : int
         Made so far.
     """
 
     predictor: Predictor
-    spans: tuple[tuple[int, int, int], ...]
+    spans: tuple[tuple[int, int, int, int], ...]
     rollouts: int = 0
 
     @staticmethod
@@ -54,7 +54,8 @@ class Shots:
                 found += [(number, one) for one in windows(piece, split, window_s, held)]
         chosen = spread([one for _, one in found], most)
         stretch_of = {id(one): number for number, one in found}
-        return Shots(predictor, tuple((stretch_of[id(p)], p.begin, p.end) for p in chosen))
+        spans = tuple((stretch_of[id(p)], p.begin, p.end, p.since) for p in chosen)
+        return Shots(predictor, spans)
 
     def errors(self, robot: Robot, terms: Sequence[ActiveEffect]) -> list[FloatArray | None]:
         """Measured less predicted, (T, n + 2 m) by window: positions, pressures of A and of B.
@@ -72,7 +73,7 @@ class Shots:
             None where a window cannot be integrated.
         """
         stretches = self.predictor.signals.corrected(sensor_errors(terms))
-        return [self._missed(robot, stretches[s], begin, end) for s, begin, end in self.spans]
+        return [self._missed(robot, stretches[number], *own) for number, *own in self.spans]
 
     def only(self, kept: Sequence[bool]) -> Shots:
         """Some of the windows.
@@ -82,11 +83,13 @@ class Shots:
         spans = tuple(span for span, keep in zip(self.spans, kept, strict=True) if keep)
         return replace(self, spans=spans)
 
-    def _missed(self, robot: Robot, stretch: Stretch, begin: int, end: int) -> FloatArray | None:
+    def _missed(
+        self, robot: Robot, stretch: Stretch, begin: int, end: int, since: int
+    ) -> FloatArray | None:
         if stretch.moved is None:
             return None
         trace, at = stretch.trace, slice(begin, end)
-        piece = Piece(trace, begin, end, stretch.moved.qd)
+        piece = Piece(trace, begin, end, stretch.moved.qd, since)
         start = stretch.moved.q[begin], stretch.moved.qd[begin], self._pressures(stretch, begin)
         self.rollouts += 1
         try:

@@ -16,6 +16,8 @@ from hydro_model.robot import EffectSpec, Robot
 
 WHOLE = HoldOut(every=0)
 SECONDS, WINDOW_S, WINDOWS = 12.0, 2.0, 5
+#: What derivatives by a filter leave of a start, and no memory at all is well above.
+MISSED_RAD = 1e-4
 Lay = Callable[..., Any]
 
 
@@ -46,3 +48,20 @@ def test_a_late_command_is_late_once(
 
     missed = _missed(make_run, lay_out, late(0.01))
     assert missed(late(0.01)) < 0.3 * min(missed(late(0.005)), missed(late(0.015)))
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        EffectSpec("command_delay", "xs031", {"delay": 0.06}),
+        EffectSpec("valve_spool_lag", "lift_cylinder", {"frequency": 4.0}),
+        EffectSpec("valve_hysteresis", "lift_cylinder", {"half_width": 0.02}),
+        EffectSpec("supply_droop", "xs031", {"resistance": 2e9, "time_constant": 0.3}),
+    ],
+    ids=lambda spec: spec.name,
+)
+def test_a_window_remembers_what_came_before_it(
+    make_run: tuple[Callable[..., Robot], Lay], lay_out: Lay, spec: EffectSpec
+) -> None:
+    """The machine itself follows its recording from amid a motion on."""
+    assert _missed(make_run, lay_out, spec)(spec) < MISSED_RAD

@@ -181,6 +181,7 @@ def roll_out(
     commands: Array,
     rails: Array,
     torques: Array,
+    seen: Array,
     delay: float,
     tolerance: float,
     inputs: Array,
@@ -189,6 +190,9 @@ def roll_out(
     end: int,
 ) -> tuple[int, float]:
     """The state at the samples from `begin` to before `end`.
+
+    Where motion and pressures were seen they are put in the state's place at every sample: the
+    effects' states alone go on from sample to sample, under what happened.
 
     Parameters
     ----------
@@ -203,6 +207,8 @@ def roll_out(
         Supply and tank pressure before effects; between samples their mean holds.
     torques : (N, n) array
         Joint torques, each row held until the next sample.
+    seen : (k, 2 n + 2 m) array
+        Motion and pressures at the first samples, the first one's in `solver.y` as well.
     delay, tolerance : float
     inputs : (m + 2 + n,) array
         Working memory.
@@ -253,6 +259,9 @@ def roll_out(
             right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):
                 solver.z[i] = solver.y[i] / model.scale[i]
+        elif sample < seen.shape[0]:
+            for i in range(seen.shape[1]):
+                solver.z[i] = seen[sample, i] / model.scale[i]
         if not scaled_rates(
             model, work, times[sample], inputs, solver.z, solver.f, solver.y, RATES
         ):
