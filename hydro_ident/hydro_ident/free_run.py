@@ -2,7 +2,9 @@
 
 A one-step fit of forces says little about a simulation: errors add up. Here the model gets the
 recorded valve voltages (and supply and tank pressure where recorded; the joint torques of joints
-without cylinder) and the first sample's state, and nothing else. Two figures per joint: restarted
+without cylinder) and the first sample's state, and nothing else. Both without the errors that the
+model's effects say its sensors have, and what it does is compared with those errors put back: what
+its sensors would show, against what they showed. Two figures per joint: restarted
 every few seconds, and, on bags that were held out whole, over a whole run.
 
 A roll-out that cannot be integrated is rejected and said, never replaced.
@@ -12,10 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.held_effects import corrected, sensor_errors
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
@@ -27,8 +31,12 @@ from hydro_ident.rollout_windows import (
     usable_pieces,
     windows,
 )
+from hydro_model.effects import ActiveEffect, Readings, read_with, resolve
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot
+
+if TYPE_CHECKING:
+    from hydro_model.simulate import Rollout
 
 #: Of more windows so many are rolled out, evenly spread; of longer runs the beginning.
 MOST_WINDOWS, MOST_WHOLE_S = 200, 600.0
@@ -122,19 +130,19 @@ def free_run(
         reason = f"no free run: it needs {needed}" if traces else "no free run: nothing held out"
         return FreeRun((), 0, 0, 0.0, (reason,), "")
     rejected: list[str] = []
-    before, lost = _roll(given, pieces)
+    before, lost = _roll(given, pieces, filters)
     rejected += [f"free run of the given robot rejected: {lost}"] if lost else []
     same = identified is given
     after, failed = (None, why_not)
     if identified is not None and not why_not:
-        after, failed = (before, lost) if same else _roll(identified, pieces)
+        after, failed = (before, lost) if same else _roll(identified, pieces, filters)
     rejected += [f"free run of the identified robot rejected: {failed}"] if failed else []
     runs = _beginnings(whole) if split.every == 0 else []
-    long_before, note = _roll(given, runs)
+    long_before, note = _roll(given, runs, filters)
     rejected += [f"whole free run of the given robot rejected: {note}"] if note else []
     long_after = None
     if identified is not None and not why_not:
-        long_after, note = (long_before, note) if same else _roll(identified, runs)
+        long_after, note = (long_before, note) if same else _roll(identified, runs, filters)
         rejected += [f"whole free run of the identified robot rejected: {note}"] if note else []
     joints = tuple(
         _joint(given, j, (pieces, before, after), (runs, long_before, long_after))
@@ -164,15 +172,44 @@ def _beginnings(pieces: Sequence[Piece]) -> list[Piece]:
     return kept
 
 
-def _roll(robot: Robot, pieces: Sequence[Piece]) -> tuple[list[FloatArray] | None, str]:
-    """Joint positions of every piece, or why one of them could not be integrated."""
-    results = []
+def _roll(
+    robot: Robot, pieces: Sequence[Piece], filters: FilterSettings
+) -> tuple[list[FloatArray] | None, str]:
+    """Joint positions of every piece as the robot's sensors would show them.
+
+    Or why one of the pieces could not be integrated.
+    """
+    errors, results = sensor_errors(resolve(robot)), list[FloatArray]()
+    seen = fixed = None
     for piece in pieces:
+        if fixed is None or seen is not piece.trace:
+            seen, fixed = piece.trace, _corrected(robot, errors, piece, filters)
+        fixed = replace(fixed, begin=piece.begin, end=piece.end, since=piece.since)
         try:
-            results.append(rolled_out(robot, piece).q)
+            out = rolled_out(robot, fixed)
         except SimulationError as error:
             return None, f"{piece.where}: {error}"
+        results.append(_shown(robot, fixed, out) if errors else out.q)
     return results, ""
+
+
+def _corrected(
+    robot: Robot, errors: Sequence[ActiveEffect], piece: Piece, filters: FilterSettings
+) -> Piece:
+    """A piece without the errors of its sensors."""
+    trace = corrected(robot, errors, piece.trace)
+    if np.array_equal(trace.q, piece.trace.q, equal_nan=True):
+        return replace(piece, trace=trace)
+    _, velocity, _ = motion(trace.q, trace.step_s, filters)
+    return replace(piece, trace=trace, velocity=velocity)
+
+
+def _shown(robot: Robot, piece: Piece, out: Rollout) -> FloatArray:
+    """Joint positions of a roll-out over a piece as the robot's encoders would show them."""
+    trace, at = piece.trace, slice(piece.begin, piece.end)
+    signals = (out.q, out.p_a, out.p_b, out.supply, out.tank)
+    true = Readings(trace.step_s, *signals, trace.valve_signal[at], trace.joint_torque[at])
+    return read_with(robot, true).q
 
 
 _Rolled = tuple[Sequence[Piece], list[FloatArray] | None, list[FloatArray] | None]
