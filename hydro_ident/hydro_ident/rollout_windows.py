@@ -20,6 +20,7 @@ from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import stroke
 from hydro_model.effects import resolve, with_changes
 from hydro_model.robot import FloatArray, Robot
 
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 
 #: A roll-out is restarted after at most this long; shorter pieces than `SHORTEST_S` say nothing.
 WINDOW_S, SHORTEST_S = 3.0, 0.5
-#: Samples at the ends of a trace whose velocity the filter does not know well.
+#: Samples at the ends of a trace, and beside an impact, whose velocity the filter does not know
+#: well.
 _EDGE_S = 0.1
+#: A piston is at a stop within this share of its stroke of either end.
+STOP_SHARE = 1e-3
 #: Internal states of effects follow what was recorded before a window, for at most so long: what
 #: rings at 1 Hz with a thirtieth of its critical damping has half left of it then.
 LEAD_S = 4.0
@@ -68,10 +72,13 @@ class Piece:
 
 
 def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[Piece]:
-    """Stretches of a trace in which everything that a roll-out needs was recorded."""
+    """Stretches of a trace in which everything that a roll-out needs was recorded.
+
+    And no piston was at a stop, which no model has.
+    """
     from hydro_ident.bag.grid import runs
 
-    known: BoolArray = np.asarray(np.isfinite(trace.q).all(axis=1))
+    known: BoolArray = np.asarray(np.isfinite(trace.q).all(axis=1) & ~at_stops(robot, trace))
     for values in (trace.valve_signal, trace.p_a, trace.p_b):
         known = np.asarray(known & np.isfinite(values).all(axis=1))
     dry = trace.joint_torque[:, list(robot.dry_joints)]
@@ -91,6 +98,26 @@ def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[P
         for a, b in runs(known)
         if b - a >= least
     ]
+
+
+def at_stops(robot: Robot, trace: Trace) -> BoolArray:
+    """Samples about which some piston is at an end of its stroke, (N,).
+
+    Parameters
+    ----------
+    robot : Robot
+    trace : Trace
+    """
+    touched = np.zeros(trace.samples, dtype=np.bool_)
+    for cylinder in robot.cylinders:
+        x = stroke(cylinder, trace.q[:, robot.joint_index(cylinder.joint)])
+        reach = STOP_SHARE * cylinder.stroke_m
+        touched |= (x <= reach) | (x >= cylinder.stroke_m - reach)
+    if not touched.any():
+        return touched
+    edge = math.ceil(_EDGE_S / trace.step_s)
+    near = np.convolve(touched.astype(float), np.ones(2 * edge + 1))
+    return np.asarray(near[edge : edge + trace.samples] > 0.5)
 
 
 def windows(
