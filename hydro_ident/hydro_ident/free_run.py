@@ -2,37 +2,51 @@
 
 A one-step fit of forces says little about a simulation: errors add up. Here the model gets the
 recorded valve voltages (and supply and tank pressure and the oil's temperature where recorded; the
-joint torques of joints without cylinder) and the first sample's state, and nothing else. Two
-figures per joint: restarted every few seconds, and, on bags that were held out whole, over a whole
-run.
+joint torques of joints without cylinder) and the first sample's state, and nothing else. Both
+without the errors that the model's effects say its sensors have, and what it does is compared with
+those errors put back: what its sensors would show, against what they showed. Two figures per
+joint: restarted every few seconds, and, on bags that were held out whole, over a whole run.
 
-A roll-out that cannot be integrated is rejected and said, never replaced.
+No window has a piston at a stop, which no model has. A robot that cannot be rolled out over what
+is left is rejected; where that is one window in very many, it is left out for both robots. All of
+it is said, and nothing replaced.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.held_effects import corrected, sensor_errors
 from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.rollout_windows import (
     SHORTEST_S,
     Piece,
+    at_stops,
     rolled_out,
     spread,
     usable_pieces,
     windows,
 )
+from hydro_model.effects import ActiveEffect, Readings, read_with, resolve
 from hydro_model.errors import SimulationError
 from hydro_model.robot import FloatArray, Robot
 
+if TYPE_CHECKING:
+    from hydro_model.simulate import Rollout
+
 #: Of more windows so many are rolled out, evenly spread; of longer runs the beginning.
 MOST_WINDOWS, MOST_WHOLE_S = 200, 600.0
+#: A robot that cannot be rolled out over more than this share of the windows is rejected: what is
+#: left would flatter it.
+MOST_LOST = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +86,13 @@ class FreeRun:
     joints : tuple of JointRollout
         Empty where no window could be simulated.
     windows, whole_runs : int
+        That were rolled out.
     window_s : float
         Mean length of a window.
     rejected : tuple of str
         What could not be rolled out, and why.
     failed : str
-        Why the windows of the identified robot were rejected; empty where they were not.
+        Why the identified robot was rejected over the windows; empty where it was not.
     """
 
     joints: tuple[JointRollout, ...]
@@ -118,32 +133,32 @@ def free_run(
     filters = filters or FilterSettings()
     whole = [p for t in traces for p in usable_pieces(given, t, filters)]
     pieces = spread([w for piece in whole for w in windows(piece, split)], MOST_WINDOWS)
+    stops = _stop_notes(given, traces)
     if not pieces:
         needed = "valve voltages, pressures (or torques) and positions of every joint"
         reason = f"no free run: it needs {needed}" if traces else "no free run: nothing held out"
-        return FreeRun((), 0, 0, 0.0, (reason,), "")
-    rejected: list[str] = []
-    before, lost = _roll(given, pieces)
-    rejected += [f"free run of the given robot rejected: {lost}"] if lost else []
-    same = identified is given
-    after, failed = (None, why_not)
-    if identified is not None and not why_not:
-        after, failed = (before, lost) if same else _roll(identified, pieces)
-    rejected += [f"free run of the identified robot rejected: {failed}"] if failed else []
-    runs = _beginnings(whole) if split.every == 0 else []
-    long_before, note = _roll(given, runs)
-    rejected += [f"whole free run of the given robot rejected: {note}"] if note else []
-    long_after = None
-    if identified is not None and not why_not:
-        long_after, note = (long_before, note) if same else _roll(identified, runs)
-        rejected += [f"whole free run of the identified robot rejected: {note}"] if note else []
-    joints = tuple(
-        _joint(given, j, (pieces, before, after), (runs, long_before, long_after))
-        for j in range(given.dof)
+        return FreeRun((), 0, 0, 0.0, (reason, *stops), "")
+    robots = (given, None if why_not else identified)
+    short = _both(robots, pieces, filters, "free run")
+    runs = _both(robots, _beginnings(whole) if split.every == 0 else [], filters, "whole free run")
+    not_run = [f"free run of the identified robot rejected: {why_not}"] if why_not else []
+    kept = short.pieces
+    return FreeRun(
+        tuple(_joint(given, j, short, runs) for j in range(given.dof)),
+        len(kept),
+        len(runs.pieces),
+        sum(p.seconds for p in kept) / max(len(kept), 1),
+        (*stops, *short.notes, *not_run, *runs.notes),
+        short.failed,
     )
-    seconds = sum(p.seconds for p in pieces) / len(pieces)
-    hard = f"free run of the identified robot rejected: {failed}" if failed != why_not else ""
-    return FreeRun(joints, len(pieces), len(runs), seconds, tuple(rejected), hard)
+
+
+def _stop_notes(robot: Robot, traces: Sequence[Trace]) -> list[str]:
+    """For how long roll-outs were left out because a piston was at a stop."""
+    seconds = sum(float(at_stops(robot, t).sum()) * t.step_s for t in traces)
+    if not seconds:
+        return []
+    return [f"free run: {seconds:.1f} s about stops of a piston left out: no model has stops"]
 
 
 def no_free_run(robot: Robot, hydraulic: HydraulicFit | None) -> str:
@@ -165,18 +180,99 @@ def _beginnings(pieces: Sequence[Piece]) -> list[Piece]:
     return kept
 
 
-def _roll(robot: Robot, pieces: Sequence[Piece]) -> tuple[list[FloatArray] | None, str]:
-    """Joint positions of every piece, or why one of them could not be integrated."""
-    results = []
+@dataclass(frozen=True, slots=True)
+class _Rolled:
+    """Pieces with what both robots make of them; None of one that is not rolled out."""
+
+    pieces: Sequence[Piece]
+    before: Sequence[FloatArray] | None
+    after: Sequence[FloatArray] | None
+    notes: tuple[str, ...]
+    failed: str
+
+
+def _both(
+    robots: tuple[Robot, Robot | None],
+    pieces: Sequence[Piece],
+    filters: FilterSettings,
+    what: str,
+) -> _Rolled:
+    """Both robots over those of the pieces over which neither of them fails.
+
+    A robot that fails over more than few of them is rejected instead.
+    """
+    given, identified = robots
+    sides = [_roll(given, pieces, filters)]
+    if identified is not None:
+        sides.append(sides[0] if identified is given else _roll(identified, pieces, filters))
+    notes, failed, kept = list[str](), "", np.ones(len(pieces), dtype=np.bool_)
+    rolled = list[list[FloatArray | None]]()
+    for name, (found, why) in zip(("given", "identified"), sides, strict=False):
+        done = np.array([q is not None for q in found], dtype=np.bool_)
+        lost = int(np.sum(~done))
+        if lost > MOST_LOST * len(pieces):
+            notes.append(f"{what} of the {name} robot rejected: {why}")
+            failed = notes[-1] if name == "identified" else ""
+            found = []
+        elif lost:
+            notes.append(
+                f"{what}: {lost} of {len(pieces)} windows left out, over which the {name} robot"
+                f" cannot be rolled out; {why}"
+            )
+            kept &= done
+        rolled.append(found)
+    own = [p for p, keep in zip(pieces, kept, strict=True) if keep]
+    before, after = (_kept(found, kept) for found in (*rolled, [])[:2])
+    return _Rolled(own, before, after, tuple(notes), failed)
+
+
+def _kept(found: Sequence[FloatArray | None], kept: BoolArray) -> list[FloatArray] | None:
+    """Roll-outs of the windows that are kept; None where there are none."""
+    if not found:
+        return None
+    return [q for q, keep in zip(found, kept, strict=True) if keep and q is not None]
+
+
+def _roll(
+    robot: Robot, pieces: Sequence[Piece], filters: FilterSettings
+) -> tuple[list[FloatArray | None], str]:
+    """Joint positions of every piece as the robot's sensors would show them.
+
+    None where it cannot be integrated, with why not the first time.
+    """
+    errors, results, why = sensor_errors(resolve(robot)), list[FloatArray | None](), ""
+    seen = fixed = None
     for piece in pieces:
+        if fixed is None or seen is not piece.trace:
+            seen, fixed = piece.trace, _corrected(robot, errors, piece, filters)
+        fixed = replace(fixed, begin=piece.begin, end=piece.end, since=piece.since)
         try:
-            results.append(rolled_out(robot, piece).q)
+            out = rolled_out(robot, fixed)
         except SimulationError as error:
-            return None, f"{piece.where}: {error}"
-    return results, ""
+            results.append(None)
+            why = why or f"{piece.where}: {error}"
+            continue
+        results.append(_shown(robot, fixed, out) if errors else out.q)
+    return results, why
 
 
-_Rolled = tuple[Sequence[Piece], list[FloatArray] | None, list[FloatArray] | None]
+def _corrected(
+    robot: Robot, errors: Sequence[ActiveEffect], piece: Piece, filters: FilterSettings
+) -> Piece:
+    """A piece without the errors of its sensors."""
+    trace = corrected(robot, errors, piece.trace)
+    if np.array_equal(trace.q, piece.trace.q, equal_nan=True):
+        return replace(piece, trace=trace)
+    _, velocity, _ = motion(trace.q, trace.step_s, filters)
+    return replace(piece, trace=trace, velocity=velocity)
+
+
+def _shown(robot: Robot, piece: Piece, out: Rollout) -> FloatArray:
+    """Joint positions of a roll-out over a piece as the robot's encoders would show them."""
+    trace, at = piece.trace, slice(piece.begin, piece.end)
+    signals = (out.q, out.p_a, out.p_b, out.supply, out.tank)
+    true = Readings(trace.step_s, *signals, trace.valve_signal[at], trace.joint_torque[at])
+    return read_with(robot, true).q
 
 
 def _joint(robot: Robot, joint: int, windows: _Rolled, whole: _Rolled) -> JointRollout:
@@ -197,14 +293,14 @@ def _joint(robot: Robot, joint: int, windows: _Rolled, whole: _Rolled) -> JointR
 
 
 def _columns(joint: int, rolled: _Rolled) -> tuple[FloatArray, ...]:
-    pieces, before, after = rolled
+    pieces = rolled.pieces
     if not pieces:
         return (np.zeros(0),) * 4
     time_s = np.concatenate([p.trace.time_s[p.begin : p.end] for p in pieces])
     measured = np.concatenate([p.trace.q[p.begin : p.end, joint] for p in pieces])
     sides = [
         np.full(time_s.size, np.nan) if run is None else np.concatenate([q[:, joint] for q in run])
-        for run in (before, after)
+        for run in (rolled.before, rolled.after)
     ]
     return time_s, measured, *sides
 

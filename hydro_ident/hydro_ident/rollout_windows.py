@@ -2,13 +2,15 @@
 
 A window gives the model the recorded valve voltages (and supply and tank pressure where recorded;
 the joint torques of joints without cylinder) and the state at its first sample, and nothing else.
+What the model remembers of the time before, commands on their way and internal states of effects,
+it has from what was recorded then.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,6 +20,8 @@ from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import stroke
+from hydro_model.effects import resolve, with_changes
 from hydro_model.robot import FloatArray, Robot
 
 if TYPE_CHECKING:
@@ -25,8 +29,14 @@ if TYPE_CHECKING:
 
 #: A roll-out is restarted after at most this long; shorter pieces than `SHORTEST_S` say nothing.
 WINDOW_S, SHORTEST_S = 3.0, 0.5
-#: Samples at the ends of a trace whose velocity the filter does not know well.
+#: Samples at the ends of a trace, and beside an impact, whose velocity the filter does not know
+#: well.
 _EDGE_S = 0.1
+#: A piston is at a stop within this share of its stroke of either end.
+STOP_SHARE = 1e-3
+#: Internal states of effects follow what was recorded before a window, for at most so long: what
+#: rings at 1 Hz with a thirtieth of its critical damping has half left of it then.
+LEAD_S = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +49,15 @@ class Piece:
     begin, end : int
     velocity : (N, n) array
         Of the joints, over the whole trace.
+    since : int
+        First sample from which up to `begin` everything is known as well.
     """
 
     trace: Trace
     begin: int
     end: int
     velocity: FloatArray
+    since: int
 
     @property
     def where(self) -> str:
@@ -59,10 +72,13 @@ class Piece:
 
 
 def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[Piece]:
-    """Stretches of a trace in which everything that a roll-out needs was recorded."""
+    """Stretches of a trace in which everything that a roll-out needs was recorded.
+
+    And no piston was at a stop, which no model has.
+    """
     from hydro_ident.bag.grid import runs
 
-    known: BoolArray = np.asarray(np.isfinite(trace.q).all(axis=1))
+    known: BoolArray = np.asarray(np.isfinite(trace.q).all(axis=1) & ~at_stops(robot, trace))
     for values in (trace.valve_signal, trace.p_a, trace.p_b):
         known = np.asarray(known & np.isfinite(values).all(axis=1))
     dry = trace.joint_torque[:, list(robot.dry_joints)]
@@ -73,9 +89,35 @@ def usable_pieces(robot: Robot, trace: Trace, filters: FilterSettings) -> list[P
         return []
     _, velocity, _ = motion(trace.q, trace.step_s, filters)
     edge = math.ceil(_EDGE_S / trace.step_s)
+    # A velocity that the filter does not know well does for what came before.
+    first = edge if not known[:edge].all() else 0
     known[:edge] = known[trace.samples - edge :] = False
     least = round(SHORTEST_S / trace.step_s)
-    return [Piece(trace, a, b, velocity) for a, b in runs(known) if b - a >= least]
+    return [
+        Piece(trace, a, b, velocity, first if a == edge else a)
+        for a, b in runs(known)
+        if b - a >= least
+    ]
+
+
+def at_stops(robot: Robot, trace: Trace) -> BoolArray:
+    """Samples about which some piston is at an end of its stroke, (N,).
+
+    Parameters
+    ----------
+    robot : Robot
+    trace : Trace
+    """
+    touched = np.zeros(trace.samples, dtype=np.bool_)
+    for cylinder in robot.cylinders:
+        x = stroke(cylinder, trace.q[:, robot.joint_index(cylinder.joint)])
+        reach = STOP_SHARE * cylinder.stroke_m
+        touched |= (x <= reach) | (x >= cylinder.stroke_m - reach)
+    if not touched.any():
+        return touched
+    edge = math.ceil(_EDGE_S / trace.step_s)
+    near = np.convolve(touched.astype(float), np.ones(2 * edge + 1))
+    return np.asarray(near[edge : edge + trace.samples] > 0.5)
 
 
 def windows(
@@ -104,9 +146,7 @@ def windows(
         count = max(1, math.ceil((b - a) * trace.step_s / window_s))
         ends = np.linspace(a, b, count + 1).round().astype(int) + piece.begin
         found += [
-            Piece(trace, int(s), int(e), piece.velocity)
-            for s, e in pairwise(ends)
-            if e - s >= least
+            replace(piece, begin=int(s), end=int(e)) for s, e in pairwise(ends) if e - s >= least
         ]
     return found
 
@@ -139,22 +179,48 @@ def rolled_out(
     """
     from hydro_model.simulate import simulate
 
-    trace, at = piece.trace, slice(piece.begin, piece.end)
+    trace, lead = piece.trace, _lead(robot, piece)
+    at = slice(piece.begin - lead, piece.end)
     rated = [robot.valve_of(c.name).rated_voltage_v for c in robot.cylinders]
     torque = np.zeros((at.stop - at.start, robot.dof))
     dry = list(robot.dry_joints)
     torque[:, dry] = trace.joint_torque[at, dry]
-    pressures = np.stack([trace.p_a[piece.begin], trace.p_b[piece.begin]], axis=1)
-    return simulate(
+    rolled = simulate(
         robot,
         trace.time_s[at],
         trace.valve_signal[at] * np.array(rated),
-        *(start or (trace.q[piece.begin], piece.velocity[piece.begin], pressures)),
+        *_seen(piece, lead, start),
         supply=_measured(trace.supply[at], robot.supply_pressure_pa),
         tank=_measured(trace.tank[at], robot.tank_pressure_pa),
         torque=torque,
         oil_c=None if trace.oil_c is None else trace.oil_c[at],
     )
+    own = {f.name: getattr(rolled, f.name)[lead:] for f in fields(rolled) if f.name != "steps"}
+    return replace(rolled, **own)
+
+
+def _lead(robot: Robot, piece: Piece) -> int:
+    """Samples before a piece of which the robot remembers something."""
+    seconds = LEAD_S
+    if not any(one.effect.states for one in resolve(robot)):
+        changed = with_changes(robot)
+        own = (v.command_delay_s for v in changed.valves)
+        seconds = changed.command_delay_s + max(own, default=0.0)
+    # The command that acts at the first sample may have been sent within an interval before.
+    count = math.ceil(seconds / piece.trace.step_s) + 1 if seconds > 0.0 else 0
+    return min(count, piece.begin - piece.since)
+
+
+def _seen(
+    piece: Piece, lead: int, start: tuple[FloatArray, FloatArray, FloatArray] | None
+) -> list[FloatArray]:
+    """Positions, velocities and pressures before a piece and at its first sample."""
+    trace, rows = piece.trace, slice(piece.begin - lead, piece.begin + 1)
+    pressures = np.stack([trace.p_a[rows], trace.p_b[rows]], axis=2)
+    seen = [np.array(values) for values in (trace.q[rows], piece.velocity[rows], pressures)]
+    for own, first in zip(seen, start or (), strict=False):
+        own[-1] = first
+    return seen
 
 
 def _measured(pressure: FloatArray, constant_pa: float) -> FloatArray | None:

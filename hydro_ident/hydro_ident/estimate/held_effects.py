@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +50,19 @@ def held_torque(
         acts = acting_share(one, trace.time_s)[:, None]
         total += acts * (inverse_dynamics(changed, *state) - plain)
     return total
+
+
+def sensor_errors(effects: Iterable[ActiveEffect]) -> list[ActiveEffect]:
+    """Effects of instruments alone: what a roll-out does not have by itself.
+
+    A late command, say, is a reading that shifts the record and a change of the robot, which says
+    the same once more: a roll-out of that robot is to be given the record as it is.
+
+    Parameters
+    ----------
+    effects : iterable of ActiveEffect
+    """
+    return [e for e in effects if e.effect.reading is not None and e.effect.change is None]
 
 
 def corrected(robot: Robot, errors: Sequence[ActiveEffect], trace: Trace) -> Trace:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.derivatives import low_pass
+from hydro_ident.estimate.held_effects import sensor_errors
 from hydro_ident.estimate.noise import encoder_noise
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -31,14 +32,14 @@ class Shots:
     ----------
     predictor : Predictor
         Of the recordings.
-    spans : tuple of (int, int, int)
-        Stretch, first sample and end of every window.
+    spans : tuple of (int, int, int, int)
+        Stretch of every window, its first sample and end, and from when on all is known before.
     rollouts : int
         Made so far.
     """
 
     predictor: Predictor
-    spans: tuple[tuple[int, int, int], ...]
+    spans: tuple[tuple[int, int, int, int], ...]
     rollouts: int = 0
 
     @staticmethod
@@ -53,7 +54,8 @@ class Shots:
                 found += [(number, one) for one in windows(piece, split, window_s, held)]
         chosen = spread([one for _, one in found], most)
         stretch_of = {id(one): number for number, one in found}
-        return Shots(predictor, tuple((stretch_of[id(p)], p.begin, p.end) for p in chosen))
+        spans = tuple((stretch_of[id(p)], p.begin, p.end, p.since) for p in chosen)
+        return Shots(predictor, spans)
 
     def errors(self, robot: Robot, terms: Sequence[ActiveEffect]) -> list[FloatArray | None]:
         """Measured less predicted, (T, n + 2 m) by window: positions, pressures of A and of B.
@@ -62,16 +64,16 @@ class Shots:
         ----------
         robot : Robot
         terms : sequence of ActiveEffect
-            Its effects; what they say of sensors is taken out of what was measured.
+            Its effects; what they say of sensors alone is taken out of what was measured. What
+            also changes the robot, such as a delay of its commands, its roll-out has already.
 
         Returns
         -------
         list of array or None
             None where a window cannot be integrated.
         """
-        readings = [t for t in terms if t.effect.reading is not None]
-        stretches = self.predictor.signals.corrected(readings)
-        return [self._missed(robot, stretches[s], begin, end) for s, begin, end in self.spans]
+        stretches = self.predictor.signals.corrected(sensor_errors(terms))
+        return [self._missed(robot, stretches[number], *own) for number, *own in self.spans]
 
     def only(self, kept: Sequence[bool]) -> Shots:
         """Some of the windows.
@@ -81,11 +83,13 @@ class Shots:
         spans = tuple(span for span, keep in zip(self.spans, kept, strict=True) if keep)
         return replace(self, spans=spans)
 
-    def _missed(self, robot: Robot, stretch: Stretch, begin: int, end: int) -> FloatArray | None:
+    def _missed(
+        self, robot: Robot, stretch: Stretch, begin: int, end: int, since: int
+    ) -> FloatArray | None:
         if stretch.moved is None:
             return None
         trace, at = stretch.trace, slice(begin, end)
-        piece = Piece(trace, begin, end, stretch.moved.qd)
+        piece = Piece(trace, begin, end, stretch.moved.qd, since)
         start = stretch.moved.q[begin], stretch.moved.qd[begin], self._pressures(stretch, begin)
         self.rollouts += 1
         try:

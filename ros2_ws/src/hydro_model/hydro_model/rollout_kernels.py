@@ -195,6 +195,7 @@ def roll_out(
     rails: Array,
     torques: Array,
     oil: Array,
+    seen: Array,
     delay: float,
     tolerance: float,
     inputs: Array,
@@ -203,6 +204,9 @@ def roll_out(
     end: int,
 ) -> tuple[int, float]:
     """The state at the samples from `begin` to before `end`.
+
+    Where motion and pressures were seen they are put in the state's place at every sample: the
+    effects' states alone go on from sample to sample, under what happened.
 
     Parameters
     ----------
@@ -219,6 +223,8 @@ def roll_out(
         Joint torques, each row held until the next sample.
     oil : (N,) array
         Its temperature, deg C, each held until the next sample; NaN where it is not known.
+    seen : (k, 2 n + 2 m) array
+        Motion and pressures at the first samples, the first one's in `solver.y` as well.
     delay, tolerance : float
     inputs : (m + 2 + n,) array
         Working memory.
@@ -271,6 +277,9 @@ def roll_out(
             right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):
                 solver.z[i] = solver.y[i] / model.scale[i]
+        elif sample < seen.shape[0]:
+            for i in range(seen.shape[1]):
+                solver.z[i] = seen[sample, i] / model.scale[i]
         if not scaled_rates(
             model, work, times[sample], inputs, solver.z, solver.f, solver.y, RATES
         ):

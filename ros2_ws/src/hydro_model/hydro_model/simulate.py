@@ -97,10 +97,14 @@ def simulate(
     voltages : (N, m) array
         Valve voltages. Row j acts from ``time_s[j] + robot.command_delay_s`` until the next row
         does, the first row also before; limited to the rated voltage.
-    q0, qd0 : (n,) array
-        Start; at rest by default.
-    p0 : (m, 2) array, optional
-        Gauge pressures of chambers A and B, Pa; `equilibrium_pressures` by default.
+    q0, qd0 : (n,) or (k, n) array
+        Start; at rest by default. Of the first k samples, where they are known of more than one:
+        there the effects' internal states follow what is given, and from the last of them on the
+        model moves by itself. So it remembers what came before: commands on their way, a spool
+        off its place, a supply that has given way.
+    p0 : (m, 2) or (k, m, 2) array, optional
+        Gauge pressures of chambers A and B, Pa; of a single start `equilibrium_pressures` by
+        default.
     supply, tank : (N,) array, optional
         Measured at the valves, gauge, Pa. Default: the robot's constants with the robot's
         effects on them.
@@ -135,18 +139,36 @@ def simulate(
     )
     torques = shaped("torque", np.zeros((count, n)) if torque is None else torque, (count, n))
     oil = np.full(count, np.nan) if oil_c is None else shaped("oil_c", oil_c, (count,))
-    q_start = shaped("q0", q0, (n,))
-    qd_start = shaped("qd0", np.zeros(n) if qd0 is None else qd0, (n,))
     rails_known = {"measured_supply": supply is not None, "measured_tank": tank is not None}
     models = [
         (begin, Model(robot, time_s=times[max(begin - 1, 0)], **rails_known))
         for begin in _beginnings(robot, times)
     ]
-    if p0 is None:
-        p0 = equilibrium_pressures(models[0][1].robot, q_start, rails[0, 0], rails[0, 1])
-    start = np.concatenate([q_start, qd_start, shaped("p0", p0, (m, 2)).T.ravel()])
+    seen = _seen(models[0][1].robot, rails, q0, qd0, p0)
     late = _late(models[0][1].robot, times, commands)
-    return _run(models, times, late, rails, torques, oil, start, tolerance)
+    return _run(models, times, late, rails, torques, oil, seen, tolerance)
+
+
+def _seen(
+    robot: Robot, rails: FloatArray, q0: ArrayLike, qd0: ArrayLike | None, p0: ArrayLike | None
+) -> FloatArray:
+    """Motion and pressures at the first samples, (k, 2 n + 2 m)."""
+    n, m, rows = robot.dof, len(robot.cylinders), np.shape(q0)[:-1]
+    if len(rows) == 1 and not 1 <= rows[0] <= len(rails):
+        raise SimulationError(
+            f"simulate: q0 should have 1 to {len(rails)} rows, one per sample, found {rows[0]}"
+        )
+    lead = rows[:1]
+    q = shaped("q0", q0, (*lead, n))
+    qd = shaped("qd0", np.zeros((*lead, n)) if qd0 is None else qd0, (*lead, n))
+    if p0 is None and not lead:
+        p0 = equilibrium_pressures(robot, q, rails[0, 0], rails[0, 1])
+    elif p0 is None:
+        raise SimulationError(
+            "simulate: where q0 is known of several samples, p0 should be as well; found none"
+        )
+    chambers = np.swapaxes(shaped("p0", p0, (*lead, m, 2)), -1, -2).reshape(*lead, 2 * m)
+    return np.ascontiguousarray(np.atleast_2d(np.concatenate([q, qd, chambers], axis=-1)))
 
 
 def _late(robot: Robot, times: FloatArray, commands: FloatArray) -> FloatArray:
@@ -178,7 +200,7 @@ def _run(
     rails: FloatArray,
     torques: FloatArray,
     oil: FloatArray,
-    start: FloatArray,
+    seen: FloatArray,
     tolerance: float,
 ) -> Rollout:
     from hydro_model.rollout_kernels import DONE, roll_out
@@ -187,7 +209,7 @@ def _run(
     count, m = commands.shape
     model = models[0][1]
     solver = new_solver(model.state_size, model.arrays.known.size)
-    solver.y[: len(start)] = start
+    solver.y[: seen.shape[1]] = seen[0]
     states = np.empty((count, model.state_size))
     results = (states, np.empty((count, 2)), np.empty((count, m)), np.empty((count, m)))
     inputs = np.empty(m + 2 + torques.shape[1])
@@ -202,6 +224,7 @@ def _run(
             rails,
             torques,
             oil,
+            seen,
             float(model.robot.command_delay_s),
             float(tolerance),
             inputs,

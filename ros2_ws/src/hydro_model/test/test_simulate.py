@@ -268,6 +268,36 @@ def test_measured_rails_replace_constants_and_their_effects(make_slider) -> None
     np.testing.assert_allclose(measured.q, drooping.q, atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "delay_s"),
+    [
+        ("valve_spool_lag", {"frequency": 8.0}, 0.0),
+        ("valve_hysteresis", {"half_width": 0.05}, 0.0),
+        ("supply_droop", {"resistance": 8e8, "time_constant": 0.3}, 0.0),
+        ("structural_flexibility", {"inertia": 300.0, "frequency": 3.0, "damping": 0.3}, 0.0),
+        ("", {}, 0.06),
+    ],
+)
+def test_a_roll_out_remembers_what_came_before_its_start(
+    make_slider, name, values, delay_s
+) -> None:
+    """Begun amid a motion it goes on as that did, where it is told what was before."""
+    robot = make_slider(
+        viscous_friction=2e4, command_delay_s=delay_s, effects={name: values} if name else {}
+    )
+    times, begin, lead = grid(2.0), 600, 600
+    volts = 4.0 * np.sin(2.0 * np.pi * 1.7 * times)[:, None]
+    whole = simulate(robot, times, volts, [0.3])
+    seen = (whole.q, whole.qd, np.stack([whole.p_a, whole.p_b], axis=2))
+    bare = simulate(robot, times[begin:], volts[begin:], *(s[begin] for s in seen))
+    first = begin - lead
+    told = simulate(robot, times[first:], volts[first:], *(s[first : begin + 1] for s in seen))
+    errors = [np.abs(run.q - whole.q[-len(run.q) :]).max() for run in (bare, told)]
+    assert errors[1] < 0.1 * errors[0], errors
+    # What was told is what it says of the samples before.
+    np.testing.assert_allclose(told.q[: lead + 1], whole.q[first : begin + 1], rtol=1e-12)
+
+
 def test_joint_torque_pushes(make_slider) -> None:
     """A force on the closed cylinder moves it by force over stiffness, at rest in the end."""
     robot, times = make_slider(viscous_friction=1e5), grid(2.0)
@@ -311,6 +341,8 @@ def test_a_piston_that_leaves_its_stroke_is_named(make_slider) -> None:
         ({"time_s": np.zeros(11)}, "increasing"),
         ({"q0": [0.1, 0.2]}, r"q0 should have shape \(1,\)"),
         ({"p0": [1e6, 1e6]}, r"p0 should have shape \(1, 2\)"),
+        ({"q0": np.full((12, 1), 0.3)}, r"q0 should have 1 to 11 rows.* found 12"),
+        ({"q0": np.full((3, 1), 0.3)}, "p0 should be as well"),
         ({"supply": [1.0]}, r"supply should have shape \(11,\)"),
         ({"oil_c": np.full(11, np.nan)}, "oil_c holds values that are not finite"),
     ],
