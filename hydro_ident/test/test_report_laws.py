@@ -15,13 +15,13 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.diagnosis_file import as_modelled
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.outcome import UNKNOWN, Diagnosis
+from hydro_ident.mismatch.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views
-from hydro_ident.report.law_section import LawView
+from hydro_ident.report.law_section import LawView, law_section
 from hydro_ident.report.model_parameters import finding_rows
 from hydro_ident.report.page import number
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound
@@ -79,6 +79,21 @@ def test_a_drawn_law_has_the_size_and_the_share_that_its_text_says(
         if d.share > 0.0:
             left = 1.0 - (rms(view.left) / rms(view.residual)) ** 2
             assert left == pytest.approx(d.share, abs=within), view.title
+
+
+def legend(view: LawView) -> list[str]:
+    """Names of the lines that are drawn through a view's points."""
+    html = law_section([view], "", (view.joint,)).body
+    return re.findall(r'"name":"([^"]+)"', html)
+
+
+def test_what_has_no_name_is_called_no_law(sticking: Residuals, located: list[Dependence]) -> None:
+    nothing = Diagnosis(NO_IMPROVEMENT, sticking.robot, None, work=sticking, whole=sticking.base)
+    views = [*drawn(sticking, located[:1]), *law_views(replace(nothing, located=tuple(located)))]
+    assert len(views) > 1
+    for view in views:
+        assert "fitted curve" in legend(view)
+        assert "law" not in legend(view)
 
 
 def test_what_the_base_swallows_of_a_law_is_not_drawn(
@@ -197,4 +212,5 @@ def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_
     assert view.law is not None
     assert view.left is not None
     assert view.x.shape == view.residual.shape == view.law.shape
+    assert "law" in legend(view)
     assert rms(view.left) < 0.3 * rms(view.residual)

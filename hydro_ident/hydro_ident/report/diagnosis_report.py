@@ -50,9 +50,10 @@ _LABELS = (
 )
 _LAWS = (
     "Each point is what the model without the law leaves of a training row, against the variable"
-    " that the law is best seen against. The coloured line is the law that was found: the median"
-    " of what it says of such rows, with a band that holds 80 % of them, as it may depend on more"
-    " than this. Where points and line go together and the dashed line is at zero, the law holds."
+    " that the law is best seen against. The coloured line is the law that was found, or the curve"
+    " that was fitted where it has no name: the median of what it says of such rows, with a band"
+    " that holds 80 % of them, as it may depend on more than this. Where points and line go"
+    " together and the dashed line is at zero, the law holds."
 )
 #: Where nothing was found.
 _NO_LAWS = (
