@@ -80,6 +80,7 @@ if [[ -n $record ]]; then
   [[ -z $bridge ]] || attached+=(--attach "bridge_parameters=$(realpath "$bridge")")
   mapping=${mapping:-$(default_mapping "$robot")}
   [[ -z $mapping ]] || attached+=(--attach "mapping=$(realpath "$mapping")")
+  [[ -z $dbc ]] || attached+=(--attach "dbc=$(realpath "$dbc")")
   [[ -z $calibration ]] || attached+=(--attach "calibration=$(realpath "$calibration")")
   start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" \
     --robot "$robot" "${attached[@]}"

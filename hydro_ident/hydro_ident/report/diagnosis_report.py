@@ -88,7 +88,7 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
         correlation_section(held_out or fitted, joints),
         free_run_section(found.free_run, joints),
         control_section(found.recordings),
-        provenance_section(origin, (), found.notes),
+        provenance_section(origin, (), found.notes, found.recordings),
     ]
     title = f"Diagnosis of {found.given.name}"
     return page(title, diagnosis_verdict(found, held_out), sections)
