@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch import residuals
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.diagnosis_file import as_modelled
+from hydro_ident.mismatch.diagnosis_file import as_modelled, result_json
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
@@ -195,6 +196,20 @@ def test_held_out_errors_of_a_finding_say_of_what_they_are(bristling: Diagnosis)
     assert own.endswith(f"{before:.4g} -> {after:.4g} N with it")
     (head,) = [k for k, line in enumerate(lines) if line.startswith("all held-out rows")]
     assert lines[head + 1].startswith("  lift/force     RMSE")
+
+
+def test_a_finding_whose_channel_the_held_out_rows_do_not_measure_has_no_held_out_error(
+    bristling: Diagnosis,
+) -> None:
+    (one,) = bristling.findings
+    silent = replace(one.verification, before={}, after={})
+    unmeasured = replace(bristling, findings=(replace(one, verification=silent),))
+    origin = Provenance("diagnose", "1", "r", {}, {})
+    (written,) = json.loads(result_json(unmeasured, origin))["findings"]
+    assert (written["heldout_rmse_before"], written["heldout_rmse_after"]) == (None, None)
+    assert "    the rows to verify on do not measure lift/force" in summary_text(unmeasured)
+    said = re.sub("<[^>]+>", "|", report_html(unmeasured, origin.as_dict()))
+    assert re.search(r"with every other finding in the model\|+these rows do not measure it", said)
 
 
 def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_on(
