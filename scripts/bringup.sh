@@ -6,6 +6,7 @@
 # Options:
 #   --robot ROBOT      shipped name, *.hydraulics.yaml or model.yaml (default xs031)
 #   --controller FILE  ROS parameters of the controller (gains; default: the package's gains.yaml)
+#   --bridge FILE      ROS parameters of the bridge (limits of its gate; default: its own)
 #   --path FILE        path that the controller plays once it drives
 #   --mapping FILE, --dbc FILE      the lab's own I/O (default: those of the robot)
 #   --calibration FILE what `calibrate` wrote: no model file carries it
@@ -15,11 +16,11 @@
 set -euo pipefail
 shopt -s inherit_errexit
 
-here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-usage() { sed -n '2,15s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+usage() { sed -n '2,16s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
 bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
 
-can= robot=xs031 controller= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
+can= robot=xs031 controller= bridge= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
 bus=udp_multicast:239.74.163.2:43113
 while [[ $# -gt 0 ]]; do
   case $1 in
@@ -27,7 +28,7 @@ while [[ $# -gt 0 ]]; do
     --drive) drive=true; shift ;;
     --no-calibration) uncalibrated=true; shift ;;
     -h|--help) usage; exit 0 ;;
-    --can|--robot|--controller|--path|--mapping|--dbc|--calibration|--record|--bus)
+    --can|--robot|--controller|--bridge|--path|--mapping|--dbc|--calibration|--record|--bus)
       [[ $# -ge 2 ]] || bad "$1 needs a value"
       printf -v "${1#--}" '%s' "$2"; shift 2 ;;
     *) bad "unknown option '$1' (see --help)" ;;
@@ -42,7 +43,7 @@ if $drive && ! $sim && ! $uncalibrated && [[ -z $calibration ]]; then
   bad "--drive on $can needs --calibration FILE (what calibrate wrote: zeros, offsets and valve" \
     "signs; a model file has none); --no-calibration drives without"
 fi
-for name in controller calibration mapping dbc; do
+for name in controller bridge calibration mapping dbc; do
   [[ -z ${!name} || -f ${!name} ]] || bad "--$name: expected a file, found none at '${!name}'"
 done
 if $sim; then can=$bus; fi
@@ -54,7 +55,9 @@ source "$here/files.sh"
 # shellcheck source=scripts/processes.sh
 source "$here/processes.sh"
 
-parameters=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
+[[ -z $bridge ]] || check_bridge_parameters "$bridge"
+parameters=(${bridge:+--params-file "$(realpath "$bridge")"})
+parameters+=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
 for name in mapping dbc calibration; do
   [[ -z ${!name} ]] || parameters+=(-p "$name:=$(realpath "${!name}")")
 done
@@ -74,8 +77,10 @@ transition can_bridge bridge configure
 transition controller controller configure
 if [[ -n $record ]]; then
   attached=(--attach "controller_parameters=$(realpath "$gains")")
+  [[ -z $bridge ]] || attached+=(--attach "bridge_parameters=$(realpath "$bridge")")
   mapping=${mapping:-$(default_mapping "$robot")}
   [[ -z $mapping ]] || attached+=(--attach "mapping=$(realpath "$mapping")")
+  [[ -z $dbc ]] || attached+=(--attach "dbc=$(realpath "$dbc")")
   [[ -z $calibration ]] || attached+=(--attach "calibration=$(realpath "$calibration")")
   start recorder "$(hydro_exe hydro_ident recorder)" --out bags --name "$record" \
     --robot "$robot" "${attached[@]}"

@@ -11,7 +11,7 @@
 set -euo pipefail
 shopt -s inherit_errexit
 
-here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 bad() { printf 'demo: %s\n' "$*" >&2; exit 2; }
 out=out/demo-$(date +%Y%m%d-%H%M%S) clock= seed=1
 while [[ $# -gt 0 ]]; do
@@ -24,6 +24,11 @@ while [[ $# -gt 0 ]]; do
   esac
 done
 [[ ! -e $out/tracking.json ]] || bad "$out holds the results of an earlier demo; choose another --out"
+# Bags are found by their names: a second one of a name would be taken with the first.
+for begun in experiment bags truth logs identified nominal_35bar nominal_70bar discovered; do
+  [[ ! -e $out/$begun ]] || bad "$out holds the beginning of an earlier demo ($begun), which cannot" \
+    "be gone on with: remove the folder or choose another --out"
+done
 mkdir -p "$out" || bad "cannot make the folder $out"
 out=$(realpath "$out")
 

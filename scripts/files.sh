@@ -31,3 +31,17 @@ def seconds(arguments):
 
 sys.exit(run_command("path", seconds))' "$@"
 }
+
+# check_bridge_parameters FILE: refuse ROS parameters of the bridge that it would not take from there.
+check_bridge_parameters() {
+  python -c 'import sys
+from pathlib import Path
+from hydro_hw_bridge.parameter_file import check_parameter_file
+from hydro_model.command import run_command
+
+def check(arguments):
+    check_parameter_file(Path(arguments[0]), arguments[1:])
+    return 0
+
+sys.exit(run_command("bringup", check))' "$1" robot can clock mapping dbc calibration
+}

@@ -15,7 +15,7 @@
 set -euo pipefail
 shopt -s inherit_errexit
 
-here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 bad() { printf 'rig_run: %s\n' "$*" >&2; exit 2; }
 name= path= out= robot=xs031 controller= truth=realistic tip='2.0 0.0 -1.2' seed=1
 clock=lockstep duration= bus=udp_multicast:239.74.163.2:$((43200 + BASHPID % 2000))
@@ -30,6 +30,9 @@ while [[ $# -gt 0 ]]; do
   esac
 done
 for needed in name path out; do [[ -n ${!needed} ]] || bad "expected --$needed (see --help)"; done
+if [[ -n $duration && ! $duration =~ ^([0-9]+([.][0-9]*)?|[.][0-9]+)$ ]]; then
+  bad "--duration: expected seconds such as 12.5, found '$duration'"
+fi
 mkdir -p "$out/logs" "$out/truth" "$out/bags" || bad "cannot make folders in $out"
 out=$(realpath "$out")
 
@@ -82,7 +85,8 @@ else
   transition can_bridge "$name.bridge" activate
   transition controller "$name.controller" activate
 fi
-wait_end "$name.rig" $((${duration%.*} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
+whole=${duration%.*} # nothing in front of the point of .5; 08 is eight
+wait_end "$name.rig" $((10#${whole:-0} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
 running "$name.recorder" || ended "$name.recorder"
 stop "$name.controller" "$name.bridge" "$name.recorder"
 note "run $name: $duration s of machine time in $((SECONDS - began)) s"

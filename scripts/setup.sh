@@ -7,6 +7,8 @@
 set -euo pipefail
 shopt -s inherit_errexit
 
+# Where it is set, `cd` looks elsewhere first and prints where it went.
+unset CDPATH
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 

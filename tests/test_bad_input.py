@@ -177,6 +177,11 @@ def test_a_nodes_help_lists_its_parameters_with_their_defaults(node: str) -> Non
         ("bringup.sh", ["--sim", "--can", "can0"], "exclude"),
         ("bringup.sh", ["--robot"], "needs a value"),
         ("bringup.sh", ["--sim", "--controller", "none/gains.yaml"], "found none at 'none/gains"),
+        (
+            "bringup.sh",
+            ["--sim", "--bridge", "none/b.yaml"],
+            "--bridge: expected a file, found",
+        ),
         ("bringup.sh", ["--can", "can0", "--drive"], "--calibration FILE"),
         ("bringup.sh", ["--can", "can0", "--drive"], "--no-calibration drives without"),
         ("bringup.sh", ["--sim", "--calibration", "c.yaml", "--no-calibration"], "exclude"),
@@ -219,6 +224,31 @@ def test_bringup_says_why_it_cannot(arguments: list[str], word: str, tmp_path: P
         env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
     )
     assert_refused(result, word)
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("parameter", "said"),
+    [
+        ("max_age_ms: 3.0", "'max_age_ms': expected at least 4 ms"),  # the bridge itself
+        ("max_age: 12.0", "expected parameters of can_bridge (required_subscribers, slew"),
+        ("calibration: of_june.yaml", "expected 'calibration' by its option alone"),
+    ],
+)
+def test_bringup_gives_the_bridge_its_file(parameter: str, said: str, tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(f"can_bridge:\n  ros__parameters:\n    {parameter}\n", encoding="utf-8")
+    bus = ["--sim", "--bus", "udp_multicast:239.74.163.2:43163"]
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts/bringup.sh"), *bus, "--bridge", "own.yaml"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+        cwd=tmp_path,
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
+    )
+    assert_refused(result, said)
 
 
 @pytest.mark.parametrize(

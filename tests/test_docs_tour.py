@@ -162,7 +162,9 @@ def test_the_labs_commands_bring_up_ask_and_record(
     shell: Callable[[str], Shell], tmp_path: Path
 ) -> None:
     simulated, _, record = block("In the lab, each until Ctrl-C")
-    crane = shell(runnable(simulated, OWN_BUS))
+    own = tmp_path / "bridge.yaml"
+    own.write_text("can_bridge: {ros__parameters: {slow_rate_hz: 5.0}}\n", encoding="utf-8")
+    crane = shell(runnable(simulated, f"{OWN_BUS} --bridge bridge.yaml"))
     crane.until("driving xs031")
     recorder = shell(runnable(record.replace("NAME", "second")))
     recorder.until("receiving /joint_states")
@@ -188,6 +190,7 @@ def test_the_labs_commands_bring_up_ask_and_record(
     assert set(bags) == {"first", "second"}
     for bag in bags.values():
         assert {"/joint_states", "/chamber_pressures"} <= set(read_bag(bag).topics)
+    assert read_bag(bags["first"]).metadata["bridge_parameters"] == own.read_text()
 
 
 def test_a_new_robot_is_written_checked_and_drawn(tmp_path: Path) -> None:

@@ -14,8 +14,9 @@ from hydro_model.robot import FloatArray
 MOST_WITHHELD = 10
 #: Applied voltages up to this are 0 V.
 ZERO_V = 1e-3
-#: Commands up to this share of the rated voltage may be 0 V on a wire of coarse steps (8 bits).
-_TOLD_SHARE = 5e-3
+#: A command and what a wire of coarse steps (8 bits) makes of it, perhaps 0 V, differ by up to
+#: this share of the rated voltage.
+_STEP_SHARE = 5e-3
 #: Stamps that wait for their other half.
 _KEPT = 200
 
@@ -36,7 +37,7 @@ class AppliedWatch:
     withheld : bool
         The newest commands had no effect.
     settled : bool
-        False from when commands are withheld until one is applied as it is.
+        False from when commands are withheld until one is applied, rounded as the wire rounds it.
     moved : bool
         A command of a moving reference was applied since `clear`.
     count : int
@@ -45,7 +46,7 @@ class AppliedWatch:
 
     def __init__(self, rated_v: FloatArray) -> None:
         self.count = 0
-        self._told_v = _TOLD_SHARE * rated_v
+        self._step_v = _STEP_SHARE * rated_v
         self.clear()
 
     def clear(self) -> None:
@@ -95,9 +96,9 @@ class AppliedWatch:
         if np.max(np.abs(applied)) > ZERO_V:
             self._in_a_row, self.withheld = 0, False
             self.moved = self.moved or moving
-            if np.max(np.abs(applied - commanded)) <= ZERO_V:
+            if np.all(np.abs(applied - commanded) <= self._step_v):
                 self.settled = True
-        elif np.any(np.abs(commanded) > self._told_v):
+        elif np.any(np.abs(commanded) > self._step_v):
             self.count += 1
             self._in_a_row += 1
             if self._in_a_row > MOST_WITHHELD:

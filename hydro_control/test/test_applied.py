@@ -103,8 +103,31 @@ def test_what_counts_as_0_v_as_told_and_as_settled() -> None:
     assert watch_of([(np.array([0.05, 0.0]), ZERO)]).count == 0
     assert watch_of([(np.array([0.0501, 0.0]), ZERO)]).count == 1
     none = [(SOME, ZERO)] * 11
-    assert watch_of([*none, (milli, 2.0 * milli)]).settled
-    assert not watch_of([*none, (milli, 2.001 * milli)]).settled
+    step = np.array([0.05, 0.0])
+    assert watch_of([*none, (ZERO, step)]).settled
+    assert not watch_of([*none, (ZERO, 1.002 * step)]).settled
+    assert not watch_of([*none, (np.array([0.0, -0.01]), step[::-1])]).settled
+
+
+def test_commands_are_applied_as_they_are_by_a_wire_of_coarse_steps() -> None:
+    """Eight bits for 10 V either way: rounded by up to 39 mV, told as what is on the wire."""
+    step_v = 10.0 / 127.0
+    for commanded in np.random.default_rng(1).uniform(-9.0, 9.0, (200, 2)):
+        on_wire = step_v * np.round(commanded / step_v)
+        assert watch_of([*[(SOME, ZERO)] * 11, (commanded, on_wire)]).settled
+
+
+def test_what_a_coarse_wire_applies_is_learnt_from_again() -> None:
+    loop = Loop(adaptation=AdaptationSettings(kinds=("payload", "friction", "null_bias")))
+    loop.run(30, share=0.0)
+    adaptation = loop.core.law.adaptation
+    assert adaptation is not None
+    step_v = 10.0 / 127.0
+    for k in range(400):
+        answer = loop.run(1, POSE + 0.05 * np.sin(0.02 * k), share=None)
+        on_wire = step_v * np.round(answer.output.voltage_v / step_v)
+        loop.core.applied(answer.stamp_ns, on_wire)
+    assert adaptation.report()["adaptation_updates"]
 
 
 @pytest.mark.parametrize("later", [0, 1])

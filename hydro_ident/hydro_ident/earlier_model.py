@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hydro_ident.errors import IdentError
+from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import Parameter
 from hydro_model.robot import FloatArray, Robot
 
@@ -20,12 +21,11 @@ def old_value(robot: Robot, parameter: Parameter) -> float | None:
     if parameter.combination:
         values = inertia(robot)
         return float(sum(c * values[name] for name, c in parameter.combination.items()))
-    owner, _, rest = parameter.name.partition(".")
-    if not rest:
+    owner, effect, rest = parts_of(parameter.name)
+    if not owner:
         return robot.command_delay_s
-    if "." in rest:
-        effect, name = rest.split(".", 1)
-        return _listed(robot, owner, effect, name)
+    if effect:
+        return _listed(robot, owner, effect, rest)
     for cylinder in robot.cylinders:
         if cylinder.name == owner:
             bulk = rest == "bulk_modulus"

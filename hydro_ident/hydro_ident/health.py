@@ -29,7 +29,8 @@ class Finding:
         What it is about, e.g. `lift_cylinder/a`.
     kind : str
         `stuck`, `saturated`, `limit`, `range`, `not_finite`, `latched`, `interpolated`, `gap`,
-        or `other`: the bag names another robot.
+        or `other`: the bag names another robot, or was recorded with another calibration or
+        mapping than the first of several.
     text : str
         In words, with numbers.
     """

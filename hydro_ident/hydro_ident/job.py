@@ -29,6 +29,7 @@ from hydro_ident.parameters import student_95
 from hydro_ident.sources import Source, first_traces
 from hydro_ident.survey import (
     Survey,
+    apart_notes,
     by_torques,
     merged_signals,
     still_joints_of,
@@ -115,7 +116,7 @@ class Job:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
-        notes = []
+        notes = apart_notes(self.seen)
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:

@@ -12,6 +12,7 @@ from hydro_ident.channel_scores import LEFT_OUT
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.late_forces import LateForce
 from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_model.robot import Robot
 
@@ -94,7 +95,7 @@ def flagged(
         elif p.name == COMMAND_DELAY:
             channels = flows
         else:
-            joint = joints[p.name.split(".")[0]]
+            joint = joints[parts_of(p.name)[0]]
             channels = (f"{joint}/flow_a", f"{joint}/flow_b")
         marked = p.model_error or any(name in ratios for name in channels)
         marked |= any(one.friction == p.name for one in late)

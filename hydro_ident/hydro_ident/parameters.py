@@ -10,6 +10,7 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_effects import OVER_BULK
+from hydro_ident.parameter_names import parts_of
 from hydro_model.effects.units import effect_units, unit_at_joint
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
 
@@ -268,8 +269,9 @@ def effect_unit(robot: Robot, name: str) -> str:
 
 def _slides(robot: Robot, name: str) -> bool | None:
     """Whether the joint slides that a name begins with; None of all others."""
+    owner = parts_of(name)[0]
     dry = (robot.joints[j] for j in robot.dry_joints)
-    return next((j.prismatic for j in dry if j.name == name.split(".")[0]), None)
+    return next((j.prismatic for j in dry if j.name == owner), None)
 
 
 def listed_value(robot: Robot, name: str) -> float:
@@ -277,7 +279,7 @@ def listed_value(robot: Robot, name: str) -> float:
 
     The owner is a cylinder, or a joint without cylinder.
     """
-    owner, effect, parameter = name.split(".")
+    owner, effect, parameter = parts_of(name)
     targets = [owner, robot.name, *(v.name for v in robot.valves if v.cylinder == owner)]
     targets += [c.joint for c in robot.cylinders if c.name == owner]
     for spec in robot.effects:

@@ -14,6 +14,7 @@ import numpy as np
 
 from hydro_ident.bag.gaps import LongestGap, longest_gap
 from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.recorded_with import Apart, RecordedWith, recorded_apart, recorded_with
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.derivatives import secant_slope
 from hydro_ident.estimate.inertial import least_travel
@@ -85,7 +86,8 @@ class RecordingSummary:
     longest_gap : LongestGap or None
         None without gaps.
     findings : tuple of Finding
-        Irregular signals.
+        Irregular signals, and what lies between sensors and readings where that is another one
+        than the first recording's.
     ranges : tuple of Range
     notes : tuple of str
     motion : tuple of JointMotion
@@ -95,6 +97,7 @@ class RecordingSummary:
     time_s : (N,) array
     position, velocity : (N, n) array
         rad or m and per second; NaN where not recorded.
+    recorded_with : tuple of RecordedWith
     """
 
     name: str
@@ -113,6 +116,7 @@ class RecordingSummary:
     time_s: FloatArray
     position: FloatArray
     velocity: FloatArray
+    recorded_with: tuple[RecordedWith, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The entry under `recordings` of a result file: everything but the samples."""
@@ -129,6 +133,9 @@ class RecordingSummary:
             "ranges": [asdict(one) for one in self.ranges],
             "motion": [one.as_dict() for one in self.motion],
             "tracking": None if self.tracking is None else asdict(self.tracking),
+            "recorded_with": {
+                w.key: {"name": w.name, "sha256": w.sha256 or None} for w in self.recorded_with
+            },
         }
 
 
@@ -145,10 +152,14 @@ def recording_summaries(surveys: Sequence[Survey], training: int) -> tuple[Recor
     -------
     tuple of RecordingSummary
     """
-    return tuple(_summary(s, k < training) for k, s in enumerate(surveys))
+    apart = recorded_apart([(s.name, s.recording.metadata) for s in surveys])
+    return tuple(
+        _summary(s, k < training, [one for one in apart if one.bag == s.name])
+        for k, s in enumerate(surveys)
+    )
 
 
-def _summary(survey: Survey, training: bool) -> RecordingSummary:
+def _summary(survey: Survey, training: bool, apart: Sequence[Apart]) -> RecordingSummary:
     whole = survey.recording
     step_s = float(np.median(np.diff(whole.stamp_ns))) * 1e-9 if len(whole) > 1 else 0.0
     thinned = max(1, round(step_s / whole.period_s))
@@ -164,7 +175,10 @@ def _summary(survey: Survey, training: bool) -> RecordingSummary:
         gaps=len(whole.gaps),
         missing=sum(gap.missing for gap in whole.gaps),
         longest_gap=longest_gap(whole.gaps, int(whole.stamp_ns[0])) if len(whole) else None,
-        findings=tuple(find_irregularities(seen)),
+        findings=(
+            *(Finding(one.key, "other", one.text) for one in apart),
+            *find_irregularities(seen),
+        ),
         ranges=tuple(ranges_of(seen)),
         notes=whole.notes,
         motion=_motion(seen, velocity),
@@ -172,6 +186,7 @@ def _summary(survey: Survey, training: bool) -> RecordingSummary:
         time_s=seen.time_s,
         position=seen.q,
         velocity=velocity,
+        recorded_with=recorded_with(whole.metadata),
     )
 
 

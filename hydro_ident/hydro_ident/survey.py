@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.recorded_with import recorded_apart
 from hydro_ident.continuity import Continuity, bridged_notes
 from hydro_ident.estimate.inertial import least_travel
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -90,7 +91,13 @@ def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     others = recorded_as_others(s.recording for s in looked_at)
     bridged = bridged_notes([s.name for s in looked_at], [s.continuity for s in looked_at])
     notes = [f"{s.name}: {note}" for s in looked_at for note in s.recording.notes]
-    return (*others, *notes, *bridged)
+    return (*others, *apart_notes(looked_at), *notes, *bridged)
+
+
+def apart_notes(surveys: Iterable[Survey]) -> list[str]:
+    """Recordings whose readings came about in another way than the first one's, in words."""
+    bags = [(s.name, s.recording.metadata) for s in surveys]
+    return [f"{one.bag}: {one.key}: {one.text}" for one in recorded_apart(bags)]
 
 
 def by_torques(surveys: Sequence[Survey]) -> bool:

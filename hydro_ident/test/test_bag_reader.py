@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -22,7 +23,10 @@ from hydro_ident.bag.chunks import ChunkError, decompress_chunk
 from hydro_ident.bag.definitions import definition
 from hydro_ident.bag.playback import messages
 from hydro_ident.bag.reader import read_bag
+from hydro_ident.bag.recording import read_recording
+from hydro_ident.commands import diagnose, inspect
 from hydro_ident.errors import BagError
+from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, encode
 
 NAMES = ("lift", "tilt")
@@ -34,13 +38,13 @@ def _values(k: int) -> list[float]:
     return [k + 0.25, -k / 7.0]
 
 
-def _write_plain(path: Path, count: int = COUNT, **options: object) -> Path:
+def _write_plain(path: Path, count: int = COUNT, encoding: str = "cdr", **options: object) -> Path:
     """A bare file by mcap's own writer, one topic."""
     with open(path, "wb") as stream:
         writer = Writer(stream, **options)  # type: ignore[arg-type]
         writer.start(profile="ros2", library="test")
         schema = writer.register_schema(JOINT_STATE, "ros2msg", definition(JOINT_STATE).encode())
-        channel = writer.register_channel("/joint_states", "cdr", schema)
+        channel = writer.register_channel("/joint_states", encoding, schema)
         for k in range(count):
             stamp = START + 2_000_000 * k
             data = encode(JOINT_STATE, stamp, {"position": _values(k)}, names=NAMES)
@@ -363,3 +367,25 @@ def test_an_absurd_record_length_ends_the_file_without_allocation(tmp_path: Path
     bag = read_bag(path)
     assert any("cut off inside a record" in loss for loss in bag.losses)
     assert len(bag.series["/joint_states"]) == 200
+
+
+def test_messages_that_are_not_cdr_are_told_and_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """JSON, as of a bridge to the web: the topic and its type are there, and nothing to decode."""
+    path = _write_plain(tmp_path / "web.mcap", encoding="json")
+    bag = read_bag(path)
+    assert dict(bag.series) == {}
+    assert bag.topics["/joint_states"].count == COUNT
+    assert bag.losses == ("/joint_states: expected encoding cdr, found 'json'",)
+    wanted = f"{path}: /joint_states: expected messages in CDR, found none that is read"
+    with pytest.raises(BagError, match=f"^{re.escape(wanted)}$"):
+        read_recording(path, load_robot("xs031"))
+    assert inspect.main([str(path)]) == 0
+    assert bag.losses[0] in capsys.readouterr().out
+    assert inspect.main([str(path), "--robot", "xs031"]) == 2
+    assert capsys.readouterr().err == f"inspect: {wanted}\n"
+    out = tmp_path / "out"
+    with pytest.raises(BagError, match=re.escape(wanted)):
+        diagnose.run([str(path), "--robot", "xs031", "--out", str(out)])
+    assert not out.exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,15 +14,15 @@ from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch import residuals
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.diagnosis_file import as_modelled
+from hydro_ident.mismatch.diagnosis_file import as_modelled, result_json
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.outcome import UNKNOWN, Diagnosis
+from hydro_ident.mismatch.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import NotTestable, Unexplained
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views
-from hydro_ident.report.law_section import LawView
+from hydro_ident.report.law_section import LawView, law_section
 from hydro_ident.report.model_parameters import finding_rows
 from hydro_ident.report.page import number
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound
@@ -79,6 +80,21 @@ def test_a_drawn_law_has_the_size_and_the_share_that_its_text_says(
         if d.share > 0.0:
             left = 1.0 - (rms(view.left) / rms(view.residual)) ** 2
             assert left == pytest.approx(d.share, abs=within), view.title
+
+
+def legend(view: LawView) -> list[str]:
+    """Names of the lines that are drawn through a view's points."""
+    html = law_section([view], "", (view.joint,)).body
+    return re.findall(r'"name":"([^"]+)"', html)
+
+
+def test_what_has_no_name_is_called_no_law(sticking: Residuals, located: list[Dependence]) -> None:
+    nothing = Diagnosis(NO_IMPROVEMENT, sticking.robot, None, work=sticking, whole=sticking.base)
+    views = [*drawn(sticking, located[:1]), *law_views(replace(nothing, located=tuple(located)))]
+    assert len(views) > 1
+    for view in views:
+        assert "fitted curve" in legend(view)
+        assert "law" not in legend(view)
 
 
 def test_what_the_base_swallows_of_a_law_is_not_drawn(
@@ -182,6 +198,20 @@ def test_held_out_errors_of_a_finding_say_of_what_they_are(bristling: Diagnosis)
     assert lines[head + 1].startswith("  lift/force     RMSE")
 
 
+def test_a_finding_whose_channel_the_held_out_rows_do_not_measure_has_no_held_out_error(
+    bristling: Diagnosis,
+) -> None:
+    (one,) = bristling.findings
+    silent = replace(one.verification, before={}, after={})
+    unmeasured = replace(bristling, findings=(replace(one, verification=silent),))
+    origin = Provenance("diagnose", "1", "r", {}, {})
+    (written,) = json.loads(result_json(unmeasured, origin))["findings"]
+    assert (written["heldout_rmse_before"], written["heldout_rmse_after"]) == (None, None)
+    assert "    the rows to verify on do not measure lift/force" in summary_text(unmeasured)
+    said = re.sub("<[^>]+>", "|", report_html(unmeasured, origin.as_dict()))
+    assert re.search(r"with every other finding in the model\|+these rows do not measure it", said)
+
+
 def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_on(
     bristling: Diagnosis,
 ) -> None:
@@ -197,4 +227,5 @@ def test_a_name_that_another_law_stands_for_is_drawn_on_the_rows_it_was_weighed_
     assert view.law is not None
     assert view.left is not None
     assert view.x.shape == view.residual.shape == view.law.shape
+    assert "law" in legend(view)
     assert rms(view.left) < 0.3 * rms(view.residual)

@@ -92,8 +92,7 @@ def check_topics(
     joints = decoded.get(JOINT_STATES)
     if joints is None or not joints.count:
         raise BagError(f"{path}: expected a topic {JOINT_STATES}, found {', '.join(there)}")
-    strokes = {cylinder.name for cylinder in robot.cylinders}
-    if not set(joints.names) & (set(robot.joint_names) | strokes):
+    if not own_names(robot).intersection(joints.names):
         raise BagError(
             f"{path}: expected joints of robot {robot.name}"
             f" ({', '.join(robot.joint_names)}) in {JOINT_STATES},"
@@ -117,7 +116,12 @@ def topics_of(series: Mapping[str, Series], robot: Robot) -> dict[str, Topic]:
     return {name: Topic.of(one) for name, one in found.items() if len(one)}
 
 
-def own_joints(series: Series, robot: Robot) -> Series:
+def own_names(robot: Robot) -> frozenset[str]:
+    """What `/joint_states` calls the robot's joints and strokes."""
+    return frozenset({*robot.joint_names, *(cylinder.name for cylinder in robot.cylinders)})
+
+
+def own_joints(series: Series, robot: Robot, *, others_tell: bool = False) -> Series:
     """Messages of `/joint_states` that tell of the robot: a gripper's make no cycles of it.
 
     All of them where none does.
@@ -126,15 +130,15 @@ def own_joints(series: Series, robot: Robot) -> Series:
     ----------
     series : Series
     robot : Robot
+    others_tell : bool
+        Messages of the topic that are not among these tell of the robot: where none of these
+        does, none stays.
     """
-    own = {*robot.joint_names, *(cylinder.name for cylinder in robot.cylinders)}
+    own = own_names(robot)
     if own.issuperset(series.names):
         return series
-    at = [i for i, name in enumerate(series.names) if name in own]
-    told = np.zeros(len(series), dtype=np.bool_)
-    for values in series.fields.values():
-        told |= np.isfinite(values[:, at]).any(axis=1)
-    if told.all() or not told.any():
+    told = series.tells_of(own)
+    if told.all() or not (others_tell or told.any()):
         return series
     fields = {name: values[told] for name, values in series.fields.items()}
     return replace(

@@ -54,6 +54,9 @@ def _text_of(path: Path) -> str:
     try:
         if path.stat().st_size > _MAX_ATTACHMENT_BYTES:
             raise BagError(f"{path}: larger than {_MAX_ATTACHMENT_BYTES} bytes")
+        if path.suffix.lower() == ".dbc":
+            # As the bridge reads one: its format knows no other encoding.
+            return path.read_text(encoding="cp1252", errors="replace")
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise BagError(f"{path}: cannot be attached: {error}") from error

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from hydro_ident.bag.mcap_types import MessageBlock
 from hydro_ident.errors import BagError
@@ -21,6 +22,7 @@ from hydro_msgs_docs.cdr import (
     layout_of,
 )
 
+BoolArray = NDArray[np.bool_]
 #: Layouts kept per topic; a topic with more is decoded all the same, only slower.
 _KEPT_LAYOUTS = 16
 #: Beyond these no machine's topic goes.
@@ -70,6 +72,14 @@ class Series:
             return None
         values: FloatArray = self.fields[field_name][:, self.names.index(name)]
         return None if bool(np.isnan(values).all()) else values
+
+    def tells_of(self, names: Collection[str]) -> BoolArray:
+        """Messages that carry a number for one of some names, (N,)."""
+        at = [i for i, name in enumerate(self.names) if name in names]
+        told = np.zeros(len(self), dtype=np.bool_)
+        for values in self.fields.values():
+            told |= np.isfinite(values[:, at]).any(axis=1)
+        return told
 
 
 def too_empty(cells: int, filled: int) -> bool:

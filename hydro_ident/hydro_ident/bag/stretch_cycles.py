@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of, own_joints
+from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of, own_joints, own_names
 from hydro_ident.bag.grid import Topic
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
@@ -36,6 +36,8 @@ class Known:
         Its stamps do not let it go by stretches.
     waits : frozenset of str
         Topics that come, though later than others: nothing is joined without them.
+    told : bool
+        Some message of `/joint_states` tells of the robot.
     read : frozenset of str
         Joints that have a position of their own in some cycle.
     valve_state : bool
@@ -45,6 +47,7 @@ class Known:
     robot: str | None = None
     whole: bool = False
     waits: frozenset[str] = frozenset()
+    told: bool = False
     read: frozenset[str] = frozenset()
     valve_state: bool = False
 
@@ -91,6 +94,9 @@ class CycleMaker:
     valve_source: str = ""
     bare: bool = False
     _read: set[str] = field(default_factory=set)
+    #: Some message told of the robot; messages that did not were taken for its cycles.
+    _told: bool = False
+    _others: bool = False
 
     def cycles(self, given: Mapping[str, Series], *, pressures: bool) -> Recording:
         """The cycles of a stretch.
@@ -107,7 +113,7 @@ class CycleMaker:
         LearntError
             Earlier stretches were not what they seemed.
         """
-        own = {n: own_joints(s, self.robot) if n == JOINT_STATES else s for n, s in given.items()}
+        own = {n: self._own(s) if n == JOINT_STATES else s for n, s in given.items()}
         topics = {
             name: Topic(one, one.stamp_ns, np.arange(len(one)), 0, 0)
             for name, one in own.items()
@@ -136,6 +142,16 @@ class CycleMaker:
             notes=(),
             metadata={},
         )
+
+    def _own(self, series: Series) -> Series:
+        """The messages of `/joint_states` that make cycles of the robot in the whole recording."""
+        tells = bool(series.tells_of(own_names(self.robot)).any())
+        if tells and self._others and not self.known.told:
+            raise LearntError(replace(self.known, told=True))
+        self._told |= tells
+        told = self.known.told or self._told
+        self._others |= not told and not own_names(self.robot).issuperset(series.names)
+        return own_joints(series, self.robot, others_tell=told)
 
     def _choose_valves(self, columns: dict[str, Any]) -> None:
         """Take `/valve_state` where it tells any voltage of the whole recording."""

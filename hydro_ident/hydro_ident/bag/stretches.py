@@ -190,7 +190,8 @@ class Passage:
         if not self._begun:
             self._begin(metadata)
         maker = self.maker
-        self._topics.collect(cycles=maker is not None, bare=maker is not None and maker.bare)
+        robot = None if maker is None else maker.robot
+        self._topics.collect(robot, bare=maker is not None and maker.bare)
         given = self._topics.give(last=last)
         stamps = {name: series.stamp_ns for name, series in given.items()}
         cycles = None

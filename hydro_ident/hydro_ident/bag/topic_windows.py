@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from hydro_ident.bag.aligned import TYPES
+from hydro_ident.bag.aligned import TYPES, own_names
 from hydro_ident.bag.decoder import Decoder
 from hydro_ident.bag.series import Series, SeriesBuilder, too_empty
 from hydro_ident.bag.stretch_cycles import Known, LearntError
 from hydro_ident.bag.window import LateError, Window, joined_cells
 from hydro_ident.errors import BagError
+from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import CHAMBER_PRESSURES, JOINT_STATES, OIL_TEMPERATURE
 
 #: What is joined to the joints and further ahead of them than this goes by another clock, or they
@@ -46,13 +47,13 @@ class TopicWindows:
     #: Up to where joined topics were given away as the joints came.
     _reached_ns: int | None = None
 
-    def collect(self, *, cycles: bool, bare: bool) -> None:
+    def collect(self, robot: Robot | None, *, bare: bool) -> None:
         """Take in what was decoded.
 
         Parameters
         ----------
-        cycles : bool
-            There is a robot, so that topics are joined to cycles.
+        robot : Robot or None
+            With one, topics are joined to its cycles.
         bare : bool
             Some cycles were made without `/chamber_pressures`.
 
@@ -61,13 +62,14 @@ class TopicWindows:
         LearntError
             It does not fit to what was given away, or only the whole tells whether it is refused.
         """
-        self._cycles = cycles
+        self._cycles = robot is not None
         self.decoder.require_tables()
         for topic, builder in self.decoder.builders.items():
             if topic not in self.windows:
                 # What is joined but comes first now must not be older than what went without it.
                 begun = self._is_joined(topic, builder)
-                self.windows[topic] = Window(given_ns=self._reached_ns if begun else None)
+                own = own_names(robot) if robot and topic == JOINT_STATES else frozenset()
+                self.windows[topic] = Window(own, given_ns=self._reached_ns if begun else None)
             window = self.windows[topic]
             fresh = self._taken(builder)
             if len(fresh) and not window.count and self._too_late(topic, bare):

@@ -77,6 +77,8 @@ class Window:
 
     Attributes
     ----------
+    own : frozenset of str
+        Of messages with one stamp the first stays that tells of one of these names, or the first.
     kept : Series or None
         In order of their stamps.
     newest_ns : int or None
@@ -91,6 +93,7 @@ class Window:
         Later messages must be newer than this.
     """
 
+    own: frozenset[str] = frozenset()
     kept: Series | None = None
     newest_ns: int | None = None
     count: int = 0
@@ -125,7 +128,16 @@ class Window:
         so_far = np.maximum.accumulate(np.concatenate([before, firsts]))
         self.disordered += int(np.sum(firsts < so_far[1:]))
         self.newest_ns = int(so_far[-1])
-        self.kept = _rows(both, row)
+        self.kept = _rows(both, self._chosen(both, row))
+
+    def _chosen(self, both: Series, first: IntArray) -> IntArray:
+        """The row that stays of each stamp, in order; `first` are the first of them."""
+        if not self.own or len(first) == len(both):
+            return first
+        # Stable: in file order where stamp and what is told are the same.
+        order = np.lexsort((~both.tells_of(self.own), both.stamp_ns))
+        _, at = np.unique(both.stamp_ns[order], return_index=True)
+        return order[at]
 
     def give(self, until_ns: int | None) -> Series | None:
         """Give away messages; later ones must be newer.

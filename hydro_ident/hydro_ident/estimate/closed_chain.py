@@ -141,7 +141,7 @@ def part_notes(names: Sequence[str], held: Sequence[HeldPart]) -> tuple[str, ...
     groups: dict[str, dict[str, list[str]]] = {}
     for part in held:
         name = names[part.index]
-        owner, _, rest = name.partition(".")
+        owner, _, rest = name.rpartition(".")
         cylinder, _, body = owner.rpartition("_")
         of_part = body in ("barrel", "rod")
         group = groups.setdefault(cylinder if of_part else name, {})

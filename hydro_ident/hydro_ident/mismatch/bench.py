@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.tall import factored
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_ident.mismatch.whitening_kernels import add_blocks
@@ -59,6 +60,9 @@ class Bench:
         Length of a block of time.
     prior : ((m, p), (m,)) arrays, optional
         Further equations of unit variance, columns and values: what is known beforehand.
+    mask : (M,) bool array, optional
+        `y` and `x` have these rows, of which the layout's are those in it: whoever has more rows
+        than are wanted leaves them out here, where nobody keeps the copy.
     """
 
     def __init__(
@@ -69,25 +73,29 @@ class Bench:
         x: FloatArray,
         block_s: float,
         prior: tuple[FloatArray, FloatArray] | None = None,
+        mask: BoolArray | None = None,
     ) -> None:
         self.layout, self.noise = layout, noise
         self.rows = noise.settled(layout)
-        self._y = noise.whitened(layout, y)[self.rows]
-        self._x = noise.whitened(layout, x)[self.rows]
+        self._y = noise.whitened(layout, y if mask is None else y[mask])[self.rows]
+        scaled = noise.whitened(layout, x if mask is None else x[mask])[self.rows]
         self.measured = self._y.size
         block = layout.blocks(block_s)[self.rows]
         channel = layout.channel[self.rows]
         if prior is not None:
             self._y = np.concatenate([self._y, prior[1]])
-            self._x = np.concatenate([self._x, prior[0]])
+            scaled = np.concatenate([scaled, prior[0]])
             last = int(block.max()) + 1 if block.size else 0
             block = np.concatenate([block, np.full(prior[1].size, last)])
             channel = np.concatenate([channel, np.full(prior[1].size, -1)])
         self.block: IndexArray = block
         self.channel: IndexArray = channel
-        self.scale = np.linalg.norm(self._x, axis=0)
+        self.scale = np.linalg.norm(scaled, axis=0)
         self.scale[self.scale == 0.0] = 1.0
-        self.basis, self._r, self._pivot = factored(self._x / self.scale, RANK)
+        # In place: of a long recording of many joints each copy is a tenth of a gigabyte.
+        scaled /= self.scale
+        self._scaled = scaled
+        self.basis, self._r, self._pivot = factored(scaled, RANK)
         self.residual: FloatArray = self._y - self.basis @ (self.basis.T @ self._y)
 
     @cached_property
@@ -119,7 +127,7 @@ class Bench:
             Coefficients that cost as much as a deviation of the noise, infinite where they cost
             nothing: what the rows tell stays as it is, and what they do not tell stays small.
         """
-        theta, wanted = np.zeros(self._x.shape[1]), self.basis.T @ self._y
+        theta, wanted = np.zeros(self.scale.size), self.basis.T @ self._y
         if reach is None:
             theta[self._pivot] = np.linalg.solve(self._r, wanted)
         else:
@@ -131,13 +139,13 @@ class Bench:
 
     def refit(self, column: FloatArray) -> FloatArray:
         """Coefficients of the columns that come closest to another column (N,)."""
-        theta = np.zeros(self._x.shape[1])
+        theta = np.zeros(self.scale.size)
         theta[self._pivot] = np.linalg.solve(self._r, self.basis.T @ self._whitened(column))
         return np.asarray(theta / self.scale)
 
     def covariance(self) -> FloatArray:
         """Covariance of the coefficients, robust against what is left of dependence in blocks."""
-        inverse = np.zeros((self._x.shape[1], self.rank))
+        inverse = np.zeros((self.scale.size, self.rank))
         inverse[self._pivot] = np.linalg.inv(self._r)
         scores = self.by_block(self.basis, self.residual)
         meat = scores.T @ scores
@@ -186,7 +194,7 @@ class Bench:
             As `solve`: a shape that a fold's rows do not tell stays where all rows have it.
         """
         times, recording = self.layout.time_s[self.rows], self.layout.recording[self.rows]
-        x, y, extra = self._x / self.scale, self._y, slice(self.measured, None)
+        x, y, extra = self._scaled, self._y, slice(self.measured, None)
         stays = np.zeros(x.shape[1]) if reach is None else (reach * self.scale) ** -2.0
         result = np.zeros(folds)
         number = [

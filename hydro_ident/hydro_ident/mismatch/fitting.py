@@ -114,10 +114,14 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
         start, held = _further(training, current, held)
         if start is None:
             break
-        fresh = _at(training, start, current.bench.noise)
-        gained = current.start_squares - fresh.start_squares
-        current = fresh if noise is not None else _reweighed(training, fresh)
-        if noise is not None and gained < _SETTLED * max(fresh.start_squares, 1.0):
+        before, weighed_by = current.start_squares, current.bench.noise
+        # Its rows are as many as those of the next one, which is made while it would be kept.
+        del current
+        current = _at(training, start, weighed_by)
+        gained = before - current.start_squares
+        if noise is None:
+            current = _reweighed(training, current)
+        elif gained < _SETTLED * max(current.start_squares, 1.0):
             break
     return current
 
@@ -319,6 +323,7 @@ def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
     if held := {*said, *bounded}:
         # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
         columns[:, sorted(held)] = 0.0
+        del bench  # as large as the one that is made
         bench = training.bench(noise, residual, columns, offset)
     at_bound = tuple(names[k] for k in bounded if k not in said)
     return Fitted(model, residual, columns, names, bench, offset, held=at_bound)

@@ -8,7 +8,7 @@ from scipy.linalg import qr, solve_triangular
 
 from hydro_model.robot import FloatArray
 
-#: Rows whose triangles are taken at a time.
+#: Rows that are worked on at a time: tall as the matrix is, none of it is there twice.
 _TOGETHER = 4096
 
 
@@ -52,6 +52,13 @@ def factored(
     size = np.abs(np.diag(r))
     rank = int(np.sum(size > rank_tolerance * max(float(size[0]), 1e-300)))
     r, pivot = r[:rank, :rank], order[:rank].astype(np.intp)
-    basis = matrix[:, pivot] @ solve_triangular(r, np.eye(rank))
+    basis, inverse = np.empty((rows, rank)), solve_triangular(r, np.eye(rank))
+    for begin in range(0, rows, _TOGETHER):
+        some = slice(begin, begin + _TOGETHER)
+        basis[some] = matrix[some][:, pivot] @ inverse
     upper = np.linalg.cholesky(basis.T @ basis).T if rank else r
-    return basis @ solve_triangular(upper, np.eye(rank)), upper @ r, pivot
+    inverse = solve_triangular(upper, np.eye(rank))
+    for begin in range(0, rows, _TOGETHER):
+        some = slice(begin, begin + _TOGETHER)
+        basis[some] = basis[some] @ inverse
+    return basis, upper @ r, pivot

@@ -141,9 +141,7 @@ class Training:
         if self.prior is not None:
             root = self.prior.rows(columns.shape[1])
             prior = root, np.zeros(root.shape[0]) if offset is None else offset
-        return Bench(
-            self.layout, noise, residual[self.mask], columns[self.mask], self.block_s, prior
-        )
+        return Bench(self.layout, noise, residual, columns, self.block_s, prior, self.mask)
 
 
 def block_of(total_s: float) -> float:

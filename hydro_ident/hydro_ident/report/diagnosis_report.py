@@ -50,9 +50,10 @@ _LABELS = (
 )
 _LAWS = (
     "Each point is what the model without the law leaves of a training row, against the variable"
-    " that the law is best seen against. The coloured line is the law that was found: the median"
-    " of what it says of such rows, with a band that holds 80 % of them, as it may depend on more"
-    " than this. Where points and line go together and the dashed line is at zero, the law holds."
+    " that the law is best seen against. The coloured line is the law that was found, or the curve"
+    " that was fitted where it has no name: the median of what it says of such rows, with a band"
+    " that holds 80 % of them, as it may depend on more than this. Where points and line go"
+    " together and the dashed line is at zero, the law holds."
 )
 #: Where nothing was found.
 _NO_LAWS = (
@@ -87,7 +88,7 @@ def report_html(found: Diagnosis, origin: Mapping[str, Any]) -> str:
         correlation_section(held_out or fitted, joints),
         free_run_section(found.free_run, joints),
         control_section(found.recordings),
-        provenance_section(origin, (), found.notes),
+        provenance_section(origin, (), found.notes, found.recordings),
     ]
     title = f"Diagnosis of {found.given.name}"
     return page(title, diagnosis_verdict(found, held_out), sections)

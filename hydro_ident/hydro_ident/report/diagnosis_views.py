@@ -155,6 +155,7 @@ def _dependence_view(training: Training, fitted: Fitted, d: Dependence, text: st
         residual=residual,
         law=law,
         left=residual - law,
+        legend="fitted curve",
     )
 
 

@@ -60,6 +60,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
     held_out, fitted = (_rows(found, side) for side in (found.channels, found.fitted))
     judged = held_out or fitted
     note = model_error_note(found.channels)
+    notes = [one for one in found.notes if one != note]
     sections = [
         health_section(found.recordings, found.losses, joints),
         excitation_section(found.recordings, joints, ()),
@@ -69,7 +70,7 @@ def report_html(found: Identification, origin: Mapping[str, Any]) -> str:
         correlation_section(judged, joints),
         free_run_section(found.free_run, joints),
         control_section(found.recordings),
-        provenance_section(origin, _method(found), [n for n in found.notes if n != note]),
+        provenance_section(origin, _method(found), notes, found.recordings),
     ]
     title = f"Identification of {found.given.name}"
     return page(title, identification_verdict(found, held_out), sections)

@@ -32,7 +32,9 @@ class LawView:
     x, residual : (N,) array
         The variable, and what the model without this law leaves.
     law, left : (N,) array or None
-        What the law says of each row, and what is left with it; None where no law was found.
+        What the law says of each row, and what is left with it; None where none was looked for.
+    legend : str
+        What the law is called: only what was named is one.
     """
 
     title: str
@@ -44,6 +46,7 @@ class LawView:
     residual: FloatArray
     law: FloatArray | None
     left: FloatArray | None
+    legend: str = "law"
 
 
 def law_section(views: Sequence[LawView], lead: str, joints: Sequence[str]) -> Section:
@@ -86,7 +89,7 @@ def _figure(view: LawView, colour: str) -> Figure:
     else:
         at, middle, low, high = binned(view.x, view.law)
         traces.append(band("80 % of rows", at, low, high, legend=False))
-        traces.append(line("law", (at, middle), colour, width=3.0))
+        traces.append(line(view.legend, (at, middle), colour, width=3.0))
         at, middle, _, _ = binned(view.x, view.left)
         traces.append(line("left", (at, middle), INK, dash="dash"))
     return Figure(view.title, view.x_title, (view.y_title,), traces, note=view.note)

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.bounds import effect_bounds
 from hydro_ident.everyday_units import everyday, rounded
+from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_ident.report.figure import Figure, unit_text
 from hydro_ident.report.page import Row, also, folded, number, paragraph, percent, table
@@ -37,8 +38,6 @@ _SIGNS = (
 _DRAWN = 2.0
 #: Parameters that no machine has below zero, beside those of the catalogue's effects.
 _POSITIVE = ("mass", "viscous_friction", "bulk_modulus", "c_pa", "c_at", "c_bt", "c_pb")
-#: Names before that of an effect's parameter: its owner's and its own.
-_EFFECTS = 2
 _WIDE = "hardly determined: its interval is wider than the value itself"
 
 
@@ -129,7 +128,7 @@ def identified_row(p: Parameter, owner: Mapping[str, str]) -> ParameterRow:
     stands = readable(p)
     words = [f"stands for {stands}"] if stands != p.name else []
     words += [why] if why else []
-    joint = owner.get(p.name.split(".")[0], "")
+    joint = owner.get(parts_of(p.name)[0], "")
     off = p.held or not p.identifiable
     text = "; ".join(words)
     row = ParameterRow(p.name, p.value, p.ci95, p.unit, p.datasheet, text, off, joint)
@@ -167,10 +166,10 @@ def beside_bound(row: ParameterRow, name: str, *, used: bool = True) -> Paramete
 
 def _least(name: str) -> float:
     """The least value that a parameter can have; minus infinity where none is known."""
-    *owner, last = name.split(".")
+    _, effect, last = parts_of(name)
     if last in _POSITIVE or name == COMMAND_DELAY:
         return 0.0
-    return effect_bounds(name).lower if len(owner) == _EFFECTS else -np.inf
+    return effect_bounds(name).lower if effect else -np.inf
 
 
 def parameter_table(

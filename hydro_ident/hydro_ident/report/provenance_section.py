@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
+from hydro_ident.bag.recorded_with import RecordedWith
+from hydro_ident.recording_summary import RecordingSummary
 from hydro_ident.report.page import Section, bullets, table
 
 _HASHED = (
@@ -18,10 +20,24 @@ _HASHED = (
 _LIBRARIES = ("numpy", "scipy", "numba", "plotly")
 
 
+#: What bags keep beside their messages, as a reader knows it.
+_KEPT = {
+    "note": "note of the recording",
+    "robot_file": "robot's file in the bag",
+    "controller_parameters": "controller's parameters",
+    "bridge_parameters": "bridge's parameters",
+    "log": "converted from",
+    "log_sha256": "that log's sha256",
+}
+
+
 def provenance_section(
-    origin: Mapping[str, Any], method: Sequence[tuple[str, str]], notes: Sequence[str]
+    origin: Mapping[str, Any],
+    method: Sequence[tuple[str, str]],
+    notes: Sequence[str],
+    recordings: Sequence[RecordingSummary] = (),
 ) -> Section:
-    """Command, version, robot and bags with their hashes, method and notes.
+    """Command, version, robot and bags with their hashes and what they say, method and notes.
 
     Parameters
     ----------
@@ -30,14 +46,32 @@ def provenance_section(
     method : sequence of pair of str
         What was done how.
     notes : sequence of str
+    recordings : sequence of RecordingSummary
     """
     rows = [("command", str(origin["command"])), ("version", f"hydro_ident {origin['version']}")]
     libraries = ", ".join(f"{name} {metadata.version(name)}" for name in _LIBRARIES)
     rows += [("libraries", libraries), ("robot", str(origin["robot"]))]
     for kind, what in _HASHED:
         rows += [(what, f"{b['name']}  sha256 {b['sha256']}") for b in origin[kind]]
+    rows += _kept(recordings)
     body = table(("what", "value"), [*rows, *method], text=(1,))
     if notes:
         body += "<h3>Notes</h3>" + bullets(notes)
     lead = "The same command on the same files gives the same numbers; result.json holds them all."
     return Section("provenance", "Where the numbers come from", lead, body)
+
+
+def _kept(recordings: Sequence[RecordingSummary]) -> list[tuple[str, str]]:
+    """What recordings were made with, each thing once, with the recordings that it is of."""
+    of: dict[RecordedWith, list[str]] = {}
+    for recording in recordings:
+        for one in recording.recorded_with:
+            of.setdefault(one, []).append(recording.name)
+    # Together what is of one kind: whether it is the same throughout is seen at a glance.
+    keys = list(dict.fromkeys(one.key for one in of))
+    rows = []
+    for one in sorted(of, key=lambda one: keys.index(one.key)):
+        text = "  ".join(filter(None, (one.name, one.sha256 and f"sha256 {one.sha256}")))
+        bags = "" if len(of[one]) == len(recordings) else f"  ({', '.join(of[one])})"
+        rows.append((_KEPT.get(one.key, one.key), text + bags))
+    return rows
