@@ -36,8 +36,6 @@ from hydro_model.valve import edge_flows
 NULL_BIAS = "valve_null_bias.bias"
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
-#: Parts of a sampling interval over which a law with internal states is averaged.
-_SUBSTEPS = 8
 _FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
@@ -205,7 +203,8 @@ class ListedEffects:
             if trace.latched is not None:
                 before = np.where(trace.latched, 0.0, before)
             signals[:, VALVE_SIGNAL] = last_known(before)
-            law = _mean_signal(one, signals, trace.step_s)
+            # The balance holds the signal over an interval, within which a spool still moves.
+            law = one.effect.held_mean(signals, one.parameters, Stage.SIGNAL, trace.step_s)
             result[:, index] = np.where(known, law, np.nan)
         return replace(trace, valve_signal=result)
 
@@ -244,20 +243,6 @@ def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
         for edge in ("c_pa", "c_at", "c_pb", "c_bt")
     )
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
-
-
-def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
-    """A law on the valve signal, averaged over each sampling interval.
-
-    The balance holds the signal over an interval. A law with internal states moves within it: its
-    value at the interval's start would be half a cycle late, which the fit would take for delay.
-    """
-    if not one.effect.states:
-        return one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
-    fine = np.repeat(signals, _SUBSTEPS, axis=0)
-    law = one.effect.evaluate(fine, one.parameters, Stage.SIGNAL, step_s / _SUBSTEPS)
-    middle = _middle(np.append(law, law[-1]))
-    return np.asarray(middle.reshape(-1, _SUBSTEPS).mean(axis=1))
 
 
 def _is_bias(one: ActiveEffect) -> bool:

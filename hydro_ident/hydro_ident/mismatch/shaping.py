@@ -254,7 +254,10 @@ class Signals:
             before = self._spool(model, stretch, cylinder, laws[:-1])
             signals, known = self._own_rows(model, stretch, cylinder), np.isfinite(before)
             signals[:, VALVE_SIGNAL] = last_known(before)
-            law = _mean_signal(laws[-1], signals, trace.step_s)
+            # The balance holds the signal over an interval, within which a spool still moves: its
+            # value at the interval's start would be half a cycle late, which fits take for delay.
+            last = laws[-1]
+            law = last.effect.held_mean(signals, last.parameters, Stage.SIGNAL, trace.step_s)
             kept = trace, np.where(known, law, np.nan)
         if len(self._spools) >= _KEPT_SPOOLS * max(len(self.material.stretches), 1):
             self._spools.pop(next(iter(self._spools)))
@@ -269,16 +272,6 @@ class Signals:
             rows = self._plain(model.robot, stretch, cylinder).copy()
             kept = self._scratch[key] = stretch.trace, rows
         return kept[1]
-
-
-def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
-    """A law on the valve signal, averaged over each sampling interval.
-
-    The balance holds the signal over an interval. A law with internal states moves within it: its
-    value at the interval's start would be half a cycle late, which a fit would take for delay.
-    """
-    law = one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
-    return middle(np.append(law, law[-1])) if one.effect.states else law
 
 
 def middle(values: FloatArray) -> FloatArray:
