@@ -34,8 +34,8 @@ from hydro_ident.sources import Source
 from hydro_ident.survey import Survey
 from hydro_ident.workers import Workers
 
-#: Gauss-Newton passes of listed null biases, and the step at which they end.
-_BIAS_PASSES, _BIAS_STEP = 12, 1.0e-7
+#: Passes of listed null biases and dead volumes (m^3), and the step at which they end.
+_PASSES, _LEAST_STEP = 12, 1.0e-7
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +132,13 @@ class Estimation:
     def _flows(
         self, gathered: list[Gathered], solve: Solve
     ) -> tuple[HydraulicFit | None, list[Gathered]]:
-        """Fit the chambers; where null biases are listed, again until they stay."""
+        """Fit the chambers; where columns depend on what is fitted, again until that stays."""
         fit = self._hydraulics(gathered, solve)
-        for _ in range(_BIAS_PASSES):
-            if fit is None or not self.plan.effects.biases:
+        for _ in range(_PASSES):
+            if fit is None or not self.plan.effects.moves:
                 break
             moved, step = self.plan.effects.refined(fit)
-            if step < _BIAS_STEP:
+            if step < _LEAST_STEP:
                 break
             self.plan = replace(self.plan, effects=moved)
             fresh = self._gather(replace(self.plan, forces=False))

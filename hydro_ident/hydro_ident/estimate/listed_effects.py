@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.chambers import Chamber
+from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
 from hydro_ident.estimate.held_effects import (
     corrected,
     cylinder_signals,
@@ -36,8 +36,6 @@ from hydro_model.valve import edge_flows
 NULL_BIAS = "valve_null_bias.bias"
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
-#: Parts of a sampling interval over which a law with internal states is averaged.
-_SUBSTEPS = 8
 _FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
@@ -124,6 +122,8 @@ class ListedEffects:
         pressure = signals[:, PRESSURE_A if chamber.side == "a" else PRESSURE_B]
         side = 0 if chamber.side == "a" else 1
         volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
+        # Air is in the dead volume as well; of that the fit starts from what is listed.
+        volume = volume + self._dead_volume(chamber)
         rise = -np.diff(pressure)[:, None]
         names: list[str] = []
         columns = [np.zeros((trace.samples - 1, 0))]
@@ -147,6 +147,22 @@ class ListedEffects:
                 columns.append(integral[:, acting])
         return tuple(names), np.concatenate(columns, axis=1)
 
+    def _dead_volume(self, chamber: Chamber) -> float:
+        """Dead volume of a chamber as it is listed at present, m^3."""
+        at = 0 if chamber.side == "a" else 1
+        own = [o for o in self.active if _is_dead(o) and o.cylinder == chamber.index]
+        return float(sum(one.parameters[at] for one in own))
+
+    @property
+    def moves(self) -> bool:
+        """Whether columns depend on what is fitted: null biases, and dead volumes beside air."""
+        return any(_is_bias(one) or self._holds_air(one) for one in self.active)
+
+    def _holds_air(self, one: ActiveEffect) -> bool:
+        """Whether what is listed is the dead volume of a cylinder with compliance listed."""
+        soft = [o for o in self.active if set(_COMPLIANCE.values()) & set(o.effect.stages)]
+        return _is_dead(one) and any(o.cylinder == one.cylinder for o in soft)
+
     @property
     def biases(self) -> dict[str, float]:
         """Null bias by `<cylinder>.valve_null_bias.bias` where it is listed."""
@@ -157,33 +173,35 @@ class ListedEffects:
         }
 
     def refined(self, fit: HydraulicFit) -> tuple[ListedEffects, float]:
-        """One Gauss-Newton step of the listed null biases, and its largest size.
+        """One Gauss-Newton step of what columns depend on, and its largest size.
 
         Parameters
         ----------
         fit : HydraulicFit
-            Of traces with these laws; its `NULL_BIAS` is the step.
+            Of traces with these laws; its `NULL_BIAS` is the step of a null bias.
 
         Returns
         -------
         effects : ListedEffects
-            With the biases moved, and the fitted edges for the next slope.
+            With null biases and dead volumes beside air moved, and the fitted edges for the next
+            slope.
         largest : float
+            Of biases, and of volumes in m^3.
         """
-        found = {c.cylinder: c for c in fit.cylinders if NULL_BIAS in c.names}
+        found = {c.cylinder: c for c in fit.cylinders}
         active, valves, largest = [], list(self.robot.valves), 0.0
         for one in self.active:
-            name = self._cylinder_name(one)
-            if _is_bias(one) and name in found:
-                step = found[name].value(NULL_BIAS)[0]
-                largest = max(largest, abs(step))
-                bounds = one.effect.parameters[0]
-                moved = np.clip(one.parameters + step, bounds.lower, bounds.upper)
-                active.append(replace(one, parameters=moved))
-                at = self.robot.valve_names.index(self.robot.valve_of(name).name)
-                valves[at] = _with_edges(valves[at], found[name])
-            else:
-                active.append(one)
+            own = found.get(self._cylinder_name(one))
+            bounds, moved = one.effect.parameters, one.parameters
+            if own is not None and _is_bias(one) and NULL_BIAS in own.names:
+                moved = moved + own.value(NULL_BIAS)[0]
+                at = self.robot.valve_names.index(self.robot.valve_of(own.cylinder).name)
+                valves[at] = _with_edges(valves[at], own)
+            elif own is not None and self._holds_air(one):
+                moved = _dead_volumes(one, own)
+            moved = np.clip(moved, [p.lower for p in bounds], [p.upper for p in bounds])
+            largest = max(largest, float(np.abs(moved - one.parameters).max(initial=0.0)))
+            active.append(replace(one, parameters=moved))
         return ListedEffects(replace(self.robot, valves=tuple(valves)), tuple(active)), largest
 
     def with_signal_laws(self, trace: Trace) -> Trace:
@@ -205,7 +223,8 @@ class ListedEffects:
             if trace.latched is not None:
                 before = np.where(trace.latched, 0.0, before)
             signals[:, VALVE_SIGNAL] = last_known(before)
-            law = _mean_signal(one, signals, trace.step_s)
+            # The balance holds the signal over an interval, within which a spool still moves.
+            law = one.effect.held_mean(signals, one.parameters, Stage.SIGNAL, trace.step_s)
             result[:, index] = np.where(known, law, np.nan)
         return replace(trace, valve_signal=result)
 
@@ -246,18 +265,17 @@ def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
 
-def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
-    """A law on the valve signal, averaged over each sampling interval.
+def _dead_volumes(one: ActiveEffect, fit: CylinderFit) -> FloatArray:
+    """Dead volumes as fitted; those that were not, as they were."""
+    inverse, result = fit.value(INVERSE_BULK)[0], one.parameters.copy()
+    for i, name in enumerate(_linear_names(one)):
+        if inverse > 0.0 and f"{name}{OVER_BULK}" in fit.names:
+            result[i] = fit.value(f"{name}{OVER_BULK}")[0] / inverse
+    return result
 
-    The balance holds the signal over an interval. A law with internal states moves within it: its
-    value at the interval's start would be half a cycle late, which the fit would take for delay.
-    """
-    if not one.effect.states:
-        return one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
-    fine = np.repeat(signals, _SUBSTEPS, axis=0)
-    law = one.effect.evaluate(fine, one.parameters, Stage.SIGNAL, step_s / _SUBSTEPS)
-    middle = _middle(np.append(law, law[-1]))
-    return np.asarray(middle.reshape(-1, _SUBSTEPS).mean(axis=1))
+
+def _is_dead(one: ActiveEffect) -> bool:
+    return any(term.stage in _VOLUME.values() for term in one.effect.terms)
 
 
 def _is_bias(one: ActiveEffect) -> bool:

@@ -8,7 +8,7 @@ corrected (a reading of the opposite sign undoes it).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -185,17 +185,64 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
         inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
         rise = -np.diff(pressure_of(chamber, trace))
         steps = np.zeros(trace.samples - 1)
-        for stages, weight, factor in (
-            (_FLOW, 1.0, trace.step_s),
-            (_VOLUME, inverse, rise),
-            (_COMPLIANCE, volume, rise),
+        for stages, others, weight, factor in (
+            (_FLOW, None, 1.0, trace.step_s),
+            # A volume is as soft, and what is soft as large, as the other effects make them.
+            (_VOLUME, _COMPLIANCE, inverse, rise),
+            (_COMPLIANCE, _VOLUME, volume, rise),
         ):
             stage = stages[chamber.side]
             if stage in one.effect.stages:
                 law = one.effect.evaluate(rows, one.parameters, stage, trace.step_s)
+                if others is not None:
+                    weight = weight + _laws(signals, model, stretch, chamber, others)
                 steps = steps + middle(law * weight) * factor
         index = signals.material.chamber_index(place.channel)
         into[place.rows] += signals.material.windowed(stretch, index, steps)
+
+
+def said_twice(signals: Signals, model: Model) -> FloatArray:
+    """What is in two of a model's contributions, and in what it predicts once, (N,).
+
+    The air in the volume of a hose: the volume's, and the air's.
+
+    Parameters
+    ----------
+    signals : Signals
+    model : Model
+    """
+    material = signals.material
+    result = np.zeros(material.size)
+    stages = {stage for term in model.terms for stage in term.effect.stages}
+    if not all(stages.intersection(both.values()) for both in (_VOLUME, _COMPLIANCE)):
+        return result
+    for place in material.places:
+        if material.is_flow(place.channel):
+            index = material.chamber_index(place.channel)
+            chamber, stretch = material.chambers[index], signals.stretches(model)[place.stretch]
+            both = [_laws(signals, model, stretch, chamber, s) for s in (_VOLUME, _COMPLIANCE)]
+            rise = -np.diff(pressure_of(chamber, stretch.trace))
+            steps = middle(both[0] * both[1]) * rise
+            result[place.rows] = material.windowed(stretch, index, steps)
+    return result
+
+
+def _laws(
+    signals: Signals,
+    model: Model,
+    stretch: Stretch,
+    chamber: Chamber,
+    stages: Mapping[str, Stage],
+) -> FloatArray:
+    """What a model's effects add to a chamber at a stage, (N,)."""
+    stage, step_s = stages[chamber.side], stretch.trace.step_s
+    result = np.zeros(stretch.trace.samples)
+    for term in model.terms:
+        if stage in term.effect.stages and term.cylinder in (None, chamber.index):
+            rows = signals.wet(model, stretch, chamber.index, shaped=True)
+            if term.side in ("", chamber.side):
+                result += term.effect.evaluate(rows, term.parameters, stage, step_s)
+    return result
 
 
 def _add_edges(

@@ -13,6 +13,7 @@ from hydro_ident.mismatch.contributions import (
     changed,
     contribution,
     measured,
+    said_twice,
     skewed,
 )
 from hydro_ident.mismatch.material import Material, Stretch, pressure_of
@@ -123,7 +124,7 @@ class Predictor:
         for term in model.terms:
             if term.effect.reading is None and not shapes(term):
                 values -= self.contribution(model, term)
-        return np.asarray(values)
+        return np.asarray(values + said_twice(self.signals, model))
 
     def contribution(
         self, model: Model, one: ActiveEffect, parameters: FloatArray | None = None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.contributions import said_twice
 from hydro_ident.mismatch.modelled import Model, on_signals, shapes
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.stepping import is_free
@@ -55,6 +56,7 @@ def start_at(predictor: Predictor, model: Model) -> Start:
     for term, values in zip(model.terms, own, strict=True):
         if values is not None and not shapes(term):
             residual = residual - values
+    residual = residual + said_twice(predictor.signals, model)
     return Start(model, residual, x, own)
 
 

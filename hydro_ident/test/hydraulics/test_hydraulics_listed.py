@@ -13,7 +13,7 @@ from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.hydraulics import fit_hydraulics
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.summed_flow import SummedComparison, SummedFlow, summed_dict
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_model.robot import EffectSpec, Robot
 
 
@@ -56,6 +56,35 @@ def test_a_listed_spool_lag_does_not_shift_the_delay(robot: Robot, bench: Any) -
     assert fit.delay_s == pytest.approx(0.6 * bench.H, abs=2e-5)
     for name, value in bench.EDGES.items():
         assert fit.cylinders[0].value(name)[0] == pytest.approx(value, rel=1e-3)
+
+
+def test_air_is_in_the_dead_volume_too(make_run: Any) -> None:
+    """Listed a fifth off, both come to what the machine has."""
+    true_crane, simulated_run = make_run
+    volumes = {"volume_a": 1.0e-3, "volume_b": 1.0e-3}
+    air = {"fraction": 0.02, "polytropic_exponent": 1.4}
+
+    def listed(scale: float) -> tuple[EffectSpec, ...]:
+        hose = EffectSpec(
+            "dead_volume", "lift_cylinder", {k: scale * v for k, v in volumes.items()}
+        )
+        return hose, EffectSpec("entrained_air", "lift_cylinder", air | {"fraction": scale * 0.02})
+
+    truth = replace(true_crane(), effects=listed(1.0))
+    traces = traces_of([simulated_run(truth, 12.0, noisy=False).recording()])
+    robot = replace(truth, effects=listed(0.8))
+    effects, step = ListedEffects.of(robot), 1.0
+    assert effects.moves
+    for _ in range(8):
+        fit = fit_hydraulics(robot, traces, None, effects.chamber_columns)
+        assert fit is not None
+        effects, step = effects.refined(fit)
+    assert step < 1e-6
+    [lift] = [c for c in fit.cylinders if c.cylinder == "lift_cylinder"]
+    assert lift.value("entrained_air.fraction")[0] == pytest.approx(0.02, rel=0.01)
+    assert lift.bulk_modulus()[0] == pytest.approx(truth.cylinders[0].bulk_modulus_pa, rel=0.01)
+    [hose] = [o for o in effects.active if o.effect.name == "dead_volume"]
+    assert hose.parameters == pytest.approx([1.0e-3, 1.0e-3], rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.name import Search, Searcher
+from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.state_space import SIGNALS, factor_sizes, row_values
 from hydro_ident.mismatch.stepping import is_free
@@ -122,3 +124,22 @@ def test_openings_stand_beside_openings_of_the_same_valve_alone() -> None:
     assert _opens_beside(gap, (gain,))
     assert not _opens_beside(gap, (bias, other))
     assert not _opens_beside(bias, (gap, gain))
+
+
+@pytest.mark.parametrize("name", ["valve_hysteresis", "valve_rate_limit", "valve_spool_lag"])
+def test_a_spool_is_as_late_here_as_where_its_numbers_are_fitted(
+    name: str, true_model: tuple[Predictor, Model]
+) -> None:
+    """What is found goes into the robot file: `identify` sees the same opening behind it."""
+    predictor, model = true_model
+    first = {"valve_hysteresis": "half_width", "valve_rate_limit": "rate"}
+    size = {"half_width": 0.02, "rate": 5.0, "frequency": 40.0}
+    own = first.get(name, "frequency")
+    given = {own: size[own]} | ({"damping": 0.8} if own == "frequency" else {})
+    robot = replace(model.robot, effects=(EffectSpec(name, "lift_valve", given),))
+    (term,) = resolve(robot)
+    [stretch] = predictor.material.stretches
+    shaped = predictor.signals.shaped(replace(model, terms=(term,)), stretch)
+    listed = ListedEffects.of(robot).with_signal_laws(stretch.trace)
+    assert shaped.valve_signal[:, 0] == pytest.approx(listed.valve_signal[:, 0], abs=1e-12)
+    assert np.abs(shaped.valve_signal - stretch.trace.valve_signal)[:, 0].max() > 0.001

@@ -308,7 +308,7 @@ class Effect:
 
         rows, values = self._checked(signals, parameters)
         law = self.term(stage).law
-        if any(s.needs is None or values[s.needs] != 0.0 for s in self.states):
+        if self._moves(values):
             if sample_time_s is None:
                 raise RobotError(f"effect '{self.name}' has internal states: give sample_time_s")
             if self.known_states is not None:
@@ -318,6 +318,43 @@ class Effect:
                 return evaluate_law(law, rows, values)
             return follow_states(self.states, law, rows, values, sample_time_s)
         return evaluate_law(law, rows, values)
+
+    def held_mean(
+        self,
+        signals: ArrayLike,
+        parameters: ArrayLike,
+        stage: Stage,
+        sample_time_s: float,
+    ) -> FloatArray:
+        """One of its laws, averaged from each sample to the next while all signals are held.
+
+        A law with internal states moves meanwhile: its value at the sample, or half way to that
+        at the next, is off by a good part of an interval.
+
+        Parameters
+        ----------
+        signals : (N, SIGNAL_COUNT) array
+            As of `evaluate`.
+        parameters : array
+        stage : Stage
+        sample_time_s : float
+
+        Returns
+        -------
+        (N,) array
+            In the unit of the stage.
+
+        Raises
+        ------
+        RobotError
+            As `evaluate`.
+        """
+        from hydro_model.effects.internal_states import held_means
+
+        rows, values = self._checked(signals, parameters)
+        if not self._moves(values) or self.known_states is not None:
+            return self.evaluate(rows, values, stage, sample_time_s)
+        return held_means(self.states, self.term(stage).law, rows, values, sample_time_s)
 
     def columns(
         self,
@@ -352,6 +389,10 @@ class Effect:
             unit[index] = 1.0
             out[:, column] = self.evaluate(rows, unit, stage, sample_time_s)
         return out
+
+    def _moves(self, values: FloatArray) -> bool:
+        """Whether a law looks at internal states at such parameters."""
+        return any(s.needs is None or values[s.needs] != 0.0 for s in self.states)
 
     def _checked(self, signals: ArrayLike, parameters: ArrayLike) -> tuple[FloatArray, FloatArray]:
         rows = np.ascontiguousarray(signals, dtype=float)
