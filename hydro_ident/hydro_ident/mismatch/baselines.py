@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Entry, Score, score
@@ -65,7 +66,7 @@ def greedy_bic(work: Residuals) -> tuple[BaselineFinding, ...]:
         if _bic(best, bench.measured) <= 0.0:
             break
         trial = best.entry.trial
-        found.append(BaselineFinding(trial.name, trial.target, _channel(training, best)))
+        found.append(BaselineFinding(trial.name, trial.target, _channel(training, bench, best)))
         used = best.coefficients != 0.0
         fresh = best.entry.columns(training.predictor.material.size)[:, used]
         columns = np.concatenate([columns, fresh], axis=1)
@@ -116,17 +117,14 @@ def _others(entries: Sequence[Entry], found: Sequence[BaselineFinding]) -> list[
     return [e for e in entries if (e.trial.name, e.trial.target) not in taken]
 
 
-def _channel(training: Training, best: Score) -> str:
-    material = training.predictor.material
-    columns = best.entry.columns(material.size) @ best.coefficients
-    sizes = [
-        float(np.sum(columns[material.channel == k] ** 2))
-        / max(float(np.var(columns[material.channel == k])), 1e-300)
-        if columns[material.channel == k].any()
-        else 0.0
-        for k in range(len(material.channels))
-    ]
-    return material.channels[int(np.argmax(sizes))]
+def _channel(training: Training, bench: Bench, best: Score) -> str:
+    """The channel in which most of what an effect gains is: squares beyond a refit, over noise."""
+    columns = best.entry.columns(training.mask.size) @ best.coefficients
+    fresh = bench.beyond(columns[training.mask][:, None])[: bench.measured, 0]
+    channels = training.predictor.material.channels
+    own = bench.channel[: bench.measured]
+    gains = np.bincount(own, weights=fresh**2, minlength=len(channels))
+    return channels[int(np.argmax(gains))]
 
 
 def _base_columns(training: Training, fitted: Fitted) -> np.ndarray:

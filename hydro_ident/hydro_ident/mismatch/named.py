@@ -37,8 +37,9 @@ _TURNING = {
 }
 #: Share of a set's gain from which another effect may stand in the place of a refused one.
 _ALTERNATIVE = 0.9
-#: Sizes below which a finding is none, under the tip and at a joint: what gives way by a metre
-#: under a push of 100 N is no ground, and nothing that turns an arm by a radian under 2 kN m.
+#: Sizes below which a finding is none, under the tip (or at what slides) and at what turns: what
+#: gives way by a metre under a push of 100 N is no ground, and nothing that turns an arm by a
+#: radian under 2 kN m.
 _LEAST = {("external_contact", "stiffness"): (100.0, 2000.0)}
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
@@ -93,7 +94,9 @@ class Contender:
         if self.term.joint is None:
             return LIMITS
         # Of the first joint a rotor is part of the link's inertia, and nothing is left to name.
-        return LIMITS | (DRIVE_LIMITS if self.term.joint else {}) | _TURNING
+        drive = DRIVE_LIMITS if self.term.joint else {}
+        # What slides does so in metres, as a piston does.
+        return LIMITS | drive | ({} if self.term.prismatic else _TURNING)
 
     def _named_within(self, factor: float) -> str:
         """The name with limits this much wider."""
@@ -249,8 +252,8 @@ def at_a_bound(term: ActiveEffect) -> str:
         ends = [e for e in (spec.lower, spec.upper) if np.isfinite(e) and e not in (0.0, 1.0)]
         if any(abs(value - end) <= _BOUND * abs(end) for end in ends):
             return f"its {spec.name} ran to the end of what is possible ({told})"
-        under, at_joint = _LEAST.get((term.effect.name, spec.name), (-np.inf, -np.inf))
-        if value < (under if term.everywhere else at_joint):
+        linear, turning = _LEAST.get((term.effect.name, spec.name), (-np.inf, -np.inf))
+        if value < (linear if term.everywhere or term.prismatic else turning):
             return f"its {spec.name} is below any that bears the name ({told})"
     return ""
 

@@ -22,8 +22,6 @@ IndexArray = NDArray[np.intp]
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12)
 #: Rows that a channel has to have per order.
 _ROWS_PER_ORDER = 8
-#: Parts of a recording's time that are looked at for rows.
-_PARTS = 200
 #: Noise is never taken to be below this share of a channel's measured spread: filters,
 #: interpolation and geometry are not better.
 LEAST_NOISE = 1.0e-5
@@ -61,10 +59,16 @@ class Layout:
 
     @property
     def occupied_s(self) -> float:
-        """As `length_s`, but for what holds no rows."""
-        end = float(self.time_s.max(initial=0.0)) or 1.0
-        parts = np.unique(np.minimum((self.time_s / end * _PARTS).astype(np.intp), _PARTS - 1))
-        return self.length_s * parts.size / _PARTS
+        """As `length_s`, but for what holds no rows of any channel."""
+        total = 0.0
+        step = np.append(0.0, np.diff(self.time_s))
+        for number in np.unique(self.recording):
+            own = self.recording == number
+            # Rows stand for the time up to the next one of the coarsest of the channels.
+            spacing = float(np.max(step[own & self.linked], initial=0.0))
+            apart = np.diff(np.unique(self.time_s[own]))
+            total += float(np.minimum(apart, spacing).sum()) + spacing
+        return total
 
     def take(self, mask: BoolArray) -> Layout:
         """The layout of some of the rows; those behind a row left out are linked no more."""

@@ -12,13 +12,14 @@ from scipy.signal import lfilter
 from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.chance import chances, foremost, reached, signs
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import Contender, at_a_bound, named_of
 from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import SEED
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot_files import load_robot
 
 ROWS, STEP_S, BLOCK_S, LEVEL = 1200, 0.05, 2.0, 0.05
 WHITE = Noise((np.zeros(0),), np.ones(1))
@@ -223,3 +224,29 @@ def test_what_turns_has_the_limits_of_a_piston_at_a_lever(
     (law,) = resolve(replace(robot, effects=(spec,)))
     turning = replace(law, cylinder=None, joint=1)
     assert named_of([_contender(turning, 380.0)], 0.001, 1.0).names == names
+
+
+@pytest.mark.parametrize(
+    ("name", "further", "names"),
+    [
+        ("presliding_friction", {"distance": 3.5e-4}, ("presliding_friction",)),
+        ("presliding_friction", {"distance": 3e-5}, ("coulomb_friction",)),
+        ("stribeck_friction", {"stribeck_velocity": 0.15}, ("coulomb_friction",)),
+    ],
+)
+def test_what_slides_has_the_limits_of_a_piston(
+    name: str, further: dict[str, float], names: tuple[str, ...]
+) -> None:
+    """It does so in metres: a bristle of a third of a millimetre is one, at a joint as well."""
+    spec = EffectSpec(name, "carriage", {"force": 15.0} | further)
+    (law,) = resolve(replace(load_robot("emps"), effects=(spec,)))
+    assert law.prismatic
+    assert named_of([_contender(law, 380.0)], 0.001, 1.0).names == names
+
+
+@pytest.mark.parametrize(("stiffness", "none"), [(500.0, False), (50.0, True)])
+def test_a_stop_of_what_slides_is_as_soft_as_a_ground_may_be(stiffness: float, none: bool) -> None:
+    """500 N/m are soft beside 2000 N m/rad, but what slides has no lever to make them of."""
+    spec = EffectSpec("external_contact", "carriage", {"stiffness": stiffness, "height": 0.1})
+    (law,) = resolve(replace(load_robot("emps"), effects=(spec,)))
+    assert bool(at_a_bound(law)) == none

@@ -68,6 +68,28 @@ def test_blocks_of_what_was_held_out_are_as_many_as_its_time_gives() -> None:
     assert np.unique(held.blocks(block_of(held.length_s))).size < 20
 
 
+def test_time_without_rows_counts_once_and_by_recording() -> None:
+    """Ten recordings of 30 s, each with rows of two channels in four seconds, at other times."""
+    parts = []
+    for channel, step_s in ((0, 0.05), (1, 0.1)):
+        for recording in range(10):
+            time_s = np.arange(0.0, 30.0, step_s)
+            count = time_s.size
+            linked = np.arange(count) > 0
+            whole = Layout(np.full(count, channel), np.full(count, recording), time_s, linked)
+            # The first and last rows are kept: recordings are as long as they are.
+            begin = 2.0 * recording
+            kept = ((time_s >= begin) & (time_s < begin + 4.0 - 1e-9)) | (time_s > 29.85)
+            parts.append(whole.take(kept))
+    columns = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("channel", "recording", "time_s", "linked")
+    )
+    held = Layout(*columns)
+    assert held.occupied_s == pytest.approx(42.0, abs=1.5)
+    assert held.length_s > 100.0
+
+
 def _bench(rng: np.random.Generator, extra: np.ndarray | None = None) -> tuple[Bench, np.ndarray]:
     layout = _layout()
     x = _coloured(rng, size=3)
