@@ -114,22 +114,19 @@ class Signals:
 
     def _corrected(self, stretch: Stretch, terms: Sequence[ActiveEffect]) -> Stretch:
         trace = stretch.trace
-        seen = Readings(
-            trace.step_s, trace.q, trace.p_a, trace.p_b, trace.supply, trace.tank,
-            trace.valve_signal, trace.joint_torque,
-        )  # fmt: skip
-        for term in terms:
-            seen = term.effect.undone(seen, term.index, term.parameters)
+        seen = _undone(trace, terms)
         fixed = replace(
             trace, q=seen.q, p_a=seen.p_a, p_b=seen.p_b, supply=seen.supply, tank=seen.tank,
             valve_signal=seen.valve_signal,
         )  # fmt: skip
         if stretch.moved is None or np.array_equal(fixed.q, trace.q):
             return replace(stretch, trace=fixed)
-        fixed, moved = self._moved(stretch, fixed)
+        fixed, moved = self._moved(stretch, stretch.moved, fixed, terms)
         return replace(stretch, trace=fixed, moved=moved)
 
-    def _moved(self, stretch: Stretch, fixed: Trace) -> tuple[Trace, Motion]:
+    def _moved(
+        self, stretch: Stretch, recorded: Motion, fixed: Trace, terms: Sequence[ActiveEffect]
+    ) -> tuple[Trace, Motion]:
         """A trace whose positions were corrected, with strokes, and its motion.
 
         The last one's are kept: fits move what other sensors read beside the same positions.
@@ -137,7 +134,12 @@ class Signals:
         kept = self._motions.get(stretch.number)
         if kept is None or not np.array_equal(kept[0].q, fixed.q):
             own = replace(fixed, stroke=strokes(self.material.robot, fixed.q, fixed.stroke.copy()))
-            moved = Motion(*motion(own.q, own.step_s, self.material.filters))
+            q, still = own.q, np.ptp(recorded.q, axis=0) == 0.0
+            if still.any():
+                # What dithers about a rest is corrected at that: held there, it is no motion.
+                held = replace(stretch.trace, q=np.where(still, recorded.q, stretch.trace.q))
+                q = np.where(still, _undone(held, terms).q, q)
+            moved = Motion(*motion(q, own.step_s, self.material.filters))
             kept = self._motions[stretch.number] = own, moved
         # The very same positions tell what follows from geometry that it may stay.
         return replace(fixed, q=kept[0].q, stroke=kept[0].stroke), kept[1]
@@ -272,6 +274,17 @@ class Signals:
             rows = self._plain(model.robot, stretch, cylinder).copy()
             kept = self._scratch[key] = stretch.trace, rows
         return kept[1]
+
+
+def _undone(trace: Trace, terms: Sequence[ActiveEffect]) -> Readings:
+    """What a trace's sensors would have read without the errors that some effects say."""
+    seen = Readings(
+        trace.step_s, trace.q, trace.p_a, trace.p_b, trace.supply, trace.tank,
+        trace.valve_signal, trace.joint_torque,
+    )  # fmt: skip
+    for term in terms:
+        seen = term.effect.undone(seen, term.index, term.parameters)
+    return seen
 
 
 def middle(values: FloatArray) -> FloatArray:

@@ -12,6 +12,8 @@ import pytest
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.training import start_model
 from hydro_model.cylinder import stroke
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec
 
 JOINT = 1
 
@@ -126,3 +128,24 @@ def test_a_joint_whose_neighbour_is_not_read_still_moves(
     at = part.channel == part.channels.index("lift/flow_a")
     there = whole.channel == whole.channels.index("lift/flow_a")
     np.testing.assert_array_equal(part.moving()[at], whole.moving()[there])
+
+
+@pytest.mark.parametrize("joint", ["lift", "tilt"])
+def test_an_encoder_that_is_corrected_sets_no_resting_joint_in_motion(
+    half: Residuals, joint: str
+) -> None:
+    """What dithers about a rest is held there: next to no correction is next to no force."""
+    predictor = half.training.predictor
+    tiny = EffectSpec("encoder_offset", joint, {"offset": 1e-12})
+    (one,) = resolve(replace(half.robot, effects=(tiny,)))
+    model = replace(half.base.model, terms=())
+    (stretch,) = predictor.signals.corrected([one])
+    assert stretch.moved is not None
+    assert not stretch.moved.qd[:, JOINT].any()
+    # The encoder shows what it has shown: only its motion is that of the rest.
+    assert np.ptp(stretch.trace.q[:, JOINT]) > 1e-6
+    added = predictor.contribution(model, one)
+    forces = [k for k, n in enumerate(predictor.material.channels) if n.endswith("/force")]
+    assert np.abs(added[np.isin(predictor.material.channel, forces)]).max() < 1e-3
+    large = replace(one, parameters=1e9 * one.parameters)
+    assert np.abs(predictor.contribution(model, large)).max() > 1.0
