@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro_ident.bag.rails import between_readings
 from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray
 
@@ -232,14 +233,20 @@ def smooth_rates(values: FloatArray, step_s: float, settings: FilterSettings) ->
     Parameters
     ----------
     values : (N, ...) array
-        0 is taken for what is not known.
+        Over what is not known they go straight from reading to reading: 0 there would be steps,
+        whose rates the filter spreads over known samples. What never is known is 0.
     step_s : float
     settings : FilterSettings
     """
-    finite = np.where(np.isfinite(values), values, 0.0)
-    if len(finite) < 2:
-        return np.zeros_like(finite)
-    smooth = low_pass(finite, step_s, settings.differentiation_hz, settings.order)
+    if len(values) < 2:
+        return np.zeros_like(values)
+    if not np.isfinite(values).all():
+        values = np.array(values, dtype=float)
+        at = np.arange(len(values))
+        # A view: what is filled in is filled in there.
+        for own in values.reshape(len(values), -1).T:
+            own[:] = between_readings(own, at) if np.isfinite(own).any() else 0.0
+    smooth = low_pass(values, step_s, settings.differentiation_hz, settings.order)
     return np.asarray(np.gradient(smooth, step_s, axis=0))
 
 

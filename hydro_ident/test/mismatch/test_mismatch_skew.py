@@ -18,6 +18,7 @@ from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.mismatch.skew import largest_skew, skew_name
+from hydro_ident.mismatch.training import start_model
 from hydro_ident.mismatch.worth import resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
@@ -66,6 +67,30 @@ def test_rates_of_pressures_are_their_slopes() -> None:
     # Central differences of a sine are short of its slope by (9 x 0.002)^2 / 6.
     assert rate[inner] == pytest.approx(4.5e7 * np.cos(9.0 * time)[inner], abs=1e-4 * 4.5e7)
     assert not smooth_rates(np.ones(1), STEP_S, FilterSettings()).any()
+
+
+def test_holes_of_a_pressure_are_no_steps_of_it(
+    crane_run: Any, predictor_of: Callable[..., Any]
+) -> None:
+    """Of a pressure that a quarter of the samples lacks, rows beside its holes are kept."""
+    given = crane_run.recording()
+    p_a = given.p_a.copy()
+    for begin in range(500, len(p_a), 400):
+        p_a[begin : begin + 100, 0] = np.nan
+    whole, holed = (predictor_of(given.robot, replace(given, p_a=p)) for p in (given.p_a, p_a))
+    columns = []
+    for predictor in (whole, holed):
+        material = predictor.material
+        rows = material.channel == material.channels.index("lift/flow_a")
+        _, x = predictor.base(start_model(given.robot, predictor))
+        columns.append((material.time_s[rows].round(6), x[rows, predictor.skew_columns[0]]))
+    (times, full), (kept, found) = columns
+    assert 0.5 * times.size < kept.size < 0.8 * times.size
+    expected = full[np.isin(times, kept)]
+    # A line over 0.2 s is not what the pressure did there; rows beside it see little of that.
+    assert np.std(found - expected) < 0.2 * np.std(expected)
+    never = np.column_stack([p_a[:, 0], np.full(len(p_a), np.nan)])
+    assert not smooth_rates(never, STEP_S, FilterSettings())[:, 1].any()
 
 
 def test_the_base_takes_skews_up(make_run: Make, lay_out: Callable[..., Residuals]) -> None:
