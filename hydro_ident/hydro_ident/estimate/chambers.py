@@ -221,16 +221,36 @@ def edge_integrals(
     from hydro_ident.estimate.edge_kernels import integrate_edges
 
     i, h = chamber.index, trace.step_s
-    u = trace.valve_signal[:, i]
-    whole = math.floor(delay_s / h + 1e-9)
-    late, soon = _shifted(u, whole + 1)[:-1], _shifted(u, whole)[:-1]
+    late, soon, fraction = held_parts(trace.valve_signal[:, i], delay_s, h)
     pressure = trace.p_a[:, i] if chamber.side == "a" else trace.p_b[:, i]
-    result = np.empty((2, u.size - 1))
+    result = np.empty((2, late.size))
     integrate_edges(
-        np.ascontiguousarray(late), np.ascontiguousarray(soon), delay_s / h - whole, h,
+        np.ascontiguousarray(late), np.ascontiguousarray(soon), fraction, h,
         np.ascontiguousarray(pressure), trace.supply, trace.tank, chamber.side == "a", result,
     )  # fmt: skip
     return result[0], result[1]
+
+
+def held_parts(
+    signal: FloatArray, delay_s: float, step_s: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """A held signal within each sampling interval, a delay after its samples.
+
+    Parameters
+    ----------
+    signal : (N,) array
+    delay_s, step_s : float
+
+    Returns
+    -------
+    late, soon : (N - 1,) array
+        At the interval's start and after its change; NaN where that lies before the signal.
+    fraction : float
+        Share of the interval that the first of them lasts.
+    """
+    whole = math.floor(delay_s / step_s + 1e-9)
+    late, soon = _shifted(signal, whole + 1)[:-1], _shifted(signal, whole)[:-1]
+    return late, soon, delay_s / step_s - whole
 
 
 def _signal_known(signal: FloatArray, delay_cycles: float) -> BoolArray:

@@ -17,6 +17,7 @@ from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.flow_laws import FLOW, held_flow, looks_at_valve
 from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
@@ -27,10 +28,9 @@ from hydro_model.effects.targets import ActiveEffect, joint_of, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import LEVER
 
-_FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
-_BALANCE = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
+_BALANCE = {*FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
 
 
 def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
@@ -185,20 +185,30 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
         inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
         rise = -np.diff(pressure_of(chamber, trace))
         steps = np.zeros(trace.samples - 1)
-        for stages, others, weight, factor in (
-            (_FLOW, None, 1.0, trace.step_s),
+        if FLOW[chamber.side] in one.effect.stages:
+            steps = _flow_steps(model, one, chamber, rows, trace.step_s)
+        for stages, others, weight in (
             # A volume is as soft, and what is soft as large, as the other effects make them.
-            (_VOLUME, _COMPLIANCE, inverse, rise),
-            (_COMPLIANCE, _VOLUME, volume, rise),
+            (_VOLUME, _COMPLIANCE, inverse),
+            (_COMPLIANCE, _VOLUME, volume),
         ):
             stage = stages[chamber.side]
             if stage in one.effect.stages:
                 law = one.effect.evaluate(rows, one.parameters, stage, trace.step_s)
-                if others is not None:
-                    weight = weight + _laws(signals, model, stretch, chamber, others)
-                steps = steps + middle(law * weight) * factor
+                weight = weight + _laws(signals, model, stretch, chamber, others)
+                steps = steps + middle(law * weight) * rise
         index = signals.material.chamber_index(place.channel)
         into[place.rows] += signals.material.windowed(stretch, index, steps)
+
+
+def _flow_steps(
+    model: Model, one: ActiveEffect, chamber: Chamber, rows: FloatArray, step_s: float
+) -> FloatArray:
+    """Volume into a chamber per sampling interval by the law of an effect."""
+    stage, index = FLOW[chamber.side], chamber.index
+    if looks_at_valve(one):
+        return held_flow(one, stage, model.robot, index, rows, model.delays_s[index], step_s)
+    return middle(one.effect.evaluate(rows, one.parameters, stage, step_s)) * step_s
 
 
 def said_twice(signals: Signals, model: Model) -> FloatArray:

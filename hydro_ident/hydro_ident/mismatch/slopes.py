@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.mismatch.contributions import said_twice
+from hydro_ident.mismatch.flow_laws import looks_at_valve
 from hydro_ident.mismatch.modelled import Model, on_signals, shapes
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.stepping import is_free
@@ -15,6 +16,8 @@ from hydro_model.robot import FloatArray
 
 #: Step of a derivative as a share of a parameter's size.
 _STEP = 1.0e-3
+#: The same of delays, in sampling intervals.
+_LATER = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,12 +77,29 @@ def slopes_at(predictor: Predictor, start: Start) -> tuple[FloatArray, tuple[str
         Slopes of the prediction: base parameters, then every effect's.
     names : tuple of str
     """
-    columns, names = [start.base], list(predictor.names)
+    columns, names = [_with_delays(predictor, start)], list(predictor.names)
     for term, own in zip(start.model.terms, start.own, strict=True):
         slopes, own_names = slopes_of(predictor, start.model, term, own)
         columns += slopes
         names += own_names
     return np.concatenate(columns, axis=1), tuple(names)
+
+
+def _with_delays(predictor: Predictor, start: Start) -> FloatArray:
+    """Base columns, those of delays with what comes as late by laws that look at the valve."""
+    model, base = start.model, start.base
+    for term, own in zip(model.terms, start.own, strict=True):
+        if own is None or not looks_at_valve(term):
+            continue
+        base = base.copy() if base is start.base else base
+        for index, at in predictor.delay_columns.items():
+            if term.cylinder in (None, index):
+                step_s = _LATER * predictor.material.stretches[0].trace.step_s
+                delays = list(model.delays_s)
+                delays[index] += step_s
+                later = predictor.contribution(replace(model, delays_s=tuple(delays)), term)
+                base[:, at] += (later - own) / step_s
+    return base
 
 
 def linearised(
