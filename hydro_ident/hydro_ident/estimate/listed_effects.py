@@ -9,38 +9,52 @@ chambers, have no place in the chambers' balances: `ListedEffects.ignored` names
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_ident.estimate.chambers import Chamber
+from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.held_effects import (
     corrected,
     cylinder_signals,
     held_torque,
+    known_motion,
     moving_signals,
 )
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
+from hydro_ident.estimate.listed_laws import (
+    COMPLIANCE,
+    FLOW,
+    NULL_BIAS,
+    VOLUME,
+    acting,
+    bends_edges,
+    fits,
+    in_chambers,
+    is_bias,
+    linear_names,
+    looks_at,
+    mean_signal,
+    middle,
+)
 from hydro_ident.estimate.traces import Trace, last_known
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
 from hydro_model.robot import FloatArray, Robot, Valve
-from hydro_model.signals import PRESSURE_A, PRESSURE_B, SIGNAL_COUNT, VALVE_SIGNAL
+from hydro_model.signals import (
+    PISTON_VELOCITY,
+    PRESSURE_A,
+    PRESSURE_B,
+    VALVE_SIGNAL,
+)
 from hydro_model.valve import edge_flows
 
-#: The one law on the valve signal that is fitted, by Gauss-Newton steps.
-NULL_BIAS = "valve_null_bias.bias"
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
-#: Parts of a sampling interval over which a law with internal states is averaged.
-_SUBSTEPS = 8
-_FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
-_VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
-_COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +65,13 @@ class ListedEffects:
     ----------
     robot : Robot
     active : tuple of ActiveEffect
+    filters : FilterSettings
+        Of the motion that laws in the chambers look at.
     """
 
     robot: Robot
     active: tuple[ActiveEffect, ...]
+    filters: FilterSettings = field(default_factory=FilterSettings)
 
     @property
     def level(self) -> Robot:
@@ -87,7 +104,7 @@ class ListedEffects:
         return tuple(
             f"{target_name(self.robot, one)}.{name}"
             for one in self._rubbing
-            for name in _linear_names(one)
+            for name in linear_names(one)
         )
 
     @property
@@ -120,7 +137,7 @@ class ListedEffects:
         self, chamber: Chamber, trace: Trace
     ) -> tuple[tuple[str, ...], FloatArray]:
         """Names and interval integrals (N - 1, e) of a chamber's linear effect parameters."""
-        signals = cylinder_signals(self.robot, trace, chamber.index)
+        signals = self._wet_signals(trace, chamber.index)
         pressure = signals[:, PRESSURE_A if chamber.side == "a" else PRESSURE_B]
         side = 0 if chamber.side == "a" else 1
         volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
@@ -128,24 +145,31 @@ class ListedEffects:
         names: list[str] = []
         columns = [np.zeros((trace.samples - 1, 0))]
         for one in self.active:
-            if one.cylinder != chamber.index or _bends_edges(one):
+            if one.cylinder != chamber.index or bends_edges(one):
                 continue
-            if _is_bias(one):
+            if is_bias(one):
                 names.append(NULL_BIAS)
                 columns.append(self._bias_slope(chamber, trace)[:, None] * trace.step_s)
-            for stages, suffix in ((_FLOW, ""), (_VOLUME, OVER_BULK), (_COMPLIANCE, "")):
+            for stages, suffix in ((FLOW, ""), (VOLUME, OVER_BULK), (COMPLIANCE, "")):
                 stage = stages[chamber.side]
                 if not any(term.stage is stage for term in one.effect.terms):
                     continue
                 unit = one.effect.columns(signals, one.parameters, stage, trace.step_s)
-                weight = volume[:, None] if stages is _COMPLIANCE else 1.0
-                factor = trace.step_s if stages is _FLOW else rise
-                integral = _middle(unit * weight) * factor
-                acting = _acting(one, stage)
-                pairs = zip(_linear_names(one), acting, strict=True)
+                weight = volume[:, None] if stages is COMPLIANCE else 1.0
+                factor = trace.step_s if stages is FLOW else rise
+                integral = middle(unit * weight) * factor
+                own = acting(one, stage)
+                pairs = zip(linear_names(one), own, strict=True)
                 names += [f"{name}{suffix}" for name, on in pairs if on]
-                columns.append(integral[:, acting])
+                columns.append(integral[:, own])
         return tuple(names), np.concatenate(columns, axis=1)
+
+    def _wet_signals(self, trace: Trace, index: int) -> FloatArray:
+        """Signals of a cylinder, with its motion where a law in its chambers looks at that."""
+        own = [o for o in self.active if o.cylinder == index and in_chambers(o)]
+        quick = any(PISTON_VELOCITY in looks_at(one) for one in own)
+        moved = known_motion(trace, self.filters) if quick else None
+        return cylinder_signals(self.robot, trace, index, moved)
 
     @property
     def biases(self) -> dict[str, float]:
@@ -153,7 +177,7 @@ class ListedEffects:
         return {
             f"{self._cylinder_name(one)}.{NULL_BIAS}": float(one.parameters[0])
             for one in self.active
-            if _is_bias(one)
+            if is_bias(one)
         }
 
     def refined(self, fit: HydraulicFit) -> tuple[ListedEffects, float]:
@@ -174,7 +198,7 @@ class ListedEffects:
         active, valves, largest = [], list(self.robot.valves), 0.0
         for one in self.active:
             name = self._cylinder_name(one)
-            if _is_bias(one) and name in found:
+            if is_bias(one) and name in found:
                 step = found[name].value(NULL_BIAS)[0]
                 largest = max(largest, abs(step))
                 bounds = one.effect.parameters[0]
@@ -184,7 +208,8 @@ class ListedEffects:
                 valves[at] = _with_edges(valves[at], found[name])
             else:
                 active.append(one)
-        return ListedEffects(replace(self.robot, valves=tuple(valves)), tuple(active)), largest
+        robot = replace(self.robot, valves=tuple(valves))
+        return replace(self, robot=robot, active=tuple(active)), largest
 
     def with_signal_laws(self, trace: Trace) -> Trace:
         """The trace as the balances are to see it.
@@ -205,7 +230,7 @@ class ListedEffects:
             if trace.latched is not None:
                 before = np.where(trace.latched, 0.0, before)
             signals[:, VALVE_SIGNAL] = last_known(before)
-            law = _mean_signal(one, signals, trace.step_s)
+            law = mean_signal(one, signals, trace.step_s)
             result[:, index] = np.where(known, law, np.nan)
         return replace(trace, valve_signal=result)
 
@@ -216,20 +241,20 @@ class ListedEffects:
         side = np.where(trace.valve_signal[:, i] > 0.0, 1.0, -1.0)
         rails = (trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
         flow = edge_flows(valve, side, *rails)[0 if chamber.side == "a" else 1]
-        return _middle(flow * side)
+        return middle(flow * side)
 
     @property
     def held(self) -> tuple[str, ...]:
         """Listed effects whose parameters are taken as listed, by name."""
-        fitted = [*self._rubbing, *(o for o in self.active if _is_bias(o))]
-        fitted += [o for o in self.active if _in_chambers(o) and not _bends_edges(o)]
-        names = [o.effect.name for o in self.active if o not in fitted or not _fits(o)]
+        fitted = [*self._rubbing, *(o for o in self.active if is_bias(o))]
+        fitted += [o for o in self.active if in_chambers(o) and not bends_edges(o)]
+        names = [o.effect.name for o in self.active if o not in fitted or not fits(o)]
         return tuple(n for n in dict.fromkeys(names) if n not in self.ignored)
 
     @property
     def ignored(self) -> tuple[str, ...]:
         """Listed effects that neither fit nor balances know of, by name."""
-        return tuple(dict.fromkeys(one.effect.name for one in self.active if _bends_edges(one)))
+        return tuple(dict.fromkeys(one.effect.name for one in self.active if bends_edges(one)))
 
     def _with(self, stage: Stage) -> list[ActiveEffect]:
         return [o for o in self.active if any(t.stage is stage for t in o.terms)]
@@ -244,51 +269,3 @@ def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
         for edge in ("c_pa", "c_at", "c_pb", "c_bt")
     )
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
-
-
-def _mean_signal(one: ActiveEffect, signals: FloatArray, step_s: float) -> FloatArray:
-    """A law on the valve signal, averaged over each sampling interval.
-
-    The balance holds the signal over an interval. A law with internal states moves within it: its
-    value at the interval's start would be half a cycle late, which the fit would take for delay.
-    """
-    if not one.effect.states:
-        return one.effect.evaluate(signals, one.parameters, Stage.SIGNAL, step_s)
-    fine = np.repeat(signals, _SUBSTEPS, axis=0)
-    law = one.effect.evaluate(fine, one.parameters, Stage.SIGNAL, step_s / _SUBSTEPS)
-    middle = _middle(np.append(law, law[-1]))
-    return np.asarray(middle.reshape(-1, _SUBSTEPS).mean(axis=1))
-
-
-def _is_bias(one: ActiveEffect) -> bool:
-    return one.effect.name == NULL_BIAS.split(".", 1)[0]
-
-
-def _in_chambers(one: ActiveEffect) -> bool:
-    stages = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
-    return bool(stages.intersection(one.effect.stages))
-
-
-def _bends_edges(one: ActiveEffect) -> bool:
-    """A law whose size counts in the edges' own flow, or which acts on one chamber alone."""
-    return _in_chambers(one) and (one.effect.needs_valve or bool(one.side))
-
-
-def _fits(one: ActiveEffect) -> bool:
-    return bool(_linear_names(one)) or _is_bias(one)
-
-
-def _linear_names(one: ActiveEffect) -> list[str]:
-    return [f"{one.effect.name}.{p.name}" for p in one.effect.parameters if p.linear]
-
-
-def _acting(one: ActiveEffect, stage: Stage) -> NDArray[np.bool_]:
-    """Which linear parameters a stage's law depends on, seen at a probe of distinct signals."""
-    rising = 1.0e5 * np.arange(1.0, SIGNAL_COUNT + 1.0)
-    # What has internal states is at rest in the first row and moves when the signals turn.
-    probe = np.array([rising, -rising, rising])
-    return np.asarray((one.effect.columns(probe, one.parameters, stage, 1e-3) != 0.0).any(axis=0))
-
-
-def _middle(values: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (values[1:] + values[:-1]))

@@ -1,0 +1,63 @@
+"""Listed effects of whole robots and rails, and of plays, in what `identify` fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.chambers import chambers_of
+from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.traces import Trace
+from hydro_model.effects.rows import signal_rows
+from hydro_model.robot import EffectSpec, Robot
+
+MakeRun = tuple[Callable[..., Robot], Callable[..., Any]]
+EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
+DROOP = EffectSpec("supply_droop", "xs031", {"resistance": 6e9, "time_constant": 0.05})
+BACK = EffectSpec("tank_back_pressure", "xs031", {"resistance": 3e12})
+
+
+# Plays ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drag", [0.0, 3e4])
+def test_a_listed_play_is_swept_whenever_the_force_turns(robot: Robot, drag: float) -> None:
+    """What a chamber swallows by a play of a metre is its area, one way and back."""
+    time = np.arange(2000) * 0.002
+    swing = 2e6 * np.sin(2.0 * np.pi * 0.5 * time)[:, None] * [1.0, 1.0]
+    q = np.array([0.5, -1.2]) + 0.1 * np.sin(2.0 * np.pi * 0.5 * time)[:, None]
+    still = np.zeros((time.size, 2))
+    trace = Trace(
+        "bag#0", 0.002, time, q, 0.3 + still, 3e6 + swing, 5e6 - swing, 1.8e7 + still[:, 0],
+        1e5 + still[:, 0], still, still,
+    )  # fmt: skip
+    play = EffectSpec("backlash", "lift_cylinder", {"width": 1e-3, "drag": drag})
+    effects = ListedEffects.of(replace(robot, effects=(play,)))
+    chamber = chambers_of(robot)[0]
+    names, columns = effects.chamber_columns(chamber, trace)
+    assert names == ("backlash.width",)
+    area = chamber.cylinder.area_a_m2
+    swept = np.cumsum(columns[:, 0])
+    assert np.ptp(swept) == pytest.approx(area, rel=0.05)
+    assert "backlash" not in (*effects.held, *effects.ignored)
+
+
+def test_a_play_needs_no_speed_where_nothing_drags(robot: Robot) -> None:
+    """As where the angle of a joint was not recorded: its pressures say when the pin crosses."""
+    play = EffectSpec("backlash", "lift_cylinder", {"width": 1e-3})
+    (one,) = ListedEffects.of(replace(robot, effects=(play,))).active
+    time = np.arange(1000) * 0.002
+    q, still = np.full((time.size, 2), 0.3), np.zeros((time.size, 2))
+    swing = 2e6 * np.sin(2.0 * np.pi * time)
+    pressures = np.stack([3e6 + swing, 5e6 - swing, 1.8e7 + 0.0 * time, 1e5 + 0.0 * time], axis=1)
+    rows = [
+        signal_rows(robot, 0, 0, time, q, qd, qd, pressures, 0.0 * time) for qd in (None, still)
+    ]
+    stage = one.effect.terms[0].stage
+    unknown, known = (one.effect.columns(s, one.parameters, stage, 0.002) for s in rows)
+    assert np.abs(known).max() > 0.0
+    assert np.array_equal(unknown, known)
