@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.chambers import chambers_of
+from hydro_ident.estimate.inertial import fit_inertial
 from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.identified_robot import identified_robot
+from hydro_ident.job import planned_force_model
 from hydro_model.effects.rows import signal_rows
 from hydro_model.robot import EffectSpec, Robot
+from hydro_model.signals import TIP_HEIGHT
 
 MakeRun = tuple[Callable[..., Robot], Callable[..., Any]]
 EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
@@ -61,3 +65,30 @@ def test_a_play_needs_no_speed_where_nothing_drags(robot: Robot) -> None:
     unknown, known = (one.effect.columns(s, one.parameters, stage, 0.002) for s in rows)
     assert np.abs(known).max() > 0.0
     assert np.array_equal(unknown, known)
+
+
+# Grounds --------------------------------------------------------------------------------------
+
+
+def test_a_listed_ground_is_one(make_run: MakeRun) -> None:
+    """It pushes every joint by one stiffness; a fit of one per joint made two grounds of it."""
+    true_crane, simulated_run = make_run
+    crane = true_crane()
+    free = simulated_run(crane, 6.0, noisy=False)
+    time = 0.002 * np.arange(len(free.q))
+    low = float(np.quantile(signal_rows(crane, None, 0, time, free.q)[:, TIP_HEIGHT], 0.3))
+    ground = EffectSpec("external_contact", crane.name, {"stiffness": 4e4, "height": low})
+    truth = replace(crane, effects=(ground,))
+    recording = simulated_run(truth, 18.0, noisy=False).recording()
+    guess = replace(ground, parameters={"stiffness": 1e4, "height": low})
+    given = replace(recording.robot, effects=(guess,))
+    effects = ListedEffects.of(given)
+    name = f"{crane.name}.external_contact.stiffness"
+    assert effects.force_names == (name,)
+    fit = fit_inertial(planned_force_model(given, effects, ()), traces_of([recording]))
+    assert fit is not None
+    at = fit.model.names.index(name)
+    assert fit.fit.theta[at] == pytest.approx(4e4, rel=0.02)
+    (found,) = identified_robot(given, fit, None).effects
+    assert (found.target, found.parameters["height"]) == (crane.name, low)
+    assert found.parameters["stiffness"] == pytest.approx(4e4, rel=0.02)

@@ -99,12 +99,11 @@ class ListedEffects:
     def force_names(self) -> tuple[str, ...]:
         """Names `<owner>.<effect>.<parameter>` of the fitted friction parameters.
 
-        The owner is a cylinder, or a joint without cylinder.
+        The owner is a cylinder, or a joint without cylinder; the robot where one cause acts on
+        all of it.
         """
         return tuple(
-            f"{target_name(self.robot, one)}.{name}"
-            for one in self._rubbing
-            for name in linear_names(one)
+            f"{owner}.{name}" for owner, own in self._by_owner for name in linear_names(own[0])
         )
 
     @property
@@ -112,14 +111,28 @@ class ListedEffects:
         """Fitted friction: laws without a change of the robot, which are taken as listed."""
         return [one for one in self._with(Stage.FRICTION) if one.effect.change is None]
 
+    @property
+    def _by_owner(self) -> list[tuple[str, list[ActiveEffect]]]:
+        """Fitted friction with the owner of its numbers, at every target that has them."""
+        whole = {spec.name for spec in self.robot.effects if spec.target == self.robot.name}
+        result: dict[tuple[str, str], list[ActiveEffect]] = {}
+        for one in self._rubbing:
+            # A ground under the tip acts on every joint at once, and is as stiff at each.
+            shared = one.effect.shared and one.effect.name in whole
+            owner = self.robot.name if shared else target_name(self.robot, one)
+            result.setdefault((owner, one.effect.name), []).append(one)
+        return [(owner, own) for (owner, _), own in result.items()]
+
     def force_columns(self, trace: Trace, moved: Motion) -> FloatArray:
         """Piston forces (joint forces without cylinder) of unit parameters, (N, n, e)."""
         columns = []
-        for one in self._rubbing:
-            at, signals = moving_signals(self.robot, one, trace, moved)
-            unit = one.effect.columns(signals, one.parameters, Stage.FRICTION, trace.step_s)
-            block = np.zeros((unit.shape[0], self.robot.dof, unit.shape[1]))
-            block[:, at] = unit
+        for _, own in self._by_owner:
+            count = len(linear_names(own[0]))
+            block = np.zeros((trace.samples, self.robot.dof, count))
+            for one in own:
+                at, signals = moving_signals(self.robot, one, trace, moved)
+                unit = one.effect.columns(signals, one.parameters, Stage.FRICTION, trace.step_s)
+                block[:, at] += unit
             columns.append(block)
         if not columns:
             return np.zeros((trace.samples, self.robot.dof, 0))
