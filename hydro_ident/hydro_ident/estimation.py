@@ -132,10 +132,10 @@ class Estimation:
     def _flows(
         self, gathered: list[Gathered], solve: Solve
     ) -> tuple[HydraulicFit | None, list[Gathered]]:
-        """Fit the chambers; where null biases are listed, again until they stay."""
+        """Fit the chambers; where null biases or rails are listed, again until they stay."""
         fit = self._hydraulics(gathered, solve)
         for _ in range(_BIAS_PASSES):
-            if fit is None or not self.plan.effects.biases:
+            if fit is None or not self.plan.effects.iterated:
                 break
             moved, step = self.plan.effects.refined(fit)
             if step < _BIAS_STEP:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.chambers import chambers_of
+from hydro_ident.estimate.hydraulics import fit_hydraulics
 from hydro_ident.estimate.inertial import fit_inertial
 from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.traces import Trace, traces_of
@@ -92,3 +93,54 @@ def test_a_listed_ground_is_one(make_run: MakeRun) -> None:
     (found,) = identified_robot(given, fit, None).effects
     assert (found.target, found.parameters["height"]) == (crane.name, low)
     assert found.parameters["stiffness"] == pytest.approx(4e4, rel=0.02)
+
+
+# Rails ----------------------------------------------------------------------------------------
+
+
+def _edges(robot: Robot, given: Robot, traces: tuple[Trace, ...]) -> np.ndarray:
+    """How far fitted edges are from a robot's, by iteration from another one's."""
+    effects = ListedEffects.of(given)
+    for _ in range(8):
+        seen = [effects.with_signal_laws(trace) for trace in traces]
+        fit = fit_hydraulics(given, seen, None, effects.chamber_columns)
+        assert fit is not None
+        if not effects.iterated:
+            break
+        effects, step = effects.refined(fit)
+    assert not effects.iterated or step < 1e-6
+    return np.array([
+        one.value(edge)[0] / float(getattr(robot.valve_of(one.cylinder), edge)) - 1.0
+        for one in fit.cylinders
+        for edge in EDGES
+        if edge in one.names
+    ])  # fmt: skip
+
+
+def test_edges_are_not_what_listed_rails_take(make_run: MakeRun) -> None:
+    """Nobody recorded the rails: edges that took the droop up would have it twice in a model."""
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), effects=(DROOP, BACK))
+    recording = simulated_run(truth, 12.0, scale=0.7, noisy=False).recording(
+        supply=None, tank=None
+    )
+    valves = tuple(
+        replace(v, **{e: 0.8 * float(getattr(v, e)) for e in EDGES}) for v in truth.valves
+    )
+    given = replace(truth, valves=valves)
+    traces = traces_of([replace(recording, robot=given)])
+    plain = np.abs(_edges(truth, replace(given, effects=()), traces))
+    listed = np.abs(_edges(truth, given, traces))
+    assert plain.max() > 0.03
+    assert listed.max() < 0.1 * plain.max()
+
+
+def test_a_recorded_rail_has_given_way_already(make_run: MakeRun) -> None:
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), effects=(DROOP, BACK))
+    recording = simulated_run(truth, 2.0, noisy=False).recording(tank=None)
+    (trace,) = traces_of([recording])
+    seen = ListedEffects.of(truth).with_signal_laws(trace)
+    assert trace.rails_read == (True, False)
+    assert np.array_equal(seen.supply, trace.supply)
+    assert seen.tank.max() > trace.tank.max() + 1e4

@@ -9,6 +9,7 @@ chambers, have no place in the chambers' balances: `ListedEffects.ignored` names
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,6 +40,7 @@ from hydro_ident.estimate.listed_laws import (
     mean_signal,
     middle,
 )
+from hydro_ident.estimate.rails import railed
 from hydro_ident.estimate.traces import Trace, last_known
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
@@ -55,6 +57,10 @@ from hydro_model.valve import edge_flows
 
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
+#: Steps of edges count so much beside a null bias': rails that follow them to 1e-4 are settled.
+_PER_EDGE = 1.0e-3
+EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
+_RAILS = (Stage.SUPPLY, Stage.TANK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +200,9 @@ class ListedEffects:
         }
 
     def refined(self, fit: HydraulicFit) -> tuple[ListedEffects, float]:
-        """One Gauss-Newton step of the listed null biases, and its largest size.
+        """One step of what is iterated, and its largest size.
+
+        Gauss-Newton of the listed null biases; rails follow the flow of the edges as fitted.
 
         Parameters
         ----------
@@ -204,11 +212,13 @@ class ListedEffects:
         Returns
         -------
         effects : ListedEffects
-            With the biases moved, and the fitted edges for the next slope.
+            With the biases moved, and the fitted edges for the next slope and the rails.
         largest : float
         """
         found = {c.cylinder: c for c in fit.cylinders if NULL_BIAS in c.names}
-        active, valves, largest = [], list(self.robot.valves), 0.0
+        fitted = found | {c.cylinder: c for c in fit.cylinders if self._rails and not c.rejected}
+        valves, largest = self._with_edges(fitted)
+        active = []
         for one in self.active:
             name = self._cylinder_name(one)
             if is_bias(one) and name in found:
@@ -217,20 +227,48 @@ class ListedEffects:
                 bounds = one.effect.parameters[0]
                 moved = np.clip(one.parameters + step, bounds.lower, bounds.upper)
                 active.append(replace(one, parameters=moved))
-                at = self.robot.valve_names.index(self.robot.valve_of(name).name)
-                valves[at] = _with_edges(valves[at], found[name])
             else:
                 active.append(one)
-        robot = replace(self.robot, valves=tuple(valves))
-        return replace(self, robot=robot, active=tuple(active)), largest
+        return replace(
+            self, robot=replace(self.robot, valves=valves), active=tuple(active)
+        ), largest
+
+    def _with_edges(self, found: Mapping[str, CylinderFit]) -> tuple[tuple[Valve, ...], float]:
+        """Valves with the edges of fits by cylinder, and by how much rails are yet to follow."""
+        valves, most = [], 0.0
+        for valve in self.robot.valves:
+            fresh = valve
+            if valve.cylinder in found:
+                fresh = _with_edges(valve, found[valve.cylinder])
+            if self._rails:
+                pairs = [(getattr(fresh, e), getattr(valve, e)) for e in EDGES]
+                most = max(most, *(abs(new / old - 1.0) for new, old in pairs))
+            valves.append(fresh)
+        return tuple(valves), _PER_EDGE * most
 
     def with_signal_laws(self, trace: Trace) -> Trace:
         """The trace as the balances are to see it.
 
-        Without the listed errors of sensors, and with the valve signals passed through the listed
-        laws on them.
+        Without the listed errors of sensors, with the valve signals passed through the listed
+        laws on them, and with rails that nobody recorded as the listed laws have them give way.
         """
-        trace = self.corrected(trace)
+        trace = self._with_spools(self.corrected(trace))
+        stages = [s for s, read in zip(_RAILS, trace.rails_read, strict=True) if not read]
+        rails = [one for one in self._rails if set(stages) & set(one.effect.stages)]
+        if not rails:
+            return trace
+        return railed(self.robot, trace, rails, [self.robot.command_delay_s] * trace.p_a.shape[1])
+
+    @property
+    def iterated(self) -> bool:
+        """Whether rows of balances depend on what they are fitted for: `refined`."""
+        return bool(self.biases or self._rails)
+
+    @property
+    def _rails(self) -> list[ActiveEffect]:
+        return [one for stage in _RAILS for one in self._with(stage)]
+
+    def _with_spools(self, trace: Trace) -> Trace:
         chosen = [one for one in self._with(Stage.SIGNAL) if one.cylinder is not None]
         if not chosen:
             return trace
@@ -278,7 +316,6 @@ class ListedEffects:
 
 def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
     c_pa, c_at, c_pb, c_bt = (
-        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge))
-        for edge in ("c_pa", "c_at", "c_pb", "c_bt")
+        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge)) for edge in EDGES
     )
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
