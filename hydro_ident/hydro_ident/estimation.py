@@ -98,6 +98,12 @@ class Estimation:
         self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
         gathered = self._gather(self.plan)
         self.notes += cleaned_notes({g.name: g.cleaned for g in gathered})
+        self.notes += [
+            f"{g.name}: {g.stopped_s:.1f} s left out of the forces, in which a joint rests at an"
+            " end of its travel (with the filters' reach): they know nothing of what a stop bears"
+            for g in gathered
+            if g.stopped_s > 0.0
+        ]
         plain = solve_ols if first.name == "ols" else solve_wls
         hydraulic, gathered = self._flows(gathered, plain)
         if first.name == "robust":
@@ -135,7 +141,7 @@ class Estimation:
         """Fit the chambers; where columns depend on what is fitted, again until that stays."""
         fit = self._hydraulics(gathered, solve)
         for _ in range(_PASSES):
-            if fit is None or not self.plan.effects.moves:
+            if fit is None or not self.plan.effects.iterated:
                 break
             moved, step = self.plan.effects.refined(fit)
             if step < _LEAST_STEP:

@@ -12,6 +12,7 @@ from hydro_ident.channel_scores import ScoreKeeper, ScorePlan
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.end_stops import at_end_stops
 from hydro_ident.estimate.flow_moments import FlowGatherer
 from hydro_ident.estimate.inertial import ForceModel, force_rows
 from hydro_ident.estimate.listed_effects import ListedEffects
@@ -87,6 +88,8 @@ class Gathered:
         With the residuals met.
     cleaned : dict of str to int
         Samples taken for outliers, by sensor.
+    stopped_s : float
+        Time at end stops, whose rows of forces are left out.
     """
 
     name: str
@@ -94,6 +97,7 @@ class Gathered:
     flows: FlowGatherer
     force_weights: Weights | None
     cleaned: dict[str, int] = field(default_factory=dict)
+    stopped_s: float = 0.0
 
 
 def overlap_s(filters: FilterSettings) -> float:
@@ -140,6 +144,8 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
 
 def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
     still = plan.still.get(found.name, {})
+    stopped = at_end_stops(plan.robot, trace, plan.filters, still)[trace.owned]
+    found.stopped_s += float(np.count_nonzero(stopped)) * trace.step_s
     rows = force_rows(plan.model, trace, plan.filters, still, plan.instruments)
     if rows is None:
         return

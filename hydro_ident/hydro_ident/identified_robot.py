@@ -197,6 +197,8 @@ def _effects(
         for c in robot.cylinders
     }
     owners |= {robot.joint_names[j]: [robot.joint_names[j]] for j in robot.dry_joints}
+    # What all of a robot has from one cause has one set of numbers.
+    owners[robot.name] = [robot.name]
     fitted = {}
     for owner, targets in owners.items():
         if effect.target in (robot.name, *targets):
@@ -212,6 +214,8 @@ def _effects(
         EffectSpec(effect.name, name, {**effect.parameters, **found})
         for name, found in fitted.items()
     ]
+    if robot.name in fitted:
+        return specs
     # Where it was listed for several and not fitted at one, it stays there as given.
     taken = {target for owner in fitted for target in (owner, *owners[owner])}
     acting = [one.target for one in resolve(replace(robot, effects=(effect,)))]

@@ -176,6 +176,7 @@ def prepared(
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)
     filters = settings.filters.borne_at(max(s.recording.period_s for s in seen))
+    effects = replace(effects, filters=filters)
     windows, longest_s = _delays_tried(robot, surveys, settings.windows)
     plan = GatherPlan(
         robot,

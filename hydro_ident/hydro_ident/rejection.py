@@ -18,7 +18,8 @@ from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import HeldPart
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.listed_effects import NULL_BIAS, OVER_BULK
+from hydro_ident.estimate.listed_effects import OVER_BULK
+from hydro_ident.estimate.listed_laws import NULL_BIAS
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.estimation import Estimates
 from hydro_ident.identified_robot import has_definite_mass, identified_robot

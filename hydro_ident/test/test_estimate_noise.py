@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.noise import encoder_noise
+from hydro_ident.estimate.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.derivatives import FilterSettings
+from hydro_ident.estimate.inertial import force_model
+from hydro_ident.estimate.noise import encoder_noise, flow_noise, force_noise
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of
 from hydro_ident.mismatch.shots import sensor_noise
@@ -46,3 +50,25 @@ def test_counts_per_revolution_are_no_resolution_of_a_slide(robot: Robot, crane_
         survey = _seen(one, crane_run)
         assert sensor_noise(one, survey)[:2] == pytest.approx(expected)
         assert still_joints_of(one, survey) == ()
+
+
+def test_floors_are_the_same_whichever_recording_comes_first(robot: Robot, crane_run: Any) -> None:
+    """Of two rates they lie between those of either, nearer the one that was recorded longer."""
+    quick = crane_run.recording()
+    slow = replace(
+        crane_run.recording("slow"), period_s=0.02, stamp_ns=quick.stamp_ns[::10],
+        **{n: getattr(quick, n)[::10] for n in (
+            "q", "p_a", "p_b", "supply", "tank", "valve_v", "command_v", "latched"
+        )},
+    )  # fmt: skip
+    filters, (chamber, *_) = FilterSettings().borne_at(0.02), chambers_of(robot)
+
+    def floors(*recordings: Any) -> np.ndarray:
+        seen = SignalSurvey.of(robot, traces_of(recordings))
+        flow = flow_noise(robot, chamber, seen, WindowSettings(), 1e-9)
+        return np.array([*force_noise(force_model(robot), seen, filters), flow])
+
+    one, other = floors(quick, slow), floors(slow, quick)
+    assert other == pytest.approx(one, rel=1e-12)
+    twice = floors(quick, slow, replace(slow, path=Path("more")))
+    assert (abs(twice - floors(slow)) < abs(one - floors(slow))).all()

@@ -21,6 +21,7 @@ from hydro_ident.estimate.derivatives import (
     motion,
     parallel_filter,
 )
+from hydro_ident.estimate.end_stops import at_end_stops
 from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.traces import Trace
 from hydro_model.base_parameters import BaseMap, base_map
@@ -183,8 +184,9 @@ def force_rows(
     Returns
     -------
     Rows or None
-        One channel per joint. None where the trace is shorter than the filter's edges, or a
-        joint angle or every force is missing: each force needs all the angles.
+        One channel per joint, without those at end stops. None where the trace is shorter than the
+        filter's edges, or a joint angle or every force is missing: each force needs all the
+        angles.
     """
     if model.corrected is not None:
         trace = model.corrected(trace)
@@ -192,6 +194,9 @@ def force_rows(
     force = measured_force(model, trace)
     known = np.isfinite(force).all(axis=0)
     if not keep.size or not known.any() or not np.isfinite(trace.q).all():
+        return None
+    keep = keep[~at_end_stops(model.robot, trace, settings, still)[keep]]
+    if not keep.size:
         return None
     q = held_still(trace.q, still)
     x = _filtered_columns(model, trace, q, settings, keep)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.traces import Trace, strokes
 from hydro_model.effects import ActiveEffect, Readings
@@ -17,6 +18,9 @@ from hydro_model.effects.targets import joint_of
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import PISTON_FORCE, PISTON_POSITION
+
+#: Samples that a derivative needs.
+_FEWEST = 5
 
 
 def held_torque(
@@ -112,6 +116,22 @@ def moving_signals(
     signals = signal_rows(robot, None, one.joint, trace.time_s, *motion, oil_c=trace.oil_c)
     signals[:, PISTON_FORCE] = trace.joint_torque[:, one.joint]
     return one.joint, signals
+
+
+def known_motion(trace: Trace, filters: FilterSettings) -> Motion | None:
+    """Motion of the joints whose angles are known, NaN of the others; None of a few samples.
+
+    Parameters
+    ----------
+    trace : Trace
+    filters : FilterSettings
+    """
+    if trace.samples < _FEWEST:
+        return None
+    known = np.isfinite(trace.q).all(axis=0)
+    own = np.full((3, *trace.q.shape), np.nan)
+    own[:, :, known] = motion(trace.q[:, known], trace.step_s, filters)
+    return Motion(*own)
 
 
 def cylinder_signals(

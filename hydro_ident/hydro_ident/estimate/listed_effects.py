@@ -9,36 +9,58 @@ chambers, have no place in the chambers' balances: `ListedEffects.ignored` names
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
+from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.held_effects import (
     corrected,
     cylinder_signals,
     held_torque,
+    known_motion,
     moving_signals,
 )
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import Motion
+from hydro_ident.estimate.listed_laws import (
+    COMPLIANCE,
+    FLOW,
+    NULL_BIAS,
+    VOLUME,
+    acting,
+    bends_edges,
+    fits,
+    in_chambers,
+    is_bias,
+    is_dead,
+    linear_names,
+    looks_at,
+    middle,
+)
+from hydro_ident.estimate.rails import railed
 from hydro_ident.estimate.traces import Trace, last_known
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
 from hydro_model.robot import FloatArray, Robot, Valve
-from hydro_model.signals import PRESSURE_A, PRESSURE_B, SIGNAL_COUNT, VALVE_SIGNAL
+from hydro_model.signals import (
+    PISTON_VELOCITY,
+    PRESSURE_A,
+    PRESSURE_B,
+    VALVE_SIGNAL,
+)
 from hydro_model.valve import edge_flows
 
-#: The one law on the valve signal that is fitted, by Gauss-Newton steps.
-NULL_BIAS = "valve_null_bias.bias"
 #: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
 OVER_BULK = "/bulk_modulus"
-_FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
-_VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
-_COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
+#: Steps of edges count so much beside a null bias': rails that follow them to 1e-4 are settled.
+_PER_EDGE = 1.0e-3
+EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
+_RAILS = (Stage.SUPPLY, Stage.TANK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,10 +71,13 @@ class ListedEffects:
     ----------
     robot : Robot
     active : tuple of ActiveEffect
+    filters : FilterSettings
+        Of the motion that laws in the chambers look at.
     """
 
     robot: Robot
     active: tuple[ActiveEffect, ...]
+    filters: FilterSettings = field(default_factory=FilterSettings)
 
     @property
     def level(self) -> Robot:
@@ -80,12 +105,11 @@ class ListedEffects:
     def force_names(self) -> tuple[str, ...]:
         """Names `<owner>.<effect>.<parameter>` of the fitted friction parameters.
 
-        The owner is a cylinder, or a joint without cylinder.
+        The owner is a cylinder, or a joint without cylinder; the robot where one cause acts on
+        all of it.
         """
         return tuple(
-            f"{target_name(self.robot, one)}.{name}"
-            for one in self._rubbing
-            for name in _linear_names(one)
+            f"{owner}.{name}" for owner, own in self._by_owner for name in linear_names(own[0])
         )
 
     @property
@@ -93,14 +117,28 @@ class ListedEffects:
         """Fitted friction: laws without a change of the robot, which are taken as listed."""
         return [one for one in self._with(Stage.FRICTION) if one.effect.change is None]
 
+    @property
+    def _by_owner(self) -> list[tuple[str, list[ActiveEffect]]]:
+        """Fitted friction with the owner of its numbers, at every target that has them."""
+        whole = {spec.name for spec in self.robot.effects if spec.target == self.robot.name}
+        result: dict[tuple[str, str], list[ActiveEffect]] = {}
+        for one in self._rubbing:
+            # A ground under the tip acts on every joint at once, and is as stiff at each.
+            shared = one.effect.shared and one.effect.name in whole
+            owner = self.robot.name if shared else target_name(self.robot, one)
+            result.setdefault((owner, one.effect.name), []).append(one)
+        return [(owner, own) for (owner, _), own in result.items()]
+
     def force_columns(self, trace: Trace, moved: Motion) -> FloatArray:
         """Piston forces (joint forces without cylinder) of unit parameters, (N, n, e)."""
         columns = []
-        for one in self._rubbing:
-            at, signals = moving_signals(self.robot, one, trace, moved)
-            unit = one.effect.columns(signals, one.parameters, Stage.FRICTION, trace.step_s)
-            block = np.zeros((unit.shape[0], self.robot.dof, unit.shape[1]))
-            block[:, at] = unit
+        for _, own in self._by_owner:
+            count = len(linear_names(own[0]))
+            block = np.zeros((trace.samples, self.robot.dof, count))
+            for one in own:
+                at, signals = moving_signals(self.robot, one, trace, moved)
+                unit = one.effect.columns(signals, one.parameters, Stage.FRICTION, trace.step_s)
+                block[:, at] += unit
             columns.append(block)
         if not columns:
             return np.zeros((trace.samples, self.robot.dof, 0))
@@ -118,7 +156,7 @@ class ListedEffects:
         self, chamber: Chamber, trace: Trace
     ) -> tuple[tuple[str, ...], FloatArray]:
         """Names and interval integrals (N - 1, e) of a chamber's linear effect parameters."""
-        signals = cylinder_signals(self.robot, trace, chamber.index)
+        signals = self._wet_signals(trace, chamber.index)
         pressure = signals[:, PRESSURE_A if chamber.side == "a" else PRESSURE_B]
         side = 0 if chamber.side == "a" else 1
         volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
@@ -128,40 +166,42 @@ class ListedEffects:
         names: list[str] = []
         columns = [np.zeros((trace.samples - 1, 0))]
         for one in self.active:
-            if one.cylinder != chamber.index or _bends_edges(one):
+            if one.cylinder != chamber.index or bends_edges(one):
                 continue
-            if _is_bias(one):
+            if is_bias(one):
                 names.append(NULL_BIAS)
                 columns.append(self._bias_slope(chamber, trace)[:, None] * trace.step_s)
-            for stages, suffix in ((_FLOW, ""), (_VOLUME, OVER_BULK), (_COMPLIANCE, "")):
+            for stages, suffix in ((FLOW, ""), (VOLUME, OVER_BULK), (COMPLIANCE, "")):
                 stage = stages[chamber.side]
                 if not any(term.stage is stage for term in one.effect.terms):
                     continue
                 unit = one.effect.columns(signals, one.parameters, stage, trace.step_s)
-                weight = volume[:, None] if stages is _COMPLIANCE else 1.0
-                factor = trace.step_s if stages is _FLOW else rise
-                integral = _middle(unit * weight) * factor
-                acting = _acting(one, stage)
-                pairs = zip(_linear_names(one), acting, strict=True)
+                weight = volume[:, None] if stages is COMPLIANCE else 1.0
+                factor = trace.step_s if stages is FLOW else rise
+                integral = middle(unit * weight) * factor
+                own = acting(one, stage)
+                pairs = zip(linear_names(one), own, strict=True)
                 names += [f"{name}{suffix}" for name, on in pairs if on]
-                columns.append(integral[:, acting])
+                columns.append(integral[:, own])
         return tuple(names), np.concatenate(columns, axis=1)
+
+    def _wet_signals(self, trace: Trace, index: int) -> FloatArray:
+        """Signals of a cylinder, with its motion where a law in its chambers looks at that."""
+        own = [o for o in self.active if o.cylinder == index and in_chambers(o)]
+        quick = any(PISTON_VELOCITY in looks_at(one) for one in own)
+        moved = known_motion(trace, self.filters) if quick else None
+        return cylinder_signals(self.robot, trace, index, moved)
 
     def _dead_volume(self, chamber: Chamber) -> float:
         """Dead volume of a chamber as it is listed at present, m^3."""
         at = 0 if chamber.side == "a" else 1
-        own = [o for o in self.active if _is_dead(o) and o.cylinder == chamber.index]
+        own = [o for o in self.active if is_dead(o) and o.cylinder == chamber.index]
         return float(sum(one.parameters[at] for one in own))
-
-    @property
-    def moves(self) -> bool:
-        """Whether columns depend on what is fitted: null biases, and dead volumes beside air."""
-        return any(_is_bias(one) or self._holds_air(one) for one in self.active)
 
     def _holds_air(self, one: ActiveEffect) -> bool:
         """Whether what is listed is the dead volume of a cylinder with compliance listed."""
-        soft = [o for o in self.active if set(_COMPLIANCE.values()) & set(o.effect.stages)]
-        return _is_dead(one) and any(o.cylinder == one.cylinder for o in soft)
+        soft = [o for o in self.active if set(COMPLIANCE.values()) & set(o.effect.stages)]
+        return is_dead(one) and any(o.cylinder == one.cylinder for o in soft)
 
     @property
     def biases(self) -> dict[str, float]:
@@ -169,11 +209,14 @@ class ListedEffects:
         return {
             f"{self._cylinder_name(one)}.{NULL_BIAS}": float(one.parameters[0])
             for one in self.active
-            if _is_bias(one)
+            if is_bias(one)
         }
 
     def refined(self, fit: HydraulicFit) -> tuple[ListedEffects, float]:
-        """One Gauss-Newton step of what columns depend on, and its largest size.
+        """One step of what is iterated, and its largest size.
+
+        Gauss-Newton of the listed null biases; dead volumes beside air are those fitted, and rails
+        follow the flow of the edges as fitted.
 
         Parameters
         ----------
@@ -183,34 +226,66 @@ class ListedEffects:
         Returns
         -------
         effects : ListedEffects
-            With null biases and dead volumes beside air moved, and the fitted edges for the next
-            slope.
+            With biases and dead volumes moved, and the fitted edges for the next slope and the
+            rails.
         largest : float
             Of biases, and of volumes in m^3.
         """
         found = {c.cylinder: c for c in fit.cylinders}
-        active, valves, largest = [], list(self.robot.valves), 0.0
+        bent = {n: c for n, c in found.items() if NULL_BIAS in c.names}
+        fitted = bent | {n: c for n, c in found.items() if self._rails and not c.rejected}
+        valves, largest = self._with_edges(fitted)
+        active = []
         for one in self.active:
-            own = found.get(self._cylinder_name(one))
-            bounds, moved = one.effect.parameters, one.parameters
-            if own is not None and _is_bias(one) and NULL_BIAS in own.names:
+            own, moved = found.get(self._cylinder_name(one)), one.parameters
+            bounds = one.effect.parameters
+            if own is not None and is_bias(one) and NULL_BIAS in own.names:
                 moved = moved + own.value(NULL_BIAS)[0]
-                at = self.robot.valve_names.index(self.robot.valve_of(own.cylinder).name)
-                valves[at] = _with_edges(valves[at], own)
             elif own is not None and self._holds_air(one):
                 moved = _dead_volumes(one, own)
             moved = np.clip(moved, [p.lower for p in bounds], [p.upper for p in bounds])
             largest = max(largest, float(np.abs(moved - one.parameters).max(initial=0.0)))
             active.append(replace(one, parameters=moved))
-        return ListedEffects(replace(self.robot, valves=tuple(valves)), tuple(active)), largest
+        moved_robot = replace(self.robot, valves=valves)
+        return replace(self, robot=moved_robot, active=tuple(active)), largest
+
+    def _with_edges(self, found: Mapping[str, CylinderFit]) -> tuple[tuple[Valve, ...], float]:
+        """Valves with the edges of fits by cylinder, and by how much rails are yet to follow."""
+        valves, most = [], 0.0
+        for valve in self.robot.valves:
+            fresh = valve
+            if valve.cylinder in found:
+                fresh = _with_edges(valve, found[valve.cylinder])
+            if self._rails:
+                pairs = [(getattr(fresh, e), getattr(valve, e)) for e in EDGES]
+                most = max(most, *(abs(new / old - 1.0) for new, old in pairs))
+            valves.append(fresh)
+        return tuple(valves), _PER_EDGE * most
 
     def with_signal_laws(self, trace: Trace) -> Trace:
         """The trace as the balances are to see it.
 
-        Without the listed errors of sensors, and with the valve signals passed through the listed
-        laws on them.
+        Without the listed errors of sensors, with the valve signals passed through the listed
+        laws on them, and with rails that nobody recorded as the listed laws have them give way.
         """
-        trace = self.corrected(trace)
+        trace = self._with_spools(self.corrected(trace))
+        stages = [s for s, read in zip(_RAILS, trace.rails_read, strict=True) if not read]
+        rails = [one for one in self._rails if set(stages) & set(one.effect.stages)]
+        if not rails:
+            return trace
+        return railed(self.robot, trace, rails, [self.robot.command_delay_s] * trace.p_a.shape[1])
+
+    @property
+    def iterated(self) -> bool:
+        """Whether rows of balances depend on what they are fitted for: `refined`."""
+        held = any(self._holds_air(one) for one in self.active)
+        return bool(self.biases or self._rails or held)
+
+    @property
+    def _rails(self) -> list[ActiveEffect]:
+        return [one for stage in _RAILS for one in self._with(stage)]
+
+    def _with_spools(self, trace: Trace) -> Trace:
         chosen = [one for one in self._with(Stage.SIGNAL) if one.cylinder is not None]
         if not chosen:
             return trace
@@ -235,20 +310,20 @@ class ListedEffects:
         side = np.where(trace.valve_signal[:, i] > 0.0, 1.0, -1.0)
         rails = (trace.p_a[:, i], trace.p_b[:, i], trace.supply, trace.tank)
         flow = edge_flows(valve, side, *rails)[0 if chamber.side == "a" else 1]
-        return _middle(flow * side)
+        return middle(flow * side)
 
     @property
     def held(self) -> tuple[str, ...]:
         """Listed effects whose parameters are taken as listed, by name."""
-        fitted = [*self._rubbing, *(o for o in self.active if _is_bias(o))]
-        fitted += [o for o in self.active if _in_chambers(o) and not _bends_edges(o)]
-        names = [o.effect.name for o in self.active if o not in fitted or not _fits(o)]
+        fitted = [*self._rubbing, *(o for o in self.active if is_bias(o))]
+        fitted += [o for o in self.active if in_chambers(o) and not bends_edges(o)]
+        names = [o.effect.name for o in self.active if o not in fitted or not fits(o)]
         return tuple(n for n in dict.fromkeys(names) if n not in self.ignored)
 
     @property
     def ignored(self) -> tuple[str, ...]:
         """Listed effects that neither fit nor balances know of, by name."""
-        return tuple(dict.fromkeys(one.effect.name for one in self.active if _bends_edges(one)))
+        return tuple(dict.fromkeys(one.effect.name for one in self.active if bends_edges(one)))
 
     def _with(self, stage: Stage) -> list[ActiveEffect]:
         return [o for o in self.active if any(t.stage is stage for t in o.terms)]
@@ -259,8 +334,7 @@ class ListedEffects:
 
 def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
     c_pa, c_at, c_pb, c_bt = (
-        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge))
-        for edge in ("c_pa", "c_at", "c_pb", "c_bt")
+        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge)) for edge in EDGES
     )
     return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
 
@@ -268,45 +342,7 @@ def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
 def _dead_volumes(one: ActiveEffect, fit: CylinderFit) -> FloatArray:
     """Dead volumes as fitted; those that were not, as they were."""
     inverse, result = fit.value(INVERSE_BULK)[0], one.parameters.copy()
-    for i, name in enumerate(_linear_names(one)):
+    for i, name in enumerate(linear_names(one)):
         if inverse > 0.0 and f"{name}{OVER_BULK}" in fit.names:
             result[i] = fit.value(f"{name}{OVER_BULK}")[0] / inverse
     return result
-
-
-def _is_dead(one: ActiveEffect) -> bool:
-    return any(term.stage in _VOLUME.values() for term in one.effect.terms)
-
-
-def _is_bias(one: ActiveEffect) -> bool:
-    return one.effect.name == NULL_BIAS.split(".", 1)[0]
-
-
-def _in_chambers(one: ActiveEffect) -> bool:
-    stages = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
-    return bool(stages.intersection(one.effect.stages))
-
-
-def _bends_edges(one: ActiveEffect) -> bool:
-    """A law whose size counts in the edges' own flow, or which acts on one chamber alone."""
-    return _in_chambers(one) and (one.effect.needs_valve or bool(one.side))
-
-
-def _fits(one: ActiveEffect) -> bool:
-    return bool(_linear_names(one)) or _is_bias(one)
-
-
-def _linear_names(one: ActiveEffect) -> list[str]:
-    return [f"{one.effect.name}.{p.name}" for p in one.effect.parameters if p.linear]
-
-
-def _acting(one: ActiveEffect, stage: Stage) -> NDArray[np.bool_]:
-    """Which linear parameters a stage's law depends on, seen at a probe of distinct signals."""
-    rising = 1.0e5 * np.arange(1.0, SIGNAL_COUNT + 1.0)
-    # What has internal states is at rest in the first row and moves when the signals turn.
-    probe = np.array([rising, -rising, rising])
-    return np.asarray((one.effect.columns(probe, one.parameters, stage, 1e-3) != 0.0).any(axis=0))
-
-
-def _middle(values: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (values[1:] + values[:-1]))

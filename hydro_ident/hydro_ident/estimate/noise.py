@@ -27,7 +27,8 @@ def force_noise(
     """Noise floor of the force channels, shape (n,).
 
     Noise of pressures, or of measured torques, through the filters, and encoder noise through the
-    filters, the second derivative and the mass matrix at the mean pose.
+    filters, the second derivative and the mass matrix at the mean pose; where recordings have
+    several rates, the rms over them by their time.
 
     Parameters
     ----------
@@ -38,7 +39,13 @@ def force_noise(
     """
     robot = model.robot
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
-    smooth, accelerate = _gains(survey.step_s, settings)
+    smooth, accelerate = (
+        math.sqrt(survey.mean_over_rates(gain))
+        for gain in (
+            lambda step_s: _gains(step_s, settings)[0] ** 2,
+            lambda step_s: _gains(step_s, settings)[1] ** 2,
+        )
+    )
     encoder = encoder_noise(survey)
     pose = survey.pose
     inertia = np.asarray(mass_matrix(robot, pose))
@@ -69,7 +76,7 @@ def flow_noise(
     """
     survey = seen if isinstance(seen, SignalSurvey) else SignalSurvey.of(robot, seen)
     cylinder, i = chamber.cylinder, chamber.index
-    span = max(1, round(windows.length_s / survey.step_s)) * survey.step_s
+    span = math.sqrt(1.0 / survey.mean_over_rates(lambda h: 1.0 / _span_s(windows, h) ** 2))
     area = cylinder.area_a_m2 if chamber.side == "a" else cylinder.area_b_m2
     piston = survey.mean_arm(i) * encoder_noise(survey)[robot.joint_index(cylinder.joint)]
     sensor = (survey.p_a if chamber.side == "a" else survey.p_b)[i]
@@ -77,6 +84,11 @@ def flow_noise(
     volume = survey.mean_volume(i, chamber.side)
     ends = (area * piston) ** 2 + (volume * inverse_bulk * pressure) ** 2
     return float(np.sqrt(2.0 * ends) / span)
+
+
+def _span_s(windows: WindowSettings, step_s: float) -> float:
+    """Length of a window of whole sampling intervals, s."""
+    return max(1, round(windows.length_s / step_s)) * step_s
 
 
 def encoder_noise(survey: SignalSurvey) -> FloatArray:

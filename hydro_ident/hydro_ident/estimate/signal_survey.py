@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -175,8 +175,8 @@ class SignalSurvey:
         Sum of the chambers' volumes.
     samples : (m,) array
         Behind `arm` and `volume`.
-    step_s : float
-        Sampling interval; 0 before the first trace.
+    seconds : dict of float to float
+        Recorded time by sampling interval.
     """
 
     robot: Robot
@@ -192,7 +192,7 @@ class SignalSurvey:
     arm: FloatArray = field(init=False)
     volume: FloatArray = field(init=False)
     samples: FloatArray = field(init=False)
-    step_s: float = 0.0
+    seconds: dict[float, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         dof, cylinders = self.robot.dof, len(self.robot.cylinders)
@@ -214,7 +214,7 @@ class SignalSurvey:
     def add(self, trace: Trace) -> None:
         """Take in the samples that a trace owns."""
         own = trace.owned
-        self.step_s = self.step_s or trace.step_s
+        self._add_time(trace.step_s, (own.stop - own.start) * trace.step_s)
         for sensors, values in ((self.q, trace.q), (self.p_a, trace.p_a), (self.p_b, trace.p_b)):
             for i, sensor in enumerate(sensors):
                 sensor.add(values[:, i], own)
@@ -253,7 +253,22 @@ class SignalSurvey:
         self.low, self.high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         self.arm, self.volume = self.arm + other.arm, self.volume + other.volume
         self.samples = self.samples + other.samples
-        self.step_s = self.step_s or other.step_s
+        for step_s, seconds in other.seconds.items():
+            self._add_time(step_s, seconds)
+
+    def _add_time(self, step_s: float, seconds: float) -> None:
+        self.seconds[step_s] = self.seconds.get(step_s, 0.0) + seconds
+
+    def mean_over_rates(self, value: Callable[[float], float]) -> float:
+        """Mean over recorded time, in which rows are even, of what a sampling interval (s) gives.
+
+        Parameters
+        ----------
+        value : callable
+        """
+        total = sum(self.seconds.values())
+        # In order: sums are the same whichever recording comes first.
+        return sum(value(step_s) * self.seconds[step_s] for step_s in sorted(self.seconds)) / total
 
     @property
     def pose(self) -> FloatArray:

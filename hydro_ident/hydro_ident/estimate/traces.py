@@ -61,6 +61,8 @@ class Trace:
         While every valve was held shut; None: never.
     bridged : int
         Samples of its own that nobody read: short holes, filled in between their neighbours.
+    rails_read : pair of bool
+        Whether supply and tank were recorded; else they are the robot file's constants.
     """
 
     label: str
@@ -80,6 +82,7 @@ class Trace:
     oil_c: FloatArray | None = None
     latched: BoolArray | None = None
     bridged: int = 0
+    rails_read: tuple[bool, bool] = (False, False)
 
     @property
     def samples(self) -> int:
@@ -115,6 +118,7 @@ def traces_of(recordings: Iterable[Recording]) -> tuple[Trace, ...]:
 def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
     """The contiguous traces of a piece of recording; those that own no sample are left out."""
     traces = []
+    read = _is_read(piece.recording.supply), _is_read(piece.recording.tank)
     recording, period_s = _with_rails(piece.recording), piece.recording.period_s
     for k, stretch in enumerate(stretches(_pieces(recording), recording.stamp_ns, period_s)):
         core = stretch.core(piece.core)
@@ -122,7 +126,8 @@ def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
             label = f"{recording.path.name}#{k}"
             parts = [_trace(recording, part, label, piece.start_ns) for part in stretch.parts]
             lost = core[1] - core[0] - stretch.cycles(piece.core)
-            traces.append(replace(joined(parts, stretch.holes), core=core, bridged=lost))
+            whole = joined(parts, stretch.holes)
+            traces.append(replace(whole, core=core, bridged=lost, rails_read=read))
     return tuple(traces)
 
 
@@ -165,9 +170,13 @@ def _with_rails(recording: Recording) -> Recording:
 
 
 def _rail(values: FloatArray | None, stamp_ns: IntArray, constant_pa: float) -> FloatArray:
-    if values is None or not np.isfinite(values).any():
+    if values is None or not _is_read(values):
         return np.full(len(stamp_ns), constant_pa)
     return between_readings(values, stamp_ns)
+
+
+def _is_read(values: FloatArray | None) -> bool:
+    return values is not None and bool(np.isfinite(values).any())
 
 
 def _pieces(recording: Recording) -> list[slice]:

@@ -21,6 +21,8 @@ from hydro_model.robot import FloatArray
 
 #: Base columns within this share of each other's span count once.
 RANK = 1.0e-9
+#: Share of its noise that a block is taken to keep at least: what it alone tells leaves nothing.
+_LEAST_KEPT = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +146,36 @@ class Bench:
         return np.asarray(theta / self.scale)
 
     def covariance(self) -> FloatArray:
-        """Covariance of the coefficients, robust against what is left of dependence in blocks."""
+        """Covariance of the coefficients, robust against what is left of dependence in blocks.
+
+        Residuals are smaller than the noise, the more so in blocks that weigh more. The scores of
+        a block are freed of that by its leverage (CR2, Bell and McCaffrey 2002).
+        """
         inverse = np.zeros((self.scale.size, self.rank))
         inverse[self._pivot] = np.linalg.inv(self._r)
-        scores = self.by_block(self.basis, self.residual)
+        scores = self._unshrunk(self.by_block(self.basis, self.residual))
         meat = scores.T @ scores
         # Never below what independent rows would give.
         meat = np.where(np.eye(self.rank) > 0.0, np.maximum(meat, np.eye(self.rank)), meat)
         total = inverse @ meat @ inverse.T
         return np.asarray(total / np.outer(self.scale, self.scale))
+
+    def _unshrunk(self, scores: FloatArray) -> FloatArray:
+        """Scores (B, r) of blocks as those of noise that no fit has seen.
+
+        Of white noise the rows of a block keep ``1 - Q Q'`` of their covariance, so that its
+        scores ``Q' e`` are to be multiplied by ``(1 - Q' Q)^(-1/2)``.
+        """
+        result, order = scores.copy(), np.argsort(self.block[: self.measured], kind="stable")
+        ends = np.searchsorted(self.block[order], np.arange(self.blocks + 1))
+        for k in range(self.blocks):
+            # What is known beforehand is no block of noise: it has no measured rows.
+            own = self.basis[order[ends[k] : ends[k + 1]]]
+            if own.size:
+                shares, axes = np.linalg.eigh(own.T @ own)
+                kept = np.maximum(1.0 - shares, _LEAST_KEPT)
+                result[k] = axes @ ((axes.T @ scores[k]) / np.sqrt(kept))
+        return result
 
     def beyond(self, columns: FloatArray) -> FloatArray:
         """Whitened columns (N, k) with the base partialled out."""

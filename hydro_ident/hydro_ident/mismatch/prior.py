@@ -42,6 +42,7 @@ class Prior:
     root : (m, p) array
         ``root (theta - values)`` has unit variance.
     values : (p,) array
+        Of delays what they come to, not their step, s.
     """
 
     root: FloatArray
@@ -125,7 +126,8 @@ def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior
     values : (p,) array
         Its numbers by `Predictor.names`.
     """
-    forces, names = predictor.material.forces, predictor.names
+    forces, names, values = predictor.material.forces, predictor.names, values.copy()
+    values[list(predictor.delay_columns.values())] = given.command_delay_s
     variance = np.diag((_HELD * np.maximum(np.abs(values), 1e-12)) ** 2)
     count, known = len(forces.base.names), given.base_covariance
     if _has_forces(predictor) and known is not None and len(known) == count:

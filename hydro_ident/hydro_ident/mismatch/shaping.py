@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
+from hydro_ident.estimate.rails import railed
 from hydro_ident.estimate.traces import Trace, last_known, strokes
 from hydro_ident.mismatch.changed_torques import ChangedTorques
 from hydro_ident.mismatch.law_signals import (
@@ -25,7 +26,6 @@ from hydro_ident.mismatch.modelled import (
     reading_key,
     same_base,
 )
-from hydro_ident.mismatch.rails import railed
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.readings import Readings

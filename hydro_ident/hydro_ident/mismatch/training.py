@@ -74,8 +74,14 @@ class Training:
 
     @property
     def own_delay_s(self) -> float:
-        """The command delay that is the base's: a cycle, or what the robot file states beyond."""
-        return max(self.cycle_s, self.predictor.material.robot.command_delay_s)
+        """The command delay that is the base's: a cycle, or what the robot file states beyond.
+
+        What is known of it beforehand it is held to, and no cycle is granted.
+        """
+        stated_s = self.predictor.material.robot.command_delay_s
+        columns = list(self.predictor.delay_columns.values())
+        known = self.prior is not None and bool(self.prior.root[:, columns].any())
+        return stated_s if known else max(self.cycle_s, stated_s)
 
     def own_delay_of(self, cylinder: int | None) -> float:
         """As `own_delay_s`, of one cylinder's valve; of all for None."""
@@ -113,6 +119,9 @@ class Training:
         if self.prior is None:
             return np.zeros(0)
         now = self.predictor.parameters(model)
+        # Their columns are slopes, and what a step of them starts from is no number of the base.
+        for index, at in self.predictor.delay_columns.items():
+            now[at] = model.delays_s[index]
         return np.asarray(self.prior.root @ (self.prior.values - now))
 
     def squares(self, noise: Noise, residual: FloatArray, offset: FloatArray) -> float:

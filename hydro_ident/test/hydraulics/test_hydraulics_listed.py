@@ -74,7 +74,7 @@ def test_air_is_in_the_dead_volume_too(make_run: Any) -> None:
     traces = traces_of([simulated_run(truth, 12.0, noisy=False).recording()])
     robot = replace(truth, effects=listed(0.8))
     effects, step = ListedEffects.of(robot), 1.0
-    assert effects.moves
+    assert effects.iterated
     for _ in range(8):
         fit = fit_hydraulics(robot, traces, None, effects.chamber_columns)
         assert fit is not None

@@ -13,7 +13,7 @@ from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import fit, fitted
+from hydro_ident.mismatch.fitting import _owned, fit, fitted
 from hydro_ident.mismatch.prior import Prior, fixed_prior, left_open, open_notes, parts_prior
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
@@ -92,6 +92,37 @@ def test_a_kept_base_holds_what_its_file_says_it_knows(work: Residuals) -> None:
     at = predictor.names.index(edge)
     assert np.linalg.norm(prior.root[:, at]) == pytest.approx(1e9, rel=1e-3)
     assert "valve edges" in open_notes(predictor, plain)[0]
+
+
+def test_a_kept_delay_costs_what_it_is_off_by(work: Residuals) -> None:
+    """Two milliseconds are two hundred of the deviations that the file states of each valve."""
+    predictor, model = work.training.predictor, work.base.model
+    robot = replace(work.robot, command_delay_s=1e-3, standard_deviations={"command_delay": 1e-5})
+    prior = fixed_prior(predictor, robot, predictor.parameters(model))
+    kept = replace(work.training, prior=prior)
+    at, off = (replace(model, delays_s=(late_s, late_s)) for late_s in (1e-3, 3e-3))
+    cost = [float(np.sum(kept.offset(one) ** 2)) for one in (at, off)]
+    assert cost[1] - cost[0] == pytest.approx(2 * 200.0**2, rel=1e-3)
+    free = replace(kept, prior=fixed_prior(predictor, work.robot, predictor.parameters(model)))
+    assert np.array_equal(free.offset(at), free.offset(off))
+
+
+def test_a_delay_beyond_a_kept_one_is_an_effects(work: Residuals) -> None:
+    """No cycle is granted to what was identified: all that comes beside it is left to be found."""
+    predictor, model = work.training.predictor, work.base.model
+    known = replace(work.robot, standard_deviations={"command_delay": 1e-5})
+    prior = fixed_prior(predictor, known, predictor.parameters(model))
+    kept, (late,) = replace(work.training, prior=prior), _delay_of(work.robot, 2e-3)
+    stated_s = work.robot.command_delay_s
+    owned = _owned(kept, replace(model, delays_s=(stated_s,) * 2, terms=(late,)))
+    assert owned.delays_s == pytest.approx((stated_s,) * 2)
+    assert kept.own_delay_s == stated_s < work.training.own_delay_s
+
+
+def _delay_of(robot: Robot, delay_s: float) -> tuple[Any, ...]:
+    return resolve(
+        replace(robot, effects=(EffectSpec("command_delay", robot.name, {"delay": delay_s}),))
+    )
 
 
 def _delays(predictor: Any) -> set[str]:

@@ -223,3 +223,21 @@ def test_blocks_that_flip_together_count_once() -> None:
     column = np.where((time_s >= 30.0) & (time_s < 42.0), 1.0, 0.0)
     assert bench.spread(column) == pytest.approx(12.0)
     assert bench.spread(column, together=3) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("columns", [5, 30])
+def test_intervals_hold_where_columns_are_nearly_as_many_as_blocks(columns: int) -> None:
+    """Noise that blocks have in common: what the fit takes of it is given back by leverage."""
+    rng, blocks, each = np.random.default_rng(7), 40, 20
+    layout = _layout(blocks * each)
+    x = lfilter([1.0], [1.0, -0.9], rng.normal(size=(blocks * each, columns)), axis=0)
+    white = Noise((np.zeros(0),), np.ones(1))
+    errors, variances = [], []
+    for _ in range(150):
+        common = np.repeat(rng.normal(size=blocks), each)
+        bench = Bench(layout, white, 0.7 * (common + rng.normal(size=common.size)), x, 1.0)
+        assert bench.blocks == blocks
+        errors.append(bench.solve())
+        variances.append(np.diag(bench.covariance()))
+    off = np.std(errors, axis=0) / np.sqrt(np.mean(variances, axis=0))
+    assert 0.9 < np.sqrt(np.mean(off**2)) < 1.13

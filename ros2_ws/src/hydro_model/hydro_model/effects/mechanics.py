@@ -49,12 +49,17 @@ PLAY_TIME_S = 0.004
 
 
 def _play_end(s: Row, p: Row) -> float:
-    force = s[PISTON_FORCE] - p[2] * s[PISTON_VELOCITY]
+    force = s[PISTON_FORCE]
+    # Where nothing drags the speed may be unknown.
+    if p[2] != 0.0:
+        force -= p[2] * s[PISTON_VELOCITY]
     return math.copysign(0.5, force) + p[3] * force
 
 
 def _play_rate(s: Row, p: Row) -> float:
-    force = s[PISTON_FORCE] - p[2] * s[PISTON_VELOCITY]
+    force = s[PISTON_FORCE]
+    if p[2] != 0.0:
+        force -= p[2] * s[PISTON_VELOCITY]
     square = (force / p[1]) * (force / p[1])
     lies = square * square * (square * square)
     end = math.copysign(0.5, force) + p[3] * force
@@ -79,7 +84,9 @@ def _play_crossed(rows: FloatArray, p: FloatArray, sample_time_s: float) -> Floa
     While no force goes through the pin the load leaves the piston at a force that grows evenly,
     so that their distance grows as the third power of time until they meet again.
     """
-    force = rows[:, PISTON_FORCE] - p[2] * rows[:, PISTON_VELOCITY]
+    force = rows[:, PISTON_FORCE]
+    if p[2] != 0.0:
+        force = force - p[2] * rows[:, PISTON_VELOCITY]
     lies = np.flatnonzero(np.abs(force) > p[1])
     if not lies.size:
         return np.zeros((len(rows), 2))

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.errors import IdentError
+from hydro_ident.estimate.rail_kernels import Instant, Lines, RailLaws, follow_rails
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.rail_kernels import Instant, Lines, RailLaws, follow_rails
 from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.law import ROBOT_STAGES, InternalState, Term

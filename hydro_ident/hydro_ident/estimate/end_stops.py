@@ -1,0 +1,73 @@
+"""Where joints rest at the ends of their travel: what a stop bears is in no measured force."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+import numpy as np
+
+from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import lever
+from hydro_model.robot import FloatArray, Robot
+
+#: A piston so near to an end of its stroke may lie there, m; so may a joint at a limit, m or rad.
+_NEAR = 4.0e-3
+#: What is slower rests, m/s or rad/s.
+_RESTS = 1.0e-3
+
+
+def at_end_stops(
+    robot: Robot, trace: Trace, settings: FilterSettings, still: Container[int] = ()
+) -> BoolArray:
+    """Samples in whose filtered forces a stop may have a part, (N,).
+
+    Under pressure a piston pushes its stop with up to the supply's whole force, which no equation
+    of the force channels knows.
+
+    Parameters
+    ----------
+    robot : Robot
+    trace : Trace
+        Every joint's angle is known.
+    settings : FilterSettings
+        Its filters carry what happens at a stop so far.
+    still : container of int
+        Joints that never move: without their rows nothing would be left of the others.
+    """
+    result = np.zeros(trace.samples, dtype=np.bool_)
+    moving = [j for j in range(robot.dof) if j not in still]
+    near = {j: _near_an_end(robot, trace, j) for j in moving}
+    if not any(where.any() for where in near.values()):
+        return result
+    _, speed, _ = motion(trace.q, trace.step_s, settings)
+    for cylinder in robot.cylinders:
+        at = robot.joint_index(cylinder.joint)
+        speed[:, at] *= lever(cylinder, trace.q[:, at])
+    for joint, where in near.items():
+        result |= where & (np.abs(speed[:, joint]) < _RESTS)
+    return _reached(result, settings.edge_samples(trace.step_s))
+
+
+def _near_an_end(robot: Robot, trace: Trace, joint: int) -> BoolArray:
+    place, q = robot.joints[joint], trace.q[:, joint]
+    near = _beside(q, place.lower, place.upper)
+    for i, cylinder in enumerate(robot.cylinders):
+        if robot.joint_index(cylinder.joint) == joint:
+            near |= _beside(trace.stroke[:, i], 0.0, cylinder.stroke_m)
+    return near
+
+
+def _beside(values: FloatArray, low: float, high: float) -> BoolArray:
+    return np.asarray((values < low + _NEAR) | (values > high - _NEAR))
+
+
+def _reached(mask: BoolArray, samples: int) -> BoolArray:
+    """A mask widened by so many samples either way."""
+    if not mask.any():
+        return mask
+    before = np.concatenate([[0], np.cumsum(mask)])
+    at = np.arange(mask.size)
+    last = np.minimum(at + samples + 1, mask.size)
+    return np.asarray(before[last] > before[np.maximum(at - samples, 0)])

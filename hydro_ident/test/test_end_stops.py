@@ -1,0 +1,82 @@
+"""A piston that is pressed against its stop: what the stop bears is no load of the machine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hydro_ident.estimate.derivatives import FilterSettings, central_differences
+from hydro_ident.estimate.end_stops import at_end_stops
+from hydro_ident.estimate.force_rows import force_rows
+from hydro_ident.estimate.inertial import fit_inertial, force_model
+from hydro_ident.estimate.late_forces import late_rows
+from hydro_ident.estimate.traces import Trace
+from hydro_model.cylinder import lever, stroke
+from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.robot import Robot
+
+H, SECONDS = 0.002, 40.0
+
+
+def _pressed(robot: Robot, push_n: float, shift: float = 0.0) -> Trace:
+    """The crane in exact motion, its lift pushed for two seconds against the retracted stop."""
+    time = np.arange(0.0, SECONDS, H)
+    lift = robot.cylinders[0]
+    low, high = robot.joints[0].lower, robot.joints[0].upper
+    grid = np.linspace(low, high, 4001)
+    end = float(grid[np.argmin(np.abs(stroke(lift, grid) - shift))])
+    inside = end + 0.4 * np.sign(0.5 * (low + high) - end)
+    ramp = np.clip(np.minimum(time - 18.0, 24.0 - time) / 2.0, 0.0, 1.0)
+    down = ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    swing = 0.2 * np.sin(2.0 * time) + 0.1 * np.sin(3.7 * time)
+    q = np.stack(
+        [
+            inside + (1.0 - down) * swing + down * (end - inside),
+            -1.2 + 0.3 * np.sin(1.7 * time) + 0.15 * np.sin(4.1 * time),
+        ],
+        axis=1,
+    )
+    qd, qdd = central_differences(q, H)
+    torque = inverse_dynamics(robot, q, qd, qdd)
+    p_a, strokes = np.zeros_like(q), np.zeros_like(q)
+    for i, c in enumerate(robot.cylinders):
+        arm, strokes[:, i] = lever(c, q[:, i]), stroke(c, q[:, i])
+        force = torque[:, i] / arm + c.viscous_friction * arm * qd[:, i]
+        if i == 0:
+            force = force + push_n * (ramp >= 1.0)
+        p_a[:, i] = force / c.area_a_m2
+    still, rails = np.zeros_like(q), np.zeros(time.size)
+    return Trace(
+        "bag#0", H, time, q, strokes, p_a, still, rails + 1.8e7, rails, still, still * np.nan
+    )
+
+
+@pytest.mark.parametrize("push_n", [0.0, -8e4])
+def test_what_a_stop_bears_is_no_mass(robot: Robot, push_n: float) -> None:
+    trace = _pressed(robot, push_n)
+    model = force_model(robot)
+    fit = fit_inertial(model, [trace])
+    assert fit is not None
+    truth = model.base.combination @ robot.parameter_vector
+    size = np.abs(truth).max()
+    assert fit.fit.theta[: truth.size] == pytest.approx(truth, abs=2e-3 * size)
+
+
+def test_rows_within_the_filters_reach_of_a_stop_are_left_out(robot: Robot) -> None:
+    trace, settings = _pressed(robot, 0.0), FilterSettings()
+    stopped = trace.time_s[at_end_stops(robot, trace, settings)]
+    reach = settings.edge_samples(H) * H
+    assert stopped[0] == pytest.approx(20.0 - reach, abs=0.3)
+    assert stopped[-1] == pytest.approx(22.0 + reach, abs=0.3)
+    model = force_model(robot)
+    rows = force_rows(model, trace, settings)
+    assert rows is not None
+    assert not np.isin(rows.time_s, stopped).any()
+    assert len(late_rows(model, trace, rows, settings).y) == len(rows.y)
+    # What never moves would leave nothing of what does.
+    assert not at_end_stops(robot, trace, settings, still=(0,)).any()
+
+
+def test_a_rest_elsewhere_is_none(robot: Robot) -> None:
+    trace = _pressed(robot, 0.0, shift=0.05)
+    assert not at_end_stops(robot, trace, FilterSettings()).any()
