@@ -1,7 +1,8 @@
 """What an effect contributes to the prediction, filtered onto the rows.
 
 One definition serves candidates and chosen effects alike. Laws at an additive stage are evaluated
-by themselves; laws on the valve signal or on the rails re-evaluate the edges; changes of the robot
+by themselves, those of the valve's flow behind one another; laws on the valve signal or on the
+rails re-evaluate the edges and what flow laws leave of them; changes of the robot
 re-evaluate the inverse dynamics; readings re-evaluate the whole residual with the sensors' signals
 corrected (a reading of the opposite sign undoes it).
 """
@@ -17,6 +18,7 @@ from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.in_series import FLOW, before, passed, valve_laws
 from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
@@ -27,14 +29,15 @@ from hydro_model.effects.targets import ActiveEffect, joint_of, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import LEVER
 
-_FLOW = {"a": Stage.FLOW_A, "b": Stage.FLOW_B}
 _VOLUME = {"a": Stage.VOLUME_A, "b": Stage.VOLUME_B}
 _COMPLIANCE = {"a": Stage.COMPLIANCE_A, "b": Stage.COMPLIANCE_B}
-_BALANCE = {*_FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
+_BALANCE = {*FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
 
 
 def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
     """What the prediction gains by an effect on top of a model's other effects, (N,).
+
+    What it leaves flow laws behind it to restrict is part of that.
 
     Parameters
     ----------
@@ -56,10 +59,30 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
         _add_change(signals, without, one, result)
     if Stage.FRICTION in stages and not known:
         _add_friction(signals, without, one, result)
-    if stages & _BALANCE:
-        _add_balance(signals, without, one, result)
-    if shapes(one):
+    if shapes(one) or _in_company(without, one):
         _add_edges(signals, one, (without, without.with_term(one)), result)
+    elif stages & _BALANCE:
+        _add_balance(signals, without, one, result)
+    return result
+
+
+def own_share(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
+    """What an effect of a model adds to its prediction itself, (N,).
+
+    The shares of all effects that do not act through the edges are, together with these, the
+    prediction: of what a flow law adds, those before it have had theirs.
+
+    Parameters
+    ----------
+    signals : Signals
+    model : Model
+        With the effect.
+    one : ActiveEffect
+    """
+    if not one.effect.needs_valve:
+        return contribution(signals, model, one)
+    result = np.zeros(signals.material.size)
+    _add_balance(signals, model, one, result)
     return result
 
 
@@ -180,13 +203,16 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
             continue
         trace = signals.shaped(model, stretch)
         rows = signals.wet(model, stretch, chamber.index, shaped=True)
+        if one.effect.needs_valve:
+            laws = before(valve_laws(model.terms, chamber.index, chamber.side), one)
+            rows = passed(rows, laws, chamber.side, trace.step_s)[1]
         side = 0 if chamber.side == "a" else 1
         volume = chamber_volumes(chamber.cylinder, trace.stroke[:, chamber.index])[side]
         inverse = 1.0 / model.robot.cylinders[chamber.index].bulk_modulus_pa
         rise = -np.diff(pressure_of(chamber, trace))
         steps = np.zeros(trace.samples - 1)
         for stages, weight, factor in (
-            (_FLOW, 1.0, trace.step_s),
+            (FLOW, 1.0, trace.step_s),
             (_VOLUME, inverse, rise),
             (_COMPLIANCE, volume, rise),
         ):
@@ -201,14 +227,34 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
 def _add_edges(
     signals: Signals, one: ActiveEffect, models: tuple[Model, Model], into: FloatArray
 ) -> None:
-    """What flows through the edges more in the second of two models, where an effect acts."""
+    """What passes the valve more in the second of two models, where an effect acts."""
     for place, stretch, chamber in _balances(signals, models[0], one):
-        first, second = (
-            _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delays_s[chamber.index])
-            for m in models
-        )
+        first, second = (_passing(signals, m, stretch, chamber) for m in models)
         index = signals.material.chamber_index(place.channel)
         into[place.rows] += signals.material.windowed(stretch, index, second - first)
+
+
+def _in_company(model: Model, one: ActiveEffect) -> bool:
+    """Whether an effect is a law of a valve's flow and a model has others of the same flow."""
+    return one.effect.needs_valve and any(
+        term.effect.needs_valve
+        and not same(term, one)
+        and (None in (term.cylinder, one.cylinder) or term.cylinder == one.cylinder)
+        and (not (term.side and one.side) or term.side == one.side)
+        for term in model.terms
+    )
+
+
+def _passing(signals: Signals, model: Model, stretch: Stretch, chamber: Chamber) -> FloatArray:
+    """Volume through both edges, and what flow laws leave of it, per sampling interval."""
+    trace = signals.shaped(model, stretch)
+    volume = _edges_at(model.robot, chamber, trace, model.delays_s[chamber.index])
+    laws = valve_laws(model.terms, chamber.index, chamber.side)
+    if not laws:
+        return volume
+    rows = signals.wet(model, stretch, chamber.index, shaped=True)
+    more, _ = passed(rows, laws, chamber.side, trace.step_s)
+    return volume + middle(more) * trace.step_s
 
 
 def _balances(

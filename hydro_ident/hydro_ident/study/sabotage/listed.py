@@ -111,8 +111,8 @@ SABOTAGES = (
         "leak_sign",
         "an effect's flow leaves the chamber that it enters",
         "mismatch/contributions.py",
-        "(_FLOW, 1.0, trace.step_s)",
-        "(_FLOW, -1.0, trace.step_s)",
+        "(FLOW, 1.0, trace.step_s)",
+        "(FLOW, -1.0, trace.step_s)",
         f"{_PREDICTION}::test_the_true_model_leaves_noise_alone",
     ),
     Sabotage(

@@ -1,8 +1,8 @@
 """Edges of the valve that do not open as four orifices of one opening.
 
-All are what the flow into a chamber differs by from that of the four edges, so that they add and
-need no second model of the valve. They see the flows of the edges (`VALVE_FLOW_A`, `_B`) and the
-edges' coefficients.
+All are what the flow into a chamber differs by from that of the four edges, so that they need no
+second model of the valve. They see the edges' coefficients and the valve's flows (`VALVE_FLOW_A`,
+`_B`) with what the laws before them add: what a share is taken of has passed the others.
 """
 
 from __future__ import annotations
