@@ -20,7 +20,7 @@ from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.in_series import FLOW, before, passed, valve_laws
 from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
-from hydro_ident.mismatch.modelled import Model, same, shapes
+from hydro_ident.mismatch.modelled import Model, gives_way, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.catalogue import acting_share
@@ -235,14 +235,18 @@ def _add_edges(
 
 
 def _in_company(model: Model, one: ActiveEffect) -> bool:
-    """Whether an effect is a law of a valve's flow and a model has others of the same flow."""
-    return one.effect.needs_valve and any(
-        term.effect.needs_valve
-        and not same(term, one)
-        and (None in (term.cylinder, one.cylinder) or term.cylinder == one.cylinder)
-        and (not (term.side and one.side) or term.side == one.side)
-        for term in model.terms
-    )
+    """Whether an effect is a law of a valve's flow beside others of it, or rails that give way."""
+    if not one.effect.needs_valve:
+        return False
+    return any(gives_way(term) or _in_series(term, one) for term in model.terms)
+
+
+def _in_series(term: ActiveEffect, one: ActiveEffect) -> bool:
+    """Whether another effect is a law of the same flow."""
+    if not term.effect.needs_valve or same(term, one):
+        return False
+    near = None in (term.cylinder, one.cylinder) or term.cylinder == one.cylinder
+    return near and (not (term.side and one.side) or term.side == one.side)
 
 
 def _passing(signals: Signals, model: Model, stretch: Stretch, chamber: Chamber) -> FloatArray:

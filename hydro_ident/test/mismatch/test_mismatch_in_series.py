@@ -25,6 +25,10 @@ CUSHION = EffectSpec("end_cushion", LIFT, {"strength": 0.9, "length": 0.45})
 HELD_OUT = EffectSpec(
     "pressure_compensation", LIFT, {"share": 0.5, "margin": 1e6, "outflow": 0.6}
 )  # fmt: skip
+GIVING = (
+    EffectSpec("supply_droop", "xs031", {"resistance": 4e9, "time_constant": 0.02}),
+    EffectSpec("tank_back_pressure", "xs031", {"resistance": 4e12, "time_constant": 0.01}),
+)
 BAND = EffectSpec("valve_deadband", LIFT, {"width": 0.03})
 
 
@@ -42,6 +46,13 @@ def _machine(
 def in_series(make_run: tuple, predictor_of: Lay) -> tuple[Predictor, Model]:
     """A run without noise of a machine with three restrictions of one valve's flow."""
     return _machine(make_run, predictor_of, (HOLDING, CUSHION, HELD_OUT, BAND))
+
+
+@pytest.fixture(scope="module")
+def on_soft_rails(make_run: tuple, predictor_of: Lay) -> tuple[Predictor, Model]:
+    """One whose rails give way by what three laws leave of the valves' flows."""
+    both = replace(HELD_OUT, target="xs031", parameters={**HELD_OUT.parameters, "share": 1.0})
+    return _machine(make_run, predictor_of, (*GIVING, both, HOLDING))
 
 
 def _moving(predictor: Predictor) -> FloatArray:
@@ -92,3 +103,21 @@ def test_trials_are_evaluated_anew_behind_a_law_of_the_same_flow(
     assert len(alone) == len(behind)
     sizes = [np.abs(entries[0].values).sum() for entries in (alone, behind)]
     assert sizes[1] < 0.9 * sizes[0]
+
+
+def test_rails_that_give_way_by_what_passes_leave_nothing(
+    on_soft_rails: tuple[Predictor, Model],
+) -> None:
+    """By the edges' own flows the supply gave way up to five times too much."""
+    predictor, model = on_soft_rails
+    rows = _moving(predictor)
+    left = predictor.residual(model)[rows]
+    own = [term for term in model.terms if term.cylinder != 1]
+    assert len(own) == 4
+    for term in own:
+        without = replace(model, terms=tuple(t for t in model.terms if t is not term))
+        gained = (predictor.residual(without) - predictor.residual(model))[rows]
+        contribution = predictor.contribution(model, term)[rows]
+        assert contribution == pytest.approx(gained, rel=1e-6, abs=1e-9 * np.ptp(gained))
+        if term.effect.name == "pressure_compensation":
+            assert left.std() < 0.01 * contribution.std()

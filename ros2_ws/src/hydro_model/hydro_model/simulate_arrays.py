@@ -104,7 +104,7 @@ class Work(NamedTuple):
     force: FloatArray  # (n + h,) joint forces, then accelerations; behind them those of hinges
     signals: FloatArray  # (m + 1 + d, SIGNAL_COUNT) what laws see; rows as of `spans`
     friction: FloatArray  # (m,) N
-    flows: FloatArray  # (2,) into the chambers of the latest cylinder, m^3/s
+    flows: FloatArray  # (4,) of the latest cylinder, m^3/s: into chambers, and at its valve
 
 
 def model_arrays(robot: Robot, active: Sequence[ActiveEffect], plain: Robot) -> ModelArrays:
@@ -187,7 +187,7 @@ def new_work(robot: Robot, hinges: int) -> Work:
         force=np.zeros(n + hinges),
         signals=signals,
         friction=np.zeros(m),
-        flows=np.zeros(2),
+        flows=np.zeros(4),
     )
 
 

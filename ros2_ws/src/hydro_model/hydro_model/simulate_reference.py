@@ -159,9 +159,10 @@ def _cylinder(
     p_s, p_t = s[sig.SUPPLY_PRESSURE], s[sig.TANK_PRESSURE]
     q_a, q_b = edge_flows(valve, s[sig.VALVE_SIGNAL], p_a, p_b, p_s, p_t)
     s[[sig.VALVE_FLOW_A, sig.VALVE_FLOW_B]] = q_a, q_b
+    (q_a, q_b), (port_a, port_b) = _behind_flow_laws(own, s, state, rates)
     # Seen from the pump: the supply edge feeds A while u > 0 and B while u < 0.
-    used = np.array([q_a, -q_b] if s[sig.VALVE_SIGNAL] > 0.0 else [q_b, -q_a])
-    q_a, q_b = _behind_flow_laws(own, s, state, rates)
+    used = np.array([port_a, -port_b] if s[sig.VALVE_SIGNAL] > 0.0 else [port_b, -port_a])
+    used *= s[sig.VALVE_SIGNAL] != 0.0
     for one, where in own:
         if one.terms[0].stage not in (Stage.SIGNAL, *_FLOWS):
             _drive(one, where, s, state, rates)
@@ -179,13 +180,14 @@ def _cylinder(
 
 def _behind_flow_laws(
     own: list[tuple[ActiveEffect, slice]], s: FloatArray, state: FloatArray, rates: FloatArray
-) -> tuple[float, float]:
-    """Flows into the chambers behind the flow laws of a cylinder.
+) -> tuple[FloatArray, FloatArray]:
+    """Flows into the chambers behind the flow laws of a cylinder, and those at its valve, (2,).
 
     What one takes from the valve's flow the next has no more of, as restrictions in series have
-    it; `s` is left with the valve's flow behind the last.
+    it; `s` is left with the valve's flow behind the last. What a hose's oil stores passes it.
     """
     flows = np.array([s[sig.VALVE_FLOW_A], s[sig.VALVE_FLOW_B]])
+    at_valve = flows.copy()
     for one, where in own:
         if one.terms[0].stage in _FLOWS:
             _drive(one, where, s, state, rates)
@@ -193,7 +195,8 @@ def _behind_flow_laws(
             flows += more
             if one.effect.needs_valve:
                 s[[sig.VALVE_FLOW_A, sig.VALVE_FLOW_B]] += more
-    return float(flows[0]), float(flows[1])
+                at_valve += 0.0 if one.effect.states else more
+    return flows, at_valve
 
 
 def _dry_friction(

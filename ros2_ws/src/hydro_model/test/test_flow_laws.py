@@ -1,4 +1,4 @@
-"""Restrictions in series: each throttles what the others have left."""
+"""Restrictions in series: each throttles what the others have left, and rails give what passes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hydro_model.robot import Robot
-from hydro_model.simulate import Model
+from hydro_model.simulate import Model, Rollout, simulate
 from hydro_model.simulate_reference import reference_rates
+from hydro_model.valve import edge_flows
 
 #: A load-holding valve that stays shut, whatever the pressures.
 SHUT = {"restriction": 0.5, "setting": 6e7, "range": 2e6, "pilot_ratio": 0.0}
@@ -57,8 +58,9 @@ def test_restrictions_in_series_multiply(make_slider, u: float) -> None:
     x = robot.cylinders[0].stroke_m - left if u > 0.0 else left
     at = 3 if u > 0.0 else 2
     free, _ = rates(robot, u, x)
-    laws = {"counterbalance_valve": OPEN, "end_cushion": CUSHION}
-    both, _ = rates(make_slider(effects=laws), u, x)
+    both, _ = rates(
+        make_slider(effects={"counterbalance_valve": OPEN, "end_cushion": CUSHION}), u, x
+    )
     passes = 1.0 / np.hypot(1.0, 2.0 * abs(u)) * (1.0 - 0.9 * (1.0 - left / 0.2))
     assert both[at] / free[at] == pytest.approx(passes, rel=1e-9)
 
@@ -70,3 +72,37 @@ def test_a_leak_past_the_piston_is_no_flow_of_the_valve(make_slider) -> None:
     beside, _ = rates(make_slider(effects={**leak, "counterbalance_valve": SHUT}), -0.5, 0.1)
     assert beside[2] == pytest.approx(alone[2], rel=1e-9)
     assert beside[2] > 0.0
+
+
+def run(robot: Robot, volts: float, x0: float) -> Rollout:
+    times = np.arange(501) * 0.002
+    return simulate(robot, times, np.full((len(times), 1), volts), [x0])
+
+
+@pytest.mark.parametrize(("volts", "x0"), [(4.0, 0.1), (-4.0, 0.5)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"pressure_compensation": {"share": 1.0, "margin": 7e5, "outflow": 1.0}},
+        {"counterbalance_valve": {**OPEN, "restriction": 5.0}},
+    ],
+)
+def test_rails_give_way_by_what_passes_the_valve(
+    make_slider, law: dict, volts: float, x0: float
+) -> None:
+    """The supply gives what the piston makes room for, the tank takes what it drives out."""
+    rails = {
+        "supply_droop": {"resistance": 4e8, "time_constant": 0.02},
+        "tank_back_pressure": {"resistance": 2e12, "time_constant": 0.02},
+    }
+    robot = make_slider(viscous_friction=2e4, effects={**rails, **law})
+    out, c = run(robot, volts, x0), robot.cylinders[0]
+    speed = out.qd[-1, 0]
+    fed, emptied = (c.area_a_m2, c.area_b_m2) if volts > 0.0 else (c.area_b_m2, c.area_a_m2)
+    assert abs(speed) > 1e-3
+    assert SUPPLY - out.supply[-1] == pytest.approx(4e8 * fed * abs(speed), rel=2e-2)
+    assert out.tank[-1] - TANK == pytest.approx(2e12 * (emptied * speed) ** 2, rel=4e-2)
+    unheld = edge_flows(
+        robot.valves[0], volts / 10.0, out.p_a[-1], out.p_b[-1], out.supply[-1], out.tank[-1]
+    )
+    assert max(np.abs(unheld).max() / abs(fed * speed), 1.0) > 1.5

@@ -36,7 +36,8 @@ machine, and `hydro_model.effects.read_with` applies it to simulated signals.
 
 **In series.** Laws of one stage add, but for two: those of the valve signal map it one after the
 other, and those of the valve's flow (underlap, compensation, counterbalance valve, hose, cushion)
-each see what the ones before, in this order, have left of it.
+each see what the ones before, in this order, have left of it. A rail gives way by the flow behind
+them, but for what a hose stores.
 
 **Signs.** Friction opposes positive piston motion (extension). Flows count into the chamber.
 Pressures are gauge unless said. `q`, `x`, `v`, `u`, `p1` and `p2` are joint position, stroke,
