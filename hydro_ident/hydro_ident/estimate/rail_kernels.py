@@ -15,7 +15,19 @@ from hydro_ident.estimate.edge_kernels import root
 from hydro_model.effects.compiled import call_law
 from hydro_model.kernel import kernel
 from hydro_model.robot import FloatArray
-from hydro_model.signals import RETURN_FLOW, STATE_0, SUPPLY_FLOW
+from hydro_model.signals import (
+    PISTON_POSITION,
+    PRESSURE_A,
+    PRESSURE_B,
+    RETURN_FLOW,
+    STATE_0,
+    SUPPLY_FLOW,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    VALVE_FLOW_A,
+    VALVE_FLOW_B,
+    VALVE_SIGNAL,
+)
 
 #: Share of a step after which each stage's rates hold.
 _STAGE = 1.0 - math.sqrt(0.5)
@@ -36,6 +48,15 @@ class RailLaws(NamedTuple):
     on_tank: Any  # (k,) bool, else on the supply
 
 
+class FlowLaws(NamedTuple):
+    """Laws of valves' flows without states, each valve's in the order in which they act."""
+
+    value: Any  # (l,) int, addresses
+    parameters: FloatArray  # (l, p)
+    valve: Any  # (l,) int
+    on_b: Any  # (l,) bool, of the flow into chamber b, else into a
+
+
 class Lines(NamedTuple):
     """What rails and flows follow from along a recording; unknown signals are closed valves.
 
@@ -49,6 +70,7 @@ class Lines(NamedTuple):
     change: FloatArray  # (c,) when that is, in parts of the interval
     p_a: FloatArray  # (N, c)
     p_b: FloatArray  # (N, c)
+    stroke: FloatArray  # (N, c)
     edges: FloatArray  # (c, 4): c_pa, c_at, c_pb, c_bt
 
 
@@ -63,6 +85,7 @@ class Instant(NamedTuple):
     p_a: FloatArray  # (c,)
     p_b: FloatArray  # (c,)
     rails: FloatArray  # (2,) supply and tank as recorded
+    ports: FloatArray  # (c, SIGNAL_COUNT) what laws of each valve's flow look at
 
 
 @kernel
@@ -84,6 +107,9 @@ def _look(lines: Any, now: Any, k: int, part: float) -> None:
     for i in range(now.p_a.shape[0]):
         now.p_a[i] = lines.p_a[k, i] + part * (lines.p_a[after, i] - lines.p_a[k, i])
         now.p_b[i] = lines.p_b[k, i] + part * (lines.p_b[after, i] - lines.p_b[k, i])
+        port, x = now.ports[i], lines.stroke[k, i]
+        port[PRESSURE_A], port[PRESSURE_B] = now.p_a[i], now.p_b[i]
+        port[PISTON_POSITION] = x + part * (lines.stroke[after, i] - x)
 
 
 @kernel
@@ -93,17 +119,46 @@ def _through(edge: float, drop: float, opening: float) -> float:
 
 
 @kernel
-def _flow(edges: FloatArray, now: Any, on_tank: bool, rail: float) -> float:
-    """Drawn from the supply or returned to the tank by all valves."""
-    total = 0.0
+def _passes(flows: Any, now: Any, i: int, on_b: bool, signal: float, into: float) -> float:
+    """What laws leave of a flow into a chamber; all of it where a pressure is unknown."""
+    port = now.ports[i]
+    if math.isnan(port[PRESSURE_A] + port[PRESSURE_B] + port[PISTON_POSITION]):
+        return into
+    column = VALVE_FLOW_B if on_b else VALVE_FLOW_A
+    port[VALVE_SIGNAL], port[column] = signal, into
+    for j in range(flows.value.shape[0]):
+        if flows.valve[j] == i and flows.on_b[j] == on_b:
+            port[column] += call_law(flows.value[j], port, flows.parameters[j])
+    return float(port[column])
+
+
+@kernel
+def _sided(
+    flows: Any, now: Any, i: int, on_tank: bool, on_b: bool, signal: float, passing: float
+) -> float:
+    """What laws leave of a flow from the supply into a chamber, or out of one into the tank."""
+    way = -1.0 if on_tank else 1.0
+    return float(way * _passes(flows, now, i, on_b, signal, way * passing))
+
+
+@kernel
+def _flow(lines: Any, flows: Any, now: Any, on_tank: bool, rail: float, other: float) -> float:
+    """Drawn from the supply or returned to the tank by all valves; `other` is the other rail."""
+    edges, total = lines.edges, 0.0
     for i in range(edges.shape[0]):
         up, down, p_a, p_b = now.up[i], now.down[i], now.p_a[i], now.p_b[i]
+        port = now.ports[i]
+        port[SUPPLY_PRESSURE], port[TANK_PRESSURE] = rail, other
+        if on_tank:
+            port[SUPPLY_PRESSURE], port[TANK_PRESSURE] = other, rail
         if up > 0.0:
             drop = p_b - rail if on_tank else rail - p_a
-            total += _through(edges[i, 3 if on_tank else 0], drop, up)
+            passing = _through(edges[i, 3 if on_tank else 0], drop, up)
+            total += _sided(flows, now, i, on_tank, on_tank, up, passing)
         if down > 0.0:
             drop = p_a - rail if on_tank else rail - p_b
-            total += _through(edges[i, 1 if on_tank else 2], drop, down)
+            passing = _through(edges[i, 1 if on_tank else 2], drop, down)
+            total += _sided(flows, now, i, on_tank, not on_tank, -down, passing)
     return total
 
 
@@ -117,12 +172,14 @@ def _rail(laws: Any, now: Any, on_tank: bool) -> float:
 
 
 @kernel
-def _gap(lines: Any, laws: Any, now: Any, step_s: float, on_tank: bool, rail: float) -> float:
+def _gap(
+    lines: Any, laws: Any, flows: Any, now: Any, step_s: float, on_tank: bool, rail: float
+) -> float:
     """A rail less what laws make of it by the flow at it over a step, or at rest where that is 0.
 
     The states are left as they are with it.
     """
-    flow = _flow(lines.edges, now, on_tank, rail)
+    flow = _flow(lines, flows, now, on_tank, rail, _rail(laws, now, not on_tank))
     for j in range(laws.value.shape[0]):
         if laws.on_tank[j] != on_tank:
             continue
@@ -139,7 +196,7 @@ def _gap(lines: Any, laws: Any, now: Any, step_s: float, on_tank: bool, rail: fl
 
 
 @kernel
-def _settle(lines: Any, laws: Any, now: Any, step_s: float, on_tank: bool) -> None:
+def _settle(lines: Any, laws: Any, flows: Any, now: Any, step_s: float, on_tank: bool) -> None:
     """States after a step with whose rail the flow agrees.
 
     A rail that gives way lowers the flow that makes it, so that the gap grows by no less than the
@@ -147,15 +204,15 @@ def _settle(lines: Any, laws: Any, now: Any, step_s: float, on_tank: bool) -> No
     weight of an end that stays halved, as the Illinois algorithm has it).
     """
     one = _rail(laws, now, on_tank)
-    gap_one = _gap(lines, laws, now, step_s, on_tank, one)
+    gap_one = _gap(lines, laws, flows, now, step_s, on_tank, one)
     other = one - gap_one
-    gap_other = _gap(lines, laws, now, step_s, on_tank, other)
+    gap_other = _gap(lines, laws, flows, now, step_s, on_tank, other)
     for _ in range(_PASSES):
         # What is unknown stays so and is waited for by nobody.
         if not abs(gap_other) > _ENOUGH_PA:
             break
         between = other - gap_other * (other - one) / (gap_other - gap_one)
-        gap = _gap(lines, laws, now, step_s, on_tank, between)
+        gap = _gap(lines, laws, flows, now, step_s, on_tank, between)
         if gap * gap_other < 0.0:
             one, gap_one = other, gap_other
         else:
@@ -164,33 +221,35 @@ def _settle(lines: Any, laws: Any, now: Any, step_s: float, on_tank: bool) -> No
 
 
 @kernel
-def _settle_both(lines: Any, laws: Any, now: Any, step_s: float) -> None:
+def _settle_both(lines: Any, laws: Any, flows: Any, now: Any, step_s: float) -> None:
     for on_tank in (False, True):
         for j in range(laws.value.shape[0]):
             if laws.on_tank[j] == on_tank:
-                _settle(lines, laws, now, step_s, on_tank)
+                _settle(lines, laws, flows, now, step_s, on_tank)
                 break
 
 
 @kernel
 def _step(
-    lines: Any, laws: Any, now: Any, k: int, begin: float, length: float, step_s: float
+    lines: Any, laws: Any, flows: Any, now: Any, k: int, begin: float, length: float, step_s: float
 ) -> None:
     """States over a step that begins at a part of an interval and has a length in parts of it."""
     for j in range(now.begin.shape[0]):
         now.begin[j] = now.start[j] = now.rows[j, STATE_0]
     _open(lines, now, k, begin, length)
     _look(lines, now, k, begin + _STAGE * length)
-    _settle_both(lines, laws, now, _STAGE * step_s)
+    _settle_both(lines, laws, flows, now, _STAGE * step_s)
     for j in range(now.begin.shape[0]):
         moved = now.rows[j, STATE_0] - now.begin[j]
         now.start[j] = now.begin[j] + (1.0 - _STAGE) / _STAGE * moved
     _look(lines, now, k, begin + length)
-    _settle_both(lines, laws, now, _STAGE * step_s)
+    _settle_both(lines, laws, flows, now, _STAGE * step_s)
 
 
 @kernel
-def follow_rails(lines: Any, laws: Any, now: Any, sample_s: float, out: FloatArray) -> None:
+def follow_rails(
+    lines: Any, laws: Any, flows: Any, now: Any, sample_s: float, out: FloatArray
+) -> None:
     """Supply and tank that the valves' flows and the laws agree on.
 
     At rest with the first sample's flows; from there on the laws' states follow the flows, and
@@ -201,6 +260,7 @@ def follow_rails(lines: Any, laws: Any, now: Any, sample_s: float, out: FloatArr
     ----------
     lines : Lines
     laws : RailLaws
+    flows : FlowLaws
     now : Instant
     sample_s : float
         Sampling interval.
@@ -218,9 +278,9 @@ def follow_rails(lines: Any, laws: Any, now: Any, sample_s: float, out: FloatArr
             _open(lines, now, k, 0.0, 1.0)
             for j in range(now.begin.shape[0]):
                 now.rows[j, STATE_0] = 0.0
-            _settle_both(lines, laws, now, 0.0)
+            _settle_both(lines, laws, flows, now, 0.0)
         out[0, k] = _rail(laws, now, False)
         out[1, k] = _rail(laws, now, True)
         if k < last:
             for part in range(count):
-                _step(lines, laws, now, k, part * length, length, length * sample_s)
+                _step(lines, laws, flows, now, k, part * length, length, length * sample_s)

@@ -8,22 +8,53 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.rail_kernels import Instant, Lines, RailLaws, follow_rails
+from hydro_ident.estimate.in_series import FLOW, valve_laws
+from hydro_ident.estimate.rail_kernels import (
+    FlowLaws,
+    Instant,
+    Lines,
+    RailLaws,
+    follow_rails,
+)
 from hydro_ident.estimate.traces import Trace
 from hydro_model.effects.compiled import law_address, signals_read
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.law import ROBOT_STAGES, InternalState, Term
+from hydro_model.effects.rows import constant_signals
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import RETURN_FLOW, SIGNAL_COUNT, STATE_0, SUPPLY_FLOW
+from hydro_model.signals import (
+    PISTON_POSITION,
+    PRESSURE_A,
+    PRESSURE_B,
+    RETURN_FLOW,
+    SIGNAL_COUNT,
+    SIGNAL_NAMES,
+    STATE_0,
+    SUPPLY_FLOW,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    VALVE_FLOW_A,
+    VALVE_FLOW_B,
+    VALVE_SIGNAL,
+)
 from hydro_msgs_docs.cdr import IntArray
 
 #: The flow that each line's laws follow.
 _FLOW = {Stage.SUPPLY: SUPPLY_FLOW, Stage.TANK: RETURN_FLOW}
+#: What laws of a valve's flow may look at beside constants.
+_PORT = {
+    PISTON_POSITION, PRESSURE_A, PRESSURE_B, SUPPLY_PRESSURE, TANK_PRESSURE,
+    VALVE_FLOW_A, VALVE_FLOW_B, VALVE_SIGNAL,
+}  # fmt: skip
 
 
 def railed(
-    robot: Robot, trace: Trace, terms: Sequence[ActiveEffect], delays_s: Sequence[float]
+    robot: Robot,
+    trace: Trace,
+    terms: Sequence[ActiveEffect],
+    delays_s: Sequence[float],
+    flow_terms: Sequence[ActiveEffect] = (),
 ) -> Trace:
     """The trace with the rails that its valves' flows and some laws agree on.
 
@@ -43,20 +74,24 @@ def railed(
         Effects with a law on the supply or the tank.
     delays_s : sequence of float
         Command delay of each cylinder's valve: it draws that much later.
+    flow_terms : sequence of ActiveEffect, optional
+        Effects with a law of a valve's flow: rails give what passes it. Those with internal
+        states are left out, as in a roll-out: a hose's oil is stored for milliseconds.
 
     Raises
     ------
     IdentError
-        A law does not follow the flow of its line by one linear state.
+        A law does not follow the flow of its line by one linear state, or one of a valve's flow
+        looks at what is not known here.
     """
     laws, lines, out = _laws(terms), _lines(robot, trace, delays_s), np.empty((2, trace.samples))
-    follow_rails(lines, laws, _instant(laws, lines), float(trace.step_s), out)
+    flows, now = _flow_laws(robot, flow_terms), _instant(robot, laws, lines)
+    follow_rails(lines, laws, flows, now, float(trace.step_s), out)
     return replace(trace, supply=out[0], tank=out[1])
 
 
 def _lines(robot: Robot, trace: Trace, delays_s: Sequence[float]) -> Lines:
-    at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
-    fed = [at[valve.cylinder] for valve in robot.valves]
+    fed = _fed(robot)
     cycles = np.array(delays_s, dtype=float)[fed] / trace.step_s
     # As `edge_integrals` has it: within an interval the signal changes from that before it.
     whole = np.floor(cycles + 1e-9).astype(np.int64)
@@ -70,6 +105,7 @@ def _lines(robot: Robot, trace: Trace, delays_s: Sequence[float]) -> Lines:
         change=cycles - whole,
         p_a=np.ascontiguousarray(trace.p_a[:, fed]),
         p_b=np.ascontiguousarray(trace.p_b[:, fed]),
+        stroke=np.ascontiguousarray(trace.stroke[:, fed]),
         edges=np.array(edges).reshape(-1, 4),
     )
 
@@ -80,13 +116,23 @@ def _later(signal: FloatArray, samples: IntArray) -> FloatArray:
     return np.ascontiguousarray(np.take_along_axis(signal, np.maximum(row, 0), axis=0))
 
 
-def _instant(laws: RailLaws, lines: Lines) -> Instant:
+def _fed(robot: Robot) -> list[int]:
+    """Index of each valve's cylinder."""
+    at = {cylinder.name: i for i, cylinder in enumerate(robot.cylinders)}
+    return [at[valve.cylinder] for valve in robot.valves]
+
+
+def _instant(robot: Robot, laws: RailLaws, lines: Lines) -> Instant:
     count, valves = laws.value.size, len(lines.edges)
+    ports = np.full((valves, SIGNAL_COUNT), np.nan)
+    for port, index in zip(ports, _fed(robot), strict=True):
+        for column, value in constant_signals(robot, index, None).items():
+            port[column] = value
     return Instant(
         rows=np.full((count, SIGNAL_COUNT), np.nan),
         start=np.empty(count), begin=np.empty(count),
         up=np.empty(valves), down=np.empty(valves),
-        p_a=np.empty(valves), p_b=np.empty(valves), rails=np.empty(2),
+        p_a=np.empty(valves), p_b=np.empty(valves), rails=np.empty(2), ports=ports,
     )  # fmt: skip
 
 
@@ -94,10 +140,7 @@ def _laws(terms: Sequence[ActiveEffect]) -> RailLaws:
     found = [(one, term) for one in terms for term in one.effect.terms]
     found = [(one, term) for one, term in found if term.stage in ROBOT_STAGES]
     states = [_state(one, term) for one, term in found]
-    most = max(one.parameters.size for one, _ in found)
-    parameters = np.zeros((len(found), most))
-    for row, (one, _) in zip(parameters, found, strict=True):
-        row[: one.parameters.size] = one.parameters
+    parameters = _padded([one for one, _ in found])
     slopes = [_slope(state, row) for state, row in zip(states, parameters, strict=True)]
     return RailLaws(
         value=np.array([law_address(term.law) for _, term in found]),
@@ -106,6 +149,37 @@ def _laws(terms: Sequence[ActiveEffect]) -> RailLaws:
         parameters=parameters,
         slope=np.array(slopes),
         on_tank=np.array([term.stage is Stage.TANK for _, term in found]),
+    )
+
+
+def _padded(terms: Sequence[ActiveEffect]) -> FloatArray:
+    """Their parameters, row by row, with zeros behind them."""
+    table = np.zeros((len(terms), max((one.parameters.size for one in terms), default=0)))
+    for row, one in zip(table, terms, strict=True):
+        row[: one.parameters.size] = one.parameters
+    return table
+
+
+def _flow_laws(robot: Robot, terms: Sequence[ActiveEffect]) -> FlowLaws:
+    rows = []
+    for valve, index in enumerate(_fed(robot)):
+        for on_b, side in enumerate("ab"):
+            own = valve_laws(terms, index, side)
+            rows += [(valve, on_b, side, one) for one in own if not one.effect.states]
+    laws = [one.effect.term(FLOW[side]).law for _, _, side, one in rows]
+    known = _PORT | set(constant_signals(robot, 0, None))
+    for (_, _, _, one), law in zip(rows, laws, strict=True):
+        if beyond := signals_read(law) - known:
+            raise IdentError(
+                f"effect '{one.effect.name}': expected a law of the valve's flow that looks at"
+                " signal, pressures, rails and stroke, found one that also looks at"
+                f" {', '.join(SIGNAL_NAMES[k] for k in sorted(beyond))}"
+            )
+    return FlowLaws(
+        value=np.array([law_address(law) for law in laws], dtype=np.int64),
+        parameters=_padded([one for *_, one in rows]),
+        valve=np.array([valve for valve, *_ in rows], dtype=np.int64),
+        on_b=np.array([bool(on_b) for _, on_b, *_ in rows], dtype=np.bool_),
     )
 
 

@@ -20,6 +20,8 @@ from hydro_ident.mismatch.places import (
     bounded_bodies,
     bounded_tilt,
     grounds,
+    most_inertia,
+    own_mode,
     passages,
     pilots,
     stations,
@@ -30,9 +32,10 @@ from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.testable import untestable
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect, targets
 from hydro_model.effects.effect import Effect
+from hydro_model.effects.flexibility import STRUCTURAL_FLEXIBILITY
 from hydro_model.effects.friction import BEND, VELOCITY_SCALE
 from hydro_model.effects.readings import EVERY_CHAMBER
-from hydro_model.effects.targets import at_work, places
+from hydro_model.effects.targets import at_work, joint_of, places
 from hydro_model.robot import FloatArray
 
 #: What the size that a scan suggests is multiplied by for the start of a fit.
@@ -170,10 +173,14 @@ def _shaped(predictor: Predictor, model: Model, one: ActiveEffect) -> Iterator[T
         chosen = [chosen[k * len(chosen) // MOST_SHAPES] for k in range(MOST_SHAPES)]
     if effect.end:
         chosen += passages(predictor.material)
+    bends = effect.name == STRUCTURAL_FLEXIBILITY.name
+    robot, material = model.robot, predictor.material
+    most = most_inertia(material, robot, joint_of(robot, one)) if bends else 0.0
     for values in chosen:
         parameters = effect.typical.copy()
         parameters[shape] = values
         active = replace(one, parameters=parameters)
+        active = own_mode(active, most) if bends else active
         if not linear:
             yield Trial(active, (parameters,), (-1,), (is_signed(effect),))
             continue

@@ -1,14 +1,15 @@
 """What an effect contributes to the prediction, filtered onto the rows.
 
 One definition serves candidates and chosen effects alike. Laws at an additive stage are evaluated
-by themselves; laws on the valve signal or on the rails re-evaluate the edges; changes of the robot
+by themselves, those of the valve's flow behind one another; laws on the valve signal or on the
+rails re-evaluate the edges and what flow laws leave of them; changes of the robot
 re-evaluate the inverse dynamics; readings re-evaluate the whole residual with the sensors' signals
 corrected (a reading of the opposite sign undoes it).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,11 @@ import numpy as np
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.estimate.force_rows import measured_force
+from hydro_ident.estimate.in_series import FLOW, before, valve_laws
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.flow_laws import FLOW, held_flow, looks_at_valve
+from hydro_ident.mismatch.flow_laws import held_flows, looks_at_valve
 from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
-from hydro_ident.mismatch.modelled import Model, same, shapes
+from hydro_ident.mismatch.modelled import Model, gives_way, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.effects.catalogue import acting_share
@@ -35,6 +37,8 @@ _BALANCE = {*FLOW.values(), *_VOLUME.values(), *_COMPLIANCE.values()}
 
 def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
     """What the prediction gains by an effect on top of a model's other effects, (N,).
+
+    What it leaves flow laws behind it to restrict is part of that.
 
     Parameters
     ----------
@@ -56,10 +60,30 @@ def contribution(signals: Signals, model: Model, one: ActiveEffect) -> FloatArra
         _add_change(signals, without, one, result)
     if Stage.FRICTION in stages and not known:
         _add_friction(signals, without, one, result)
-    if stages & _BALANCE:
-        _add_balance(signals, without, one, result)
-    if shapes(one):
+    if shapes(one) or _in_company(without, one):
         _add_edges(signals, one, (without, without.with_term(one)), result)
+    elif stages & _BALANCE:
+        _add_balance(signals, without, one, result)
+    return result
+
+
+def own_share(signals: Signals, model: Model, one: ActiveEffect) -> FloatArray:
+    """What an effect of a model adds to its prediction itself, (N,).
+
+    The shares of all effects that do not act through the edges are, together with these, the
+    prediction: of what a flow law adds, those before it have had theirs.
+
+    Parameters
+    ----------
+    signals : Signals
+    model : Model
+        With the effect.
+    one : ActiveEffect
+    """
+    if not one.effect.needs_valve:
+        return contribution(signals, model, one)
+    result = np.zeros(signals.material.size)
+    _add_balance(signals, model, one, result)
     return result
 
 
@@ -205,10 +229,22 @@ def _flow_steps(
     model: Model, one: ActiveEffect, chamber: Chamber, rows: FloatArray, step_s: float
 ) -> FloatArray:
     """Volume into a chamber per sampling interval by the law of an effect."""
-    stage, index = FLOW[chamber.side], chamber.index
     if looks_at_valve(one):
-        return held_flow(one, stage, model.robot, index, rows, model.delays_s[index], step_s)
-    return middle(one.effect.evaluate(rows, one.parameters, stage, step_s)) * step_s
+        laws = before(valve_laws(model.terms, chamber.index, chamber.side), one)
+        return _held(model, [*laws, one], chamber, rows, step_s)[-1]
+    law = one.effect.evaluate(rows, one.parameters, FLOW[chamber.side], step_s)
+    return middle(law) * step_s
+
+
+def _held(
+    model: Model,
+    laws: Sequence[ActiveEffect],
+    chamber: Chamber,
+    rows: FloatArray,
+    step_s: float,
+) -> list[FloatArray]:
+    delay_s = model.delays_s[chamber.index]
+    return held_flows(laws, chamber.side, model.robot, chamber.index, rows, delay_s, step_s)
 
 
 def said_twice(signals: Signals, model: Model) -> FloatArray:
@@ -258,14 +294,37 @@ def _laws(
 def _add_edges(
     signals: Signals, one: ActiveEffect, models: tuple[Model, Model], into: FloatArray
 ) -> None:
-    """What flows through the edges more in the second of two models, where an effect acts."""
+    """What passes the valve more in the second of two models, where an effect acts."""
     for place, stretch, chamber in _balances(signals, models[0], one):
-        first, second = (
-            _edges_at(m.robot, chamber, signals.shaped(m, stretch), m.delays_s[chamber.index])
-            for m in models
-        )
+        first, second = (_passing(signals, m, stretch, chamber) for m in models)
         index = signals.material.chamber_index(place.channel)
         into[place.rows] += signals.material.windowed(stretch, index, second - first)
+
+
+def _in_company(model: Model, one: ActiveEffect) -> bool:
+    """Whether an effect is a law of a valve's flow beside others of it, or rails that give way."""
+    if not one.effect.needs_valve:
+        return False
+    return any(gives_way(term) or _in_series(term, one) for term in model.terms)
+
+
+def _in_series(term: ActiveEffect, one: ActiveEffect) -> bool:
+    """Whether another effect is a law of the same flow."""
+    if not term.effect.needs_valve or same(term, one):
+        return False
+    near = None in (term.cylinder, one.cylinder) or term.cylinder == one.cylinder
+    return near and (not (term.side and one.side) or term.side == one.side)
+
+
+def _passing(signals: Signals, model: Model, stretch: Stretch, chamber: Chamber) -> FloatArray:
+    """Volume through both edges, and what flow laws leave of it, per sampling interval."""
+    trace = signals.shaped(model, stretch)
+    volume = _edges_at(model.robot, chamber, trace, model.delays_s[chamber.index])
+    laws = valve_laws(model.terms, chamber.index, chamber.side)
+    if not laws:
+        return volume
+    rows = signals.wet(model, stretch, chamber.index, shaped=True)
+    return np.asarray(volume + sum(_held(model, laws, chamber, rows, trace.step_s)))
 
 
 def _balances(

@@ -38,8 +38,9 @@ SCANNED_FACTORS = (0.25, 1.0, 4.0)
 SCANNED = ("velocity_scale", "time_constant", "contact_force")
 #: Effects whose optional shapes of these names are all scanned.
 _SCANNED_WHOLE = ("temperature_drift", "backlash")
-#: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals.
-_WIDE = {("valve_deadband", "width"): (10.0, 20.0)}
+#: Shapes that no small one leads to: overlaps of proportional valves swallow whole signals, those
+#: of valves driven by a current a third of it and more.
+_WIDE = {("valve_deadband", "width"): (10.0, 20.0, 40.0)}
 #: Slew limits tried, of the rate that the command exceeds for a tenth of the time, either way.
 _OF_COMMAND = tuple(0.5 * 1.35**k for k in range(8))
 #: Torques over which a gear's flanks come to bear, of the largest that the drive had.

@@ -66,6 +66,11 @@ def shapes(one: ActiveEffect) -> bool:
     return any(term.stage in _EDGES for term in one.effect.terms)
 
 
+def gives_way(one: ActiveEffect) -> bool:
+    """Whether an effect is a rail that gives way."""
+    return bool({Stage.SUPPLY, Stage.TANK} & set(one.effect.stages))
+
+
 def on_signals(one: ActiveEffect) -> bool:
     """Whether an effect acts by what the model's signals are, and in no other way."""
     effect = one.effect
@@ -99,13 +104,14 @@ def identical(one: Model, other: Model) -> bool:
 
 
 def _shape_of(model: Model) -> tuple[object, ...]:
-    rails = any({Stage.SUPPLY, Stage.TANK} & set(t.effect.stages) for t in model.terms)
+    rails = any(gives_way(t) for t in model.terms)
     edges = [
         float(getattr(v, e)) for v in model.robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
     ]
     terms = [
         (t.effect.name, t.target, tuple(t.parameters.tolist()))
         for t in model.terms
-        if shapes(t) or t.effect.reading is not None
+        # Rails give way by what laws of the valves' flows let pass.
+        if shapes(t) or t.effect.reading is not None or (rails and t.effect.needs_valve)
     ]
     return (tuple(terms), (*edges, *model.delays_s) if rails else ())

@@ -15,9 +15,10 @@ from hydro_ident.mismatch.onset import spacing
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_model.effects.bending import next_parallel, usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, ActiveEffect
-from hydro_model.effects.flexibility import CARRIED, PLACE
+from hydro_model.effects.flexibility import CARRIED, PLACE, hinged
 from hydro_model.effects.targets import joint_of
-from hydro_model.rigid_body import inverse_dynamics
+from hydro_model.hinge_kernels import MOST_SWUNG
+from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Robot
 from hydro_model.signals import (
     JOINT_POSITION,
@@ -43,6 +44,8 @@ _MOST_ENDS = 8
 _EXPONENTS = (1.0, 1.5)
 #: Inertia of a mode, of what its joint moves in the middle of all ranges.
 _LEAST_OF_JOINT, _MOST_OF_JOINT = 0.005, 2.0
+#: Recorded poses that are looked at.
+_MOST_POSES = 500
 #: What a steel structure is damped by at most, and the frequency in Hz up to which rows of forces
 #: (up to 10 Hz) show more of a mode than that it gives way.
 _MODE_ENDS = {"frequency": 15.0, "damping": 0.5}
@@ -136,6 +139,50 @@ def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
             spec = replace(spec, upper=_MODE_ENDS[spec.name])
         specs.append(spec)
     return replace(one, effect=replace(one.effect, parameters=tuple(specs)))
+
+
+def most_inertia(material: Material, robot: Robot, joint: int) -> float:
+    """Most that a mode can take from a joint's own inertia in all recorded poses, kg m^2.
+
+    With the other joints free to follow, a joint shows no more than ``1 / (M^-1)_ii``: with less
+    than nothing left of it, no roll-out could begin. 0 where links are not those of any machine.
+
+    Parameters
+    ----------
+    material : Material
+    robot : Robot
+        With the links that count.
+    joint : int
+    """
+    q = np.concatenate([stretch.trace.q for stretch in material.stretches])
+    q = q[np.isfinite(q).all(axis=1)]
+    if not len(q):
+        return 0.0
+    mass = mass_matrix(robot, q[:: max(len(q) // _MOST_POSES, 1)])
+    if np.linalg.eigvalsh(mass).min() <= 0.0:
+        return 0.0
+    return float(MOST_SWUNG / np.linalg.inv(mass)[:, joint, joint].max())
+
+
+def own_mode(one: ActiveEffect, most: float) -> ActiveEffect:
+    """A mode that its joint's own acceleration alone sets going, with no more than it can take.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+        As `bounded_bend`; a hinge is left as it is.
+    most : float
+        As `most_inertia`.
+    """
+    if hinged(one.parameters):
+        return one
+    specs = tuple(
+        replace(s, lower=min(s.lower, most), upper=min(s.upper, most))
+        if s.name == "inertia"
+        else s
+        for s in one.effect.parameters
+    )
+    return replace(one, effect=replace(one.effect, parameters=specs))
 
 
 def bounded_tilt(robot: Robot, one: ActiveEffect) -> ActiveEffect:

@@ -13,6 +13,7 @@ from hydro_ident.mismatch.contributions import (
     changed,
     contribution,
     measured,
+    own_share,
     said_twice,
     skewed,
 )
@@ -123,7 +124,7 @@ class Predictor:
         values = y - x @ self.parameters(model)
         for term in model.terms:
             if term.effect.reading is None and not shapes(term):
-                values -= self.contribution(model, term)
+                values -= own_share(self.signals, model, term)
         return np.asarray(values + said_twice(self.signals, model))
 
     def contribution(

@@ -70,8 +70,8 @@ class Bank:
     """Columns of every trial, evaluated once for all that look at them.
 
     They are those beside the model that asked first: what a refit moves changes them little. What
-    acts beside a law that shapes the same cylinder's valve signal or the rails, or a reading that
-    is corrected, is evaluated anew.
+    acts beside a law that shapes the same cylinder's valve signal, its valve's flow or the rails,
+    or a reading that is corrected, is evaluated anew.
 
     Parameters
     ----------
@@ -113,7 +113,8 @@ def _changes(term: ActiveEffect, tried: ActiveEffect) -> bool:
         # Of valves and rails a force knows nothing, and of how pressures are read next to nothing.
         return term.effect.reading is not None and term.joint is not None
     near = tried.cylinder is None or term.cylinder in (None, tried.cylinder)
-    return near and (shapes(term) or term.effect.reading is not None)
+    in_series = term.effect.needs_valve and (tried.effect.needs_valve or shapes(tried))
+    return near and (shapes(term) or in_series or term.effect.reading is not None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

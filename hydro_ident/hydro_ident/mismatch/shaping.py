@@ -22,6 +22,7 @@ from hydro_ident.mismatch.law_signals import (
 from hydro_ident.mismatch.material import Material, Stretch
 from hydro_ident.mismatch.modelled import (
     Model,
+    gives_way,
     identical,
     reading_key,
     same_base,
@@ -237,9 +238,9 @@ class Signals:
                 own = tuple(t for t in laws if (t.cylinder or 0) == i)
                 result[:, i] = self._spool(model, stretch, i, own)
             trace = replace(trace, valve_signal=result)
-        rails = [t for t in model.terms if {Stage.SUPPLY, Stage.TANK} & set(t.effect.stages)]
+        rails = [t for t in model.terms if gives_way(t)]
         if rails:
-            trace = railed(model.robot, trace, rails, model.delays_s)
+            trace = railed(model.robot, trace, rails, model.delays_s, model.terms)
         return trace
 
     def _spool(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.name import Searcher
@@ -24,10 +25,12 @@ from hydro_ident.mismatch.places import (
 )
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.stepping import given_steps, is_free
+from hydro_ident.mismatch.training import start_model
 from hydro_model.cylinder import stroke
 from hydro_model.effects.bending import usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, resolve
-from hydro_model.effects.targets import ActiveEffect
+from hydro_model.effects.targets import ActiveEffect, joint_of
+from hydro_model.rigid_body import mass_matrix
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
@@ -179,6 +182,29 @@ def test_a_mode_is_some_of_what_its_joint_moves() -> None:
     assert lift["place"] == (0.0, 0.8)
     # Nothing follows the last joint; a slide has none that turns with it.
     assert tilt["place"] == (0.0, 0.0)
+
+
+def test_what_a_joint_takes_from_itself_leaves_it_some_inertia(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """In every recorded pose, the other joint free to follow; a hinge may carry more."""
+    work = lay_out(crane_run)
+    predictor, robot = work.training.predictor, work.training.predictor.material.robot
+    q = np.concatenate([s.trace.q for s in predictor.material.stretches])
+    model = start_model(robot, predictor, ())
+    own = list(trials(predictor, model, ["structural_flexibility"]))
+    assert {t.active.parameters[3] > 0.0 for t in own} == {True, False}
+    for trial in own:
+        joint = joint_of(robot, trial.active)
+        most = trial.at([1e9]).parameters[0]
+        if trial.active.parameters[3] > 0.0:
+            assert most == pytest.approx(2.0 * usual_inertia(robot, joint))
+            continue
+        reduced = mass_matrix(robot, q)
+        reduced[:, joint, joint] -= most
+        assert np.linalg.eigvalsh(reduced).min() > 0.0
+        reduced[:, joint, joint] -= 0.05 * most
+        assert np.linalg.eigvalsh(reduced).min() < 0.0
 
 
 def test_a_joint_that_moves_no_mass_has_no_hinge() -> None:

@@ -143,3 +143,20 @@ def test_a_spool_is_as_late_here_as_where_its_numbers_are_fitted(
     listed = ListedEffects.of(robot).with_signal_laws(stretch.trace)
     assert shaped.valve_signal[:, 0] == pytest.approx(listed.valve_signal[:, 0], abs=1e-12)
     assert np.abs(shaped.valve_signal - stretch.trace.valve_signal)[:, 0].max() > 0.001
+
+
+def test_an_overlap_of_a_third_of_the_command_is_found(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """As pilot valves have that are driven by a current; up to 0.3 was taken for possible."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(true_crane(), 18.0)
+    # The commands of a driver whose valve answers beyond 0.36 to either side alone.
+    signal = run.voltage / 10.0
+    volts = 10.0 * np.where(signal == 0.0, 0.0, signal + np.copysign(0.36, signal))
+    volts[:, 1] = run.voltage[:, 1]
+    search = _searched(lay_out(replace(run, voltage=volts)))
+    (found,) = search.named
+    assert found.names[0] == "valve_deadband"
+    assert found.term.target == "lift_cylinder"
+    assert found.term.parameters[0] == pytest.approx(0.36, rel=0.02)

@@ -44,7 +44,7 @@ RATES, KEEP_MASS, REST = np.int64(0), np.int64(1), np.int64(2)
 # Columns of `ModelArrays.geometry`, `.terms` and `.owners`.
 L1, L2, Q0, X0, AREA_A, AREA_B, STROKE, VISCOUS, INVERSE_BULK = range(9)
 ADDRESS, EFFECT, OWNER = range(3)
-FIRST_STATE, STATE_COUNT, ROBOT_WIDE = range(3)
+FIRST_STATE, STATE_COUNT, ROBOT_WIDE, THROUGH_VALVE = range(4)
 
 #: Pressures and rates of change are of this size, Pa: the integrator's unit of pressure.
 PRESSURE_SCALE_PA = 1.0e6
@@ -85,7 +85,7 @@ class ModelArrays(NamedTuple):
     judged: IntArray  # the others: those whose errors hold a step short
     hinges: IntArray  # (h, 4) effect that bends a link, joint, first state, next joint (or -1)
     bends: FloatArray  # (h, 2) where along the link, and what it moves in the middle, kg m^2
-    owners: IntArray  # (e, 3) first state in the state vector, number, whether robot-wide
+    owners: IntArray  # (e, 4) first state, number of states, robot-wide?, of the valve's flow?
     rates: IntArray  # (k,) address of the rate law of each effect state
     initials: IntArray  # (k,) address of the law of its value at rest
     scale: FloatArray  # (2 n + 2 m + k,) typical size of each state
@@ -104,6 +104,7 @@ class Work(NamedTuple):
     force: FloatArray  # (n + h,) joint forces, then accelerations; behind them those of hinges
     signals: FloatArray  # (m + 1 + d, SIGNAL_COUNT) what laws see; rows as of `spans`
     friction: FloatArray  # (m,) N
+    flows: FloatArray  # (4,) of the latest cylinder, m^3/s: into chambers, and at its valve
 
 
 def model_arrays(robot: Robot, active: Sequence[ActiveEffect], plain: Robot) -> ModelArrays:
@@ -186,6 +187,7 @@ def new_work(robot: Robot, hinges: int) -> Work:
         force=np.zeros(n + hinges),
         signals=signals,
         friction=np.zeros(m),
+        flows=np.zeros(4),
     )
 
 
@@ -208,9 +210,9 @@ def _padded(active: Sequence[ActiveEffect]) -> FloatArray:
 
 
 def _owners(active: Sequence[ActiveEffect], first: int) -> IntArray:
-    table = np.zeros((len(active), 3), dtype=np.int64)
+    table = np.zeros((len(active), 4), dtype=np.int64)
     for row, one in zip(table, active, strict=True):
-        row[:] = first, len(one.effect.states), one.effect.robot_wide
+        row[:] = first, len(one.effect.states), one.effect.robot_wide, one.effect.needs_valve
         first += len(one.effect.states)
     return table
 

@@ -51,6 +51,7 @@ from hydro_model.simulate_arrays import (
     STROKE,
     SUPPLY,
     TANK,
+    THROUGH_VALVE,
     VISCOUS,
     VOLUME_A,
     VOLUME_B,
@@ -120,8 +121,7 @@ def _apply(
 
 @inlined
 def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
-    """Flows into the chambers of cylinder i (eqs. 11 to 13); adds to the robot's sums."""
-    m = model.joint.shape[0]
+    """Flows into the chambers of cylinder i through its edges (eqs. 11 to 13)."""
     s, edges = work.signals[i], model.edges[i]
     up, down = max(u, 0.0), min(u, 0.0)
     p_s, p_t, p_a, p_b = s[SUPPLY_PRESSURE], s[TANK_PRESSURE], s[PRESSURE_A], s[PRESSURE_B]
@@ -129,9 +129,59 @@ def _valve(model: Any, work: Any, i: int, u: float) -> tuple[float, float]:
     to_tank_a = -edges[1] * _root(p_a - p_t) * down
     from_pump_b = -edges[2] * _root(p_s - p_b) * down
     to_tank_b = edges[3] * _root(p_b - p_t) * up
-    work.signals[m, SUPPLY_FLOW] += from_pump_a + from_pump_b
-    work.signals[m, RETURN_FLOW] += to_tank_a + to_tank_b
     return from_pump_a - to_tank_a, from_pump_b - to_tank_b
+
+
+@inlined
+def _through_laws(model: Any, work: Any, y: Array, dy: Array, i: int, mode: int) -> None:
+    """Flows into the chambers of cylinder i behind its flow laws, into `work.flows`.
+
+    Effect by effect, of both chambers: what one takes from the valve's flow the next has no more
+    of, as restrictions in series have it. Behind them stand the flows at the valve itself, by
+    which rails give way: what a hose's oil stores for milliseconds is not in them.
+    """
+    s = work.signals[i]
+    at_a, end_a = model.spans[i, FLOW_A, 0], model.spans[i, FLOW_A, 1]
+    at_b, end_b = model.spans[i, FLOW_B, 0], model.spans[i, FLOW_B, 1]
+    work.flows[0] = work.flows[2] = s[VALVE_FLOW_A]
+    work.flows[1] = work.flows[3] = s[VALVE_FLOW_B]
+    while at_a < end_a or at_b < end_b:
+        effect = model.owners.shape[0]
+        if at_a < end_a:
+            effect = model.terms[at_a, EFFECT]
+        if at_b < end_b:
+            effect = min(effect, model.terms[at_b, EFFECT])
+        on_a = at_a < end_a and model.terms[at_a, EFFECT] == effect
+        on_b = at_b < end_b and model.terms[at_b, EFFECT] == effect
+        drive = model.terms[at_a, OWNER] if on_a else model.terms[at_b, OWNER]
+        states_of(model, s, effect, y, dy, drive, mode)
+        more_a, more_b, parameters = 0.0, 0.0, model.parameters[effect]
+        if on_a:
+            more_a = call_law(model.terms[at_a, ADDRESS], s, parameters)
+            at_a += 1
+        if on_b:
+            more_b = call_law(model.terms[at_b, ADDRESS], s, parameters)
+            at_b += 1
+        work.flows[0] += more_a
+        work.flows[1] += more_b
+        if model.owners[effect, THROUGH_VALVE] == 1:
+            s[VALVE_FLOW_A] += more_a
+            s[VALVE_FLOW_B] += more_b
+            if model.owners[effect, STATE_COUNT] == 0:
+                work.flows[2] += more_a
+                work.flows[3] += more_b
+
+
+@inlined
+def _draw(model: Any, work: Any, opening: float) -> None:
+    """Add the latest cylinder's flows at its valve to those of the robot's rails."""
+    robot = work.signals[model.joint.shape[0]]
+    if opening > 0.0:
+        robot[SUPPLY_FLOW] += work.flows[2]
+        robot[RETURN_FLOW] -= work.flows[3]
+    elif opening < 0.0:
+        robot[SUPPLY_FLOW] += work.flows[3]
+        robot[RETURN_FLOW] -= work.flows[2]
 
 
 @inlined
@@ -145,8 +195,9 @@ def _cylinder(
     opening = _apply(model, work, y, dy, i, SIGNAL, u, mode)
     q_a, q_b = _valve(model, work, i, opening)
     s[VALVE_FLOW_A], s[VALVE_FLOW_B] = q_a, q_b
-    q_a = _apply(model, work, y, dy, i, FLOW_A, q_a, mode)
-    q_b = _apply(model, work, y, dy, i, FLOW_B, q_b, mode)
+    _through_laws(model, work, y, dy, i, mode)
+    _draw(model, work, opening)
+    q_a, q_b = work.flows[0], work.flows[1]
     x, v = s[PISTON_POSITION], s[PISTON_VELOCITY]
     volume_a = _apply(model, work, y, dy, i, VOLUME_A, g[AREA_A] * x, mode)
     volume_b = _apply(model, work, y, dy, i, VOLUME_B, g[AREA_B] * (g[STROKE] - x), mode)

@@ -23,6 +23,9 @@ from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.valve import edge_flows
 
+#: Stages of laws of the flow into a chamber.
+_FLOWS = (Stage.FLOW_A, Stage.FLOW_B)
+
 
 def reference_rates(
     robot: Robot,
@@ -156,21 +159,44 @@ def _cylinder(
     p_s, p_t = s[sig.SUPPLY_PRESSURE], s[sig.TANK_PRESSURE]
     q_a, q_b = edge_flows(valve, s[sig.VALVE_SIGNAL], p_a, p_b, p_s, p_t)
     s[[sig.VALVE_FLOW_A, sig.VALVE_FLOW_B]] = q_a, q_b
-    for one, where in own:
-        if one.terms[0].stage is not Stage.SIGNAL:
-            _drive(one, where, s, state, rates)
+    (q_a, q_b), (port_a, port_b) = _behind_flow_laws(own, s, state, rates)
     # Seen from the pump: the supply edge feeds A while u > 0 and B while u < 0.
-    used = np.array([q_a, -q_b] if s[sig.VALVE_SIGNAL] > 0.0 else [q_b, -q_a])
+    used = np.array([port_a, -port_b] if s[sig.VALVE_SIGNAL] > 0.0 else [port_b, -port_a])
+    used *= s[sig.VALVE_SIGNAL] != 0.0
+    for one, where in own:
+        if one.terms[0].stage not in (Stage.SIGNAL, *_FLOWS):
+            _drive(one, where, s, state, rates)
     volume_a, volume_b = geometry.chamber_volumes(cylinder, x)
     soft = 1.0 / cylinder.bulk_modulus_pa
     soft_a = soft + _sum(Stage.COMPLIANCE_A, own, s, state)
     soft_b = soft + _sum(Stage.COMPLIANCE_B, own, s, state)
-    into_a = q_a + _sum(Stage.FLOW_A, own, s, state) - cylinder.area_a_m2 * v
-    into_b = q_b + _sum(Stage.FLOW_B, own, s, state) + cylinder.area_b_m2 * v
+    into_a = q_a - cylinder.area_a_m2 * v
+    into_b = q_b + cylinder.area_b_m2 * v
     rates[2 * n + i] = into_a / ((volume_a + _sum(Stage.VOLUME_A, own, s, state)) * soft_a)
     rates[2 * n + m + i] = into_b / ((volume_b + _sum(Stage.VOLUME_B, own, s, state)) * soft_b)
     friction = cylinder.viscous_friction * v + _sum(Stage.FRICTION, own, s, state)
     return force - friction, lever, used
+
+
+def _behind_flow_laws(
+    own: list[tuple[ActiveEffect, slice]], s: FloatArray, state: FloatArray, rates: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Flows into the chambers behind the flow laws of a cylinder, and those at its valve, (2,).
+
+    What one takes from the valve's flow the next has no more of, as restrictions in series have
+    it; `s` is left with the valve's flow behind the last. What a hose's oil stores passes it.
+    """
+    flows = np.array([s[sig.VALVE_FLOW_A], s[sig.VALVE_FLOW_B]])
+    at_valve = flows.copy()
+    for one, where in own:
+        if one.terms[0].stage in _FLOWS:
+            _drive(one, where, s, state, rates)
+            more = np.array([_sum(stage, [(one, where)], s, state) for stage in _FLOWS])
+            flows += more
+            if one.effect.needs_valve:
+                s[[sig.VALVE_FLOW_A, sig.VALVE_FLOW_B]] += more
+                at_valve += 0.0 if one.effect.states else more
+    return flows, at_valve
 
 
 def _dry_friction(

@@ -122,7 +122,8 @@ class Effect:
     shared : bool
         All its targets may have it from one cause, by the same amount: tried together, too.
     needs_valve : bool
-        Looks at the edges' flows or coefficients, in proportion to which it acts.
+        Looks at the edges' flows or coefficients, in proportion to which it acts. What its laws
+        add to the valve's flow the laws behind it see: restrictions in series multiply.
     needs_tip : bool
         Looks at the height of the tip, which a roll-out computes for such effects only.
     sided : bool

@@ -26,7 +26,8 @@ class Stage(Enum):
     """Where in the model a law's value enters, and its unit.
 
     Every stage but `SIGNAL` adds: laws of one stage are summed. `SIGNAL` laws map the valve
-    signal one after the other, in catalogue order.
+    signal one after the other, in catalogue order. So do flow laws of effects that need the valve:
+    each sees the valve's flow with what those before it add (`Effect.needs_valve`).
     """
 
     FRICTION = "friction"  # N, opposes piston motion

@@ -34,6 +34,11 @@ flows, volumes or compliances (per chamber), its valve signal, or the rails. A *
 another robot: masses, gravity, delays. A *reading* is what sensors show of it; it acts on no
 machine, and `hydro_model.effects.read_with` applies it to simulated signals.
 
+**In series.** Laws of one stage add, but for two: those of the valve signal map it one after the
+other, and those of the valve's flow (underlap, compensation, counterbalance valve, hose, cushion)
+each see what the ones before, in this order, have left of it. A rail gives way by the flow behind
+them, but for what a hose stores.
+
 **Signs.** Friction opposes positive piston motion (extension). Flows count into the chamber.
 Pressures are gauge unless said. `q`, `x`, `v`, `u`, `p1` and `p2` are joint position, stroke,
 piston velocity, normalised valve signal and the pressures of chambers A and B.

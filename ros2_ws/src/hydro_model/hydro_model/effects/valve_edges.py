@@ -1,8 +1,8 @@
 """Edges of the valve that do not open as four orifices of one opening.
 
-All are what the flow into a chamber differs by from that of the four edges, so that they add and
-need no second model of the valve. They see the flows of the edges (`VALVE_FLOW_A`, `_B`) and the
-edges' coefficients.
+All are what the flow into a chamber differs by from that of the four edges, so that they need no
+second model of the valve. They see the edges' coefficients and the valve's flows (`VALVE_FLOW_A`,
+`_B`) with what the laws before them add: what a share is taken of has passed the others.
 """
 
 from __future__ import annotations
@@ -165,7 +165,10 @@ COUNTERBALANCE_VALVE = Effect(
     looks_like=("edge coefficients c_at and c_bt", "asymmetric_friction"),
     separating_experiment="lower three different loads with the same commands",
     limits="quasi-static, without the line between the valves; sits at a chamber"
-    " (<cylinder>/a), or with the cylinder as target at both",
+    " (<cylinder>/a), or with the cylinder as target at both. Its spring is vented: one whose"
+    " spring chamber drains into the line behind it opens at p + R p_o = ps + (1 + R) p_back,"
+    " which is left out, so where the edge or a tank line builds up p_back the fitted ps and dp"
+    " hold what that made of them in the recording, and no other flow or tank pressure",
 )
 
 EDGE_EFFECTS = (UNDERLAP, PRESSURE_COMPENSATION, COUNTERBALANCE_VALVE)

@@ -192,7 +192,7 @@ DEADBAND = Effect(
     channel="flow",
     equation="u = u_in - clip(u_in, -d, d)",
     source="overlap of the control edges",
-    parameters=(ParameterSpec("width", "1", "d, overlap either way", 0.0, 0.3, 0.01),),
+    parameters=(ParameterSpec("width", "1", "d, overlap either way", 0.0, 0.6, 0.01),),
     terms=(Term(Stage.SIGNAL, _past_deadband),),
     channels=("flow_a", "flow_b"),
     looks_like=("valve_gain_nonlinearity", "supply_droop"),

@@ -1,0 +1,123 @@
+"""Laws of one valve's flow, in series: rows and contributions are those of the roll-out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.scoring import Bank
+from hydro_ident.mismatch.training import start_model
+from hydro_model.effects.catalogue import resolve
+from hydro_model.robot import EffectSpec, FloatArray, Robot
+
+Lay = Callable[[Robot, Recording], Predictor]
+LIFT = "lift_cylinder"
+HOLDING = EffectSpec(
+    "counterbalance_valve", LIFT,
+    {"restriction": 5.0, "setting": 2e6, "range": 2e7, "pilot_ratio": 1.0},
+)  # fmt: skip
+CUSHION = EffectSpec("end_cushion", LIFT, {"strength": 0.9, "length": 0.45})
+HELD_OUT = EffectSpec(
+    "pressure_compensation", LIFT, {"share": 0.5, "margin": 1e6, "outflow": 0.6}
+)  # fmt: skip
+GIVING = (
+    EffectSpec("supply_droop", "xs031", {"resistance": 4e9, "time_constant": 0.02}),
+    EffectSpec("tank_back_pressure", "xs031", {"resistance": 4e12, "time_constant": 0.01}),
+)
+BAND = EffectSpec("valve_deadband", LIFT, {"width": 0.03})
+
+
+def _machine(
+    make_run: tuple, predictor_of: Lay, effects: tuple[EffectSpec, ...]
+) -> tuple[Predictor, Model]:
+    true_crane, simulated_run = make_run
+    truth = replace(true_crane(), effects=effects)
+    given = simulated_run(truth, 6.0, noisy=False).recording()
+    predictor = predictor_of(truth, given)
+    return predictor, start_model(truth, predictor, resolve(truth))
+
+
+@pytest.fixture(scope="module")
+def in_series(make_run: tuple, predictor_of: Lay) -> tuple[Predictor, Model]:
+    """A run without noise of a machine with three restrictions of one valve's flow."""
+    return _machine(make_run, predictor_of, (HOLDING, CUSHION, HELD_OUT, BAND))
+
+
+@pytest.fixture(scope="module")
+def on_soft_rails(make_run: tuple, predictor_of: Lay) -> tuple[Predictor, Model]:
+    """One whose rails give way by what three laws leave of the valves' flows."""
+    both = replace(HELD_OUT, target="xs031", parameters={**HELD_OUT.parameters, "share": 1.0})
+    return _machine(make_run, predictor_of, (*GIVING, both, HOLDING))
+
+
+def _moving(predictor: Predictor) -> FloatArray:
+    """Rows of the lift cylinder's balances while it moves."""
+    own = [k for k, name in enumerate(predictor.material.channels) if name.startswith("lift/flow")]
+    return np.asarray(np.isin(predictor.material.channel, own) & predictor.material.moving())
+
+
+def test_the_true_laws_leave_nothing(in_series: tuple[Predictor, Model]) -> None:
+    """Added up, each of the undiminished flow, they took more than flows out."""
+    predictor, model = in_series
+    rows = _moving(predictor)
+    assert rows.sum() > 100
+    left = predictor.residual(model)[rows]
+    for term in model.terms:
+        if term.effect.name == "valve_deadband":
+            continue
+        own = predictor.contribution(model, term)[rows]
+        assert left.std() < 0.03 * own.std(), term.effect.name
+
+
+def test_what_a_law_gains_beside_others_is_what_it_leaves_out(
+    in_series: tuple[Predictor, Model],
+) -> None:
+    """With what the laws behind it then have more to restrict; the overlap's, too."""
+    predictor, model = in_series
+    whole = predictor.residual(model)
+    for term in model.terms:
+        without = replace(model, terms=tuple(t for t in model.terms if t is not term))
+        gained = predictor.residual(without) - whole
+        contribution = predictor.contribution(model, term)
+        assert contribution == pytest.approx(gained, rel=1e-6, abs=1e-9 * np.ptp(gained))
+
+
+def test_trials_are_evaluated_anew_behind_a_law_of_the_same_flow(
+    in_series: tuple[Predictor, Model],
+) -> None:
+    predictor, model = in_series
+    plain = replace(model, terms=())
+    holding = next(t for t in model.terms if t.effect.name == "counterbalance_valve")
+    bank = Bank(predictor)
+    excluded = {
+        (trial.name, trial.target)
+        for trial in (entry.trial for entry in bank.entries(plain))
+        if (trial.name, trial.target) != ("end_cushion", LIFT)
+    }
+    alone, behind = (bank.entries(m, excluded) for m in (plain, plain.with_term(holding)))
+    assert len(alone) == len(behind)
+    sizes = [np.abs(entries[0].values).sum() for entries in (alone, behind)]
+    assert sizes[1] < 0.9 * sizes[0]
+
+
+def test_rails_that_give_way_by_what_passes_leave_nothing(
+    on_soft_rails: tuple[Predictor, Model],
+) -> None:
+    """By the edges' own flows the supply gave way up to five times too much."""
+    predictor, model = on_soft_rails
+    rows = _moving(predictor)
+    left = predictor.residual(model)[rows]
+    own = [term for term in model.terms if term.cylinder != 1]
+    assert len(own) == 4
+    for term in own:
+        without = replace(model, terms=tuple(t for t in model.terms if t is not term))
+        gained = (predictor.residual(without) - predictor.residual(model))[rows]
+        contribution = predictor.contribution(model, term)[rows]
+        assert contribution == pytest.approx(gained, rel=1e-6, abs=1e-9 * np.ptp(gained))
+        if term.effect.name == "pressure_compensation":
+            assert left.std() < 0.01 * contribution.std()
