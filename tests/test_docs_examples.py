@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from hydro_hw_bridge.parameter_file import check_parameter_file
+from hydro_hw_bridge.parameters import PARAMETERS
 from hydro_ident.robot_check import check_robot
 from hydro_model.effects import resolve
 from hydro_model.paths import load_path
@@ -68,11 +70,23 @@ def fenced(page: str, language: str) -> list[str]:
 
 
 def test_first_motion_of_the_lab_guide_can_be_played(tmp_path: Path) -> None:
-    [motion] = fenced("lab_guide.md", "yaml")
+    _, motion = fenced("lab_guide.md", "yaml")
     file = tmp_path / "small.yaml"
     file.write_text(motion, encoding="utf-8")
     checked = check_path(load_robot("xs031"), load_path(file), margin=0.05)
     assert checked.peak_velocity.max() < 0.1
+
+
+def test_limits_of_the_lab_guides_machine_are_taken_by_the_bridge(tmp_path: Path) -> None:
+    limits, _ = fenced("lab_guide.md", "yaml")
+    file = tmp_path / "bridge.yaml"
+    file.write_text(limits, encoding="utf-8")
+    check_parameter_file(file, ("robot", "can", "clock", "mapping", "dbc", "calibration"))
+    given = yaml.safe_load(limits)["can_bridge"]["ros__parameters"]
+    rules = {rule.name: rule for rule in PARAMETERS}
+    for name, value in given.items():
+        assert type(value) is type(rules[name].default)
+        assert (rules[name].low or 0.0) <= value <= (rules[name].high or value)
 
 
 def example_robot(folder: Path, *further: str) -> Robot:
