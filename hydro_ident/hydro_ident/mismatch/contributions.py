@@ -9,7 +9,7 @@ corrected (a reading of the opposite sign undoes it).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -210,7 +210,7 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
         rise = -np.diff(pressure_of(chamber, trace))
         steps = np.zeros(trace.samples - 1)
         if FLOW[chamber.side] in one.effect.stages:
-            steps = _flow_steps(model, one, chamber, rows, trace.step_s)
+            steps = _flow_steps(signals, model, one, stretch, chamber)
         for stages, others, weight in (
             # A volume is as soft, and what is soft as large, as the other effects make them.
             (_VOLUME, _COMPLIANCE, inverse),
@@ -226,25 +226,15 @@ def _add_balance(signals: Signals, model: Model, one: ActiveEffect, into: FloatA
 
 
 def _flow_steps(
-    model: Model, one: ActiveEffect, chamber: Chamber, rows: FloatArray, step_s: float
+    signals: Signals, model: Model, one: ActiveEffect, stretch: Stretch, chamber: Chamber
 ) -> FloatArray:
     """Volume into a chamber per sampling interval by the law of an effect."""
+    index, side, step_s = chamber.index, chamber.side, stretch.trace.step_s
     if looks_at_valve(one):
-        laws = before(valve_laws(model.terms, chamber.index, chamber.side), one)
-        return _held(model, [*laws, one], chamber, rows, step_s)[-1]
-    law = one.effect.evaluate(rows, one.parameters, FLOW[chamber.side], step_s)
-    return middle(law) * step_s
-
-
-def _held(
-    model: Model,
-    laws: Sequence[ActiveEffect],
-    chamber: Chamber,
-    rows: FloatArray,
-    step_s: float,
-) -> list[FloatArray]:
-    delay_s = model.delays_s[chamber.index]
-    return held_flows(laws, chamber.side, model.robot, chamber.index, rows, delay_s, step_s)
+        laws = before(valve_laws(model.terms, index, side), one)
+        return held_flows([*laws, one], side, signals.held(model, stretch, index), step_s)[-1]
+    rows = signals.wet(model, stretch, index, shaped=True)
+    return middle(one.effect.evaluate(rows, one.parameters, FLOW[side], step_s)) * step_s
 
 
 def said_twice(signals: Signals, model: Model) -> FloatArray:
@@ -323,8 +313,8 @@ def _passing(signals: Signals, model: Model, stretch: Stretch, chamber: Chamber)
     laws = valve_laws(model.terms, chamber.index, chamber.side)
     if not laws:
         return volume
-    rows = signals.wet(model, stretch, chamber.index, shaped=True)
-    return np.asarray(volume + sum(_held(model, laws, chamber, rows, trace.step_s)))
+    held = signals.held(model, stretch, chamber.index)
+    return np.asarray(volume + sum(held_flows(laws, chamber.side, held, trace.step_s)))
 
 
 def _balances(

@@ -9,30 +9,21 @@ restrictions in series multiply (`hydro_model.effects.effect.Effect.needs_valve`
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hydro_ident.estimate.chambers import held_parts
 from hydro_ident.estimate.in_series import FLOW
+from hydro_ident.estimate.rows import BoolArray
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.rows import set_valve_signal
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
-from hydro_model.signals import (
-    PRESSURE_A,
-    PRESSURE_B,
-    SIGNAL_COUNT,
-    SUPPLY_PRESSURE,
-    TANK_PRESSURE,
-    VALVE_FLOW_A,
-    VALVE_FLOW_B,
-    VALVE_SIGNAL,
-)
+from hydro_model.signals import VALVE_FLOW_A, VALVE_FLOW_B, VALVE_SIGNAL
 
 _PASSED = {"a": VALVE_FLOW_A, "b": VALVE_FLOW_B}
-_FLOWS = (VALVE_FLOW_A, VALVE_FLOW_B)
-_OF_VALVE = frozenset({VALVE_SIGNAL, *_FLOWS})
-_PRESSURES = (PRESSURE_A, PRESSURE_B, SUPPLY_PRESSURE, TANK_PRESSURE)
+_OF_VALVE = frozenset({VALVE_SIGNAL, VALVE_FLOW_A, VALVE_FLOW_B})
 
 
 def looks_at_valve(one: ActiveEffect) -> bool:
@@ -43,14 +34,64 @@ def looks_at_valve(one: ActiveEffect) -> bool:
     return any(signals_read(law) & _OF_VALVE for law in laws)
 
 
+@dataclass(frozen=True, slots=True)
+class HeldRows:
+    """A cylinder's signals in the parts of every sampling interval in which its valve is held.
+
+    Attributes
+    ----------
+    parts : tuple of (N - 1, SIGNAL_COUNT) array
+        In the middle of each part, with the flows of the edges; not to be changed.
+    shares : tuple of float
+        Of the interval.
+    known : (N - 1,) bool array
+        Intervals of which the valve's signal is known.
+    """
+
+    parts: tuple[FloatArray, ...]
+    shares: tuple[float, ...]
+    known: BoolArray
+
+    @staticmethod
+    def of(
+        robot: Robot, cylinder: int, rows: FloatArray, delay_s: float, step_s: float
+    ) -> HeldRows:
+        """Those of signals at the samples.
+
+        Parameters
+        ----------
+        robot : Robot
+            With current edges.
+        cylinder : int
+        rows : (N, SIGNAL_COUNT) array
+            The valve's signal without delay.
+        delay_s : float
+            From the stamp of a command to its effect.
+        step_s : float
+            Sampling interval.
+        """
+        late, soon, share = held_parts(rows[:, VALVE_SIGNAL], delay_s, step_s)
+        halves = ((late, share, 0.5 * share), (soon, 1.0 - share, 0.5 * (1.0 + share)))
+        kept = [half for half in halves if half[1] > 0.0]
+        parts, further = [], rows[1:] - rows[:-1]
+        for signal, _, at in kept:
+            own = at * further
+            own += rows[:-1]
+            set_valve_signal(own, robot, cylinder, signal)
+            parts.append(own)
+        known = np.all([np.isfinite(signal) for signal, _, _ in kept], axis=0)
+        return HeldRows(tuple(parts), tuple(share for _, share, _ in kept), known)
+
+    def mean(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Mean over the parts of every interval of what each of them has, (N - 1, ...)."""
+        result = self.shares[0] * values[0]
+        for share, one in zip(self.shares[1:], values[1:], strict=True):
+            result += share * one
+        return result
+
+
 def held_flows(
-    laws: Sequence[ActiveEffect],
-    side: str,
-    robot: Robot,
-    cylinder: int,
-    rows: FloatArray,
-    delay_s: float,
-    step_s: float,
+    laws: Sequence[ActiveEffect], side: str, held: HeldRows, step_s: float
 ) -> list[FloatArray]:
     """Volumes into a chamber per sampling interval by laws that look at the valve, in series.
 
@@ -61,61 +102,27 @@ def held_flows(
         Internal states, if any, are `averaged` over the intervals.
     side : str
         Of the chamber, ``a`` or ``b``.
-    robot : Robot
-        With current edges.
-    cylinder : int
-    rows : (N, SIGNAL_COUNT) array
-        Signals of the cylinder at the samples, the valve's without delay.
-    delay_s : float
-        From the stamp of a command to its effect.
+    held : HeldRows
     step_s : float
         Sampling interval.
 
     Returns
     -------
     list of (N - 1,) array
-        What each adds; unknown where the signal is.
+        What each adds, m^3; unknown where the signal is.
     """
-    late, soon, fraction = held_parts(rows[:, VALVE_SIGNAL], delay_s, step_s)
-    halves = [(late, fraction, 0.5 * fraction), (soon, 1.0 - fraction, 0.5 * (1.0 + fraction))]
-    parts = [half for half in halves if half[1] > 0.0]
-    shares = [share for _, share, _ in parts]
     stage, passed = FLOW[side], _PASSED[side]
-    read = set[int]().union(*(signals_read(one.effect.term(stage).law) for one in laws))
-    flows = len(laws) > 1 or bool(laws[0].effect.states) or bool(read.intersection(_FLOWS))
-    others = frozenset(read.difference(_OF_VALVE).union(_PRESSURES if flows else ()))
-    seen = [_between(rows, at, others) for _, _, at in parts]
-    for own, (signal, _, _) in zip(seen, parts, strict=True):
-        own[:, VALVE_SIGNAL] = signal
-        if flows:
-            set_valve_signal(own, robot, cylinder, signal)
-    known = np.all([np.isfinite(signal) for signal, _, _ in parts], axis=0)
+    seen = [own.copy() for own in held.parts] if len(laws) > 1 else list(held.parts)
     result = []
-    for one in laws:
+    for number, one in enumerate(laws, 1):
         if one.effect.states:
             # They are followed from interval to interval, driven by the mean of either's flow.
-            mean = _between(rows, 0.5, others)
-            for column in (VALVE_SIGNAL, *_FLOWS):
-                mean[:, column] = _mean(shares, [own[:, column] for own in seen])
-            adds = [one.effect.evaluate(mean, one.parameters, stage, step_s)] * len(parts)
+            law = one.effect.evaluate(held.mean(seen), one.parameters, stage, step_s)
+            adds = [law] * len(seen)
         else:
             adds = [one.effect.evaluate(own, one.parameters, stage, step_s) for own in seen]
-        if flows:
+        if number < len(laws):
             for own, add in zip(seen, adds, strict=True):
                 own[:, passed] += add
-        result.append(np.where(known, step_s * _mean(shares, adds), np.nan))
-    return result
-
-
-def _mean(shares: Sequence[float], values: Sequence[FloatArray]) -> FloatArray:
-    """Mean over the parts of every interval, (N - 1,)."""
-    return np.asarray(sum(share * one for share, one in zip(shares, values, strict=True)))
-
-
-def _between(rows: FloatArray, at: float, read: frozenset[int]) -> FloatArray:
-    """What a law reads at some part of every interval, (N - 1, SIGNAL_COUNT); the rest is open."""
-    result = np.empty((len(rows) - 1, SIGNAL_COUNT))
-    for column in read:
-        own = rows[:, column]
-        result[:, column] = own[:-1] + at * (own[1:] - own[:-1])
+        result.append(np.where(held.known, step_s * held.mean(adds), np.nan))
     return result

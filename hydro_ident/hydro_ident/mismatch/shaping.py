@@ -12,6 +12,7 @@ from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.rails import railed
 from hydro_ident.estimate.traces import Trace, last_known, strokes
 from hydro_ident.mismatch.changed_torques import ChangedTorques
+from hydro_ident.mismatch.flow_laws import HeldRows
 from hydro_ident.mismatch.law_signals import (
     dry_rows,
     reshape,
@@ -40,6 +41,10 @@ _KEPT_STRETCHES = 6
 _KEPT_SHAPES = 6
 #: Valve signals behind laws that are kept at a time, per stretch.
 _KEPT_SPOOLS = 16
+#: Bytes of signals between samples that are kept at a time.
+_KEPT_BYTES = 64 << 20
+#: What those are of: signals at the samples, the edges, the recording and the delay.
+_HeldOf = tuple[FloatArray, Robot, Trace, float]
 #: Motions of a stretch whose filtered regressor is kept at a time.
 _KEPT_MOTIONS = 3
 
@@ -64,6 +69,7 @@ class Signals:
     _spools: dict[tuple[object, ...], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _scratch: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
+    _held: dict[tuple[int, int], tuple[_HeldOf, HeldRows]] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
     _motions: dict[int, tuple[Trace, Motion]] = field(default_factory=dict)
@@ -175,6 +181,27 @@ class Signals:
                 reshape(rows, model.robot, cylinder, self.shaped(model, stretch))
             self._rows[key] = rows
         return self._rows[key]
+
+    def held(self, model: Model, stretch: Stretch, cylinder: int) -> HeldRows:
+        """Signals of a cylinder as its valve is held by late commands; not to be changed.
+
+        The last ones are kept, a few megabytes of them: trials and slopes share them.
+        """
+        rows = self.wet(model, stretch, cylinder, shaped=True)
+        key = stretch.number, cylinder
+        own = (rows, model.robot, stretch.trace, model.delays_s[cylinder])
+        kept = self._held.pop(key, None)
+        same_rows = kept is not None and all(
+            a is b for a, b in zip(kept[0][:3], own[:3], strict=True)
+        )
+        if kept is None or not same_rows or kept[0][3] != own[3]:
+            step_s = stretch.trace.step_s
+            kept = own, HeldRows.of(model.robot, cylinder, rows, own[3], step_s)
+        most = _KEPT_BYTES // max(2 * rows.nbytes, 1)
+        while self._held and len(self._held) >= most:
+            self._held.pop(next(iter(self._held)))
+        self._held[key] = kept
+        return kept[1]
 
     def _plain(self, robot: Robot, stretch: Stretch, cylinder: int) -> FloatArray:
         """Signals as recorded; not to be changed.
