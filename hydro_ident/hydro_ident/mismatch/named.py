@@ -41,6 +41,8 @@ _ALTERNATIVE = 0.9
 #: gives way by a metre under a push of 100 N is no ground, and nothing that turns an arm by a
 #: radian under 2 kN m.
 _LEAST = {("external_contact", "stiffness"): (100.0, 2000.0)}
+#: Probability of the best name from which a finding in a few motions is one.
+_LEAST_SURE = 0.25
 #: A parameter is at a bound within this share of it.
 _BOUND = 1.0e-3
 #: Log-likelihood (twice) that a difference of the form's tolerance is worth.
@@ -270,6 +272,26 @@ def shape_at_a_bound(term: ActiveEffect) -> str:
         if not spec.linear and any(abs(value - end) <= _BOUND * abs(end) for end in ends):
             return f"in so few motions a {spec.name} at the end of its range tells of no law"
     return ""
+
+
+def untold_by_few(named: Named, term: ActiveEffect) -> str:
+    """Why a finding in a few motions names nothing; empty where it does, or motions are many.
+
+    In a few position, pressures, openings and time run together: where no name has one chance in
+    four, that something is missing is all that they tell.
+
+    Parameters
+    ----------
+    named : Named
+    term : ActiveEffect
+        Its effect as it was fitted last.
+    """
+    if named.few <= 1.0:
+        return ""
+    if named.probability[0] < _LEAST_SURE:
+        count = len(named.names)
+        return f"in so few motions {count} effects fit alike, and none is told from the others"
+    return shape_at_a_bound(term)
 
 
 def named_of(

@@ -28,7 +28,7 @@ from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
-from hydro_ident.mismatch.named import Named, at_a_bound, shape_at_a_bound
+from hydro_ident.mismatch.named import Named, at_a_bound, untold_by_few
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.products import paid
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
@@ -166,9 +166,8 @@ def verify(
     best, silent, against = _judged(looks, named, met)
     against = against or _vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
-    few = shape_at_a_bound(mine) if named.few > 1.0 else ""
     idle = _idle(without.squares - whole.squares, named, tried)
-    reason = at_a_bound(mine) or few or idle or against
+    reason = at_a_bound(mine) or untold_by_few(named, mine) or idle or against
     if not silent and there is not None:
         alien = not all(alike(narrow, there, term, prior) for term in terms)
         reason = reason or (_apart(agreement) if alien else "")

@@ -19,7 +19,7 @@ from hydro_ident.mismatch.diagnosis import _too_little, diagnose
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound
+from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound, untold_by_few
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.residuals import Residuals, residuals
@@ -34,7 +34,7 @@ from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
 from hydro_model.cylinder import lever, stroke
-from hydro_model.effects.catalogue import resolve
+from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.drives import GEAR_BACKLASH
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
@@ -372,3 +372,23 @@ def test_in_few_motions_a_shape_at_its_end_tells_of_no_law() -> None:
         spec = EffectSpec("pressure_compensation", "lift_valve", values)
         (one,) = resolve(replace(robot, effects=(spec,)))
         assert bool(shape_at_a_bound(one)) is told
+
+
+@pytest.mark.parametrize(
+    ("laws", "few", "told"), [(5, 8.0, True), (5, 1.0, False), (4, 8.0, False)]
+)
+def test_in_few_motions_many_laws_alike_are_none(
+    clean: Residuals, laws: int, few: float, told: bool
+) -> None:
+    """Each of five has a chance of a fifth; where motions are many, the set stands."""
+    names = (
+        "valve_deadband", "valve_null_bias", "valve_hysteresis", "internal_leakage",
+        "valve_gain_nonlinearity",
+    )  # fmt: skip
+    effects = [CATALOGUE[name] for name in names[:laws]]
+    terms = [ActiveEffect(one, 0, one.typical) for one in effects]
+    alike = [Contender(t, clean.base.weighed, 100.0, 100.0, 4.0) for t in terms]
+    found = named_of(alike, 0.001, 1.0, few)
+    reason = untold_by_few(found, found.term)
+    assert bool(reason) is told
+    assert not told or f"{laws} effects fit alike" in reason
