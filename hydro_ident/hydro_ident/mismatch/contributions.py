@@ -286,7 +286,8 @@ def _add_edges(
 ) -> None:
     """What passes the valve more in the second of two models, where an effect acts."""
     for place, stretch, chamber in _balances(signals, models[0], one):
-        first, second = (_passing(signals, m, stretch, chamber) for m in models)
+        first = signals.kept_passing(models[0], stretch, chamber, _passing)
+        second = _passing(signals, models[1], stretch, chamber)
         index = signals.material.chamber_index(place.channel)
         into[place.rows] += signals.material.windowed(stretch, index, second - first)
 

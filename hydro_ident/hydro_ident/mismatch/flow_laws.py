@@ -8,8 +8,10 @@ restrictions in series multiply (`hydro_model.effects.effect.Effect.needs_valve`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,14 +36,14 @@ def looks_at_valve(one: ActiveEffect) -> bool:
     return any(signals_read(law) & _OF_VALVE for law in laws)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class HeldRows:
     """A cylinder's signals in the parts of every sampling interval in which its valve is held.
 
     Attributes
     ----------
     parts : tuple of (N - 1, SIGNAL_COUNT) array
-        In the middle of each part, with the flows of the edges; not to be changed.
+        In the middle of each part, with the flows of the edges.
     shares : tuple of float
         Of the interval.
     known : (N - 1,) bool array
@@ -82,6 +84,22 @@ class HeldRows:
         known = np.all([np.isfinite(signal) for signal, _, _ in kept], axis=0)
         return HeldRows(tuple(parts), tuple(share for _, share, _ in kept), known)
 
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Mean signals of every interval, (N - 1, SIGNAL_COUNT)."""
+        return self.mean(self.parts)
+
+    @contextmanager
+    def as_left(self, column: int) -> Iterator[None]:
+        """Lets a column be written to, and puts back what it had: whole copies take long."""
+        changed = [*self.parts, self.middle]
+        before = [rows[:, column].copy() for rows in changed]
+        try:
+            yield
+        finally:
+            for rows, values in zip(changed, before, strict=True):
+                rows[:, column] = values
+
     def mean(self, values: Sequence[FloatArray]) -> FloatArray:
         """Mean over the parts of every interval of what each of them has, (N - 1, ...)."""
         result = self.shares[0] * values[0]
@@ -111,18 +129,28 @@ def held_flows(
     list of (N - 1,) array
         What each adds, m^3; unknown where the signal is.
     """
-    stage, passed = FLOW[side], _PASSED[side]
-    seen = [own.copy() for own in held.parts] if len(laws) > 1 else list(held.parts)
-    result = []
-    for number, one in enumerate(laws, 1):
-        if one.effect.states:
-            # They are followed from interval to interval, driven by the mean of either's flow.
-            law = one.effect.evaluate(held.mean(seen), one.parameters, stage, step_s)
-            adds = [law] * len(seen)
-        else:
-            adds = [one.effect.evaluate(own, one.parameters, stage, step_s) for own in seen]
-        if number < len(laws):
-            for own, add in zip(seen, adds, strict=True):
-                own[:, passed] += add
-        result.append(np.where(held.known, step_s * held.mean(adds), np.nan))
+    if len(laws) == 1:
+        return [_volume(laws[0], side, held, step_s)[0]]
+    passed, result = _PASSED[side], []
+    with held.as_left(passed):
+        for one in laws:
+            volume, adds = _volume(one, side, held, step_s)
+            for rows, add in zip((*held.parts, held.middle), adds, strict=True):
+                rows[:, passed] += add
+            result.append(volume)
     return result
+
+
+def _volume(
+    one: ActiveEffect, side: str, held: HeldRows, step_s: float
+) -> tuple[FloatArray, list[FloatArray]]:
+    """What a law adds per interval, m^3, and to the flows of the parts and the middle, m^3/s."""
+    stage = FLOW[side]
+    if one.effect.states:
+        # They are followed from interval to interval, driven by the mean of either's flow.
+        law = one.effect.evaluate(held.middle, one.parameters, stage, step_s)
+        adds = [law] * (len(held.parts) + 1)
+    else:
+        adds = [one.effect.evaluate(own, one.parameters, stage, step_s) for own in held.parts]
+        adds.append(held.mean(adds))
+    return np.where(held.known, step_s * adds[-1], np.nan), adds

@@ -71,6 +71,11 @@ def gives_way(one: ActiveEffect) -> bool:
     return bool({Stage.SUPPLY, Stage.TANK} & set(one.effect.stages))
 
 
+def _let_pass(one: ActiveEffect) -> bool:
+    """Whether rails give way by what an effect lets pass: all but hoses, as `railed`."""
+    return one.effect.needs_valve and not one.effect.states
+
+
 def on_signals(one: ActiveEffect) -> bool:
     """Whether an effect acts by what the model's signals are, and in no other way."""
     effect = one.effect
@@ -111,7 +116,6 @@ def _shape_of(model: Model) -> tuple[object, ...]:
     terms = [
         (t.effect.name, t.target, tuple(t.parameters.tolist()))
         for t in model.terms
-        # Rails give way by what laws of the valves' flows let pass.
-        if shapes(t) or t.effect.reading is not None or (rails and t.effect.needs_valve)
+        if shapes(t) or t.effect.reading is not None or (rails and _let_pass(t))
     ]
     return (tuple(terms), (*edges, *model.delays_s) if rails else ())

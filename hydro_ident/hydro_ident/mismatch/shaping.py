@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hydro_ident.estimate.chambers import Chamber
 from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.rails import railed
@@ -69,6 +70,9 @@ class Signals:
     _spools: dict[tuple[object, ...], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _scratch: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
+    _passed: dict[tuple[int, int, str], tuple[Model, Trace, FloatArray]] = field(
+        default_factory=dict
+    )
     _held: dict[tuple[int, int], tuple[_HeldOf, HeldRows]] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
@@ -100,6 +104,30 @@ class Signals:
         if kept is None or not same_base(kept[0], model):
             kept = self._last_plain = model, residual(self, model)
         return kept[1]
+
+    def kept_passing(
+        self,
+        model: Model,
+        stretch: Stretch,
+        chamber: Chamber,
+        passing: Callable[[Signals, Model, Stretch, Chamber], FloatArray],
+    ) -> FloatArray:
+        """What passes a chamber's valve in a model, kept for the last one asked for.
+
+        Effects are tried in many sizes beside the same others.
+        """
+        key = stretch.number, chamber.index, chamber.side
+        kept = self._passed.get(key)
+        if (
+            kept is None
+            or kept[0].robot is not model.robot
+            or kept[0].delays_s != model.delays_s
+            or not identical(kept[0], model)
+            or kept[1] is not stretch.trace
+        ):
+            volume = passing(self, model, stretch, chamber)
+            kept = self._passed[key] = model, stretch.trace, volume
+        return kept[2]
 
     def stretches(self, model: Model) -> tuple[Stretch, ...]:
         """The stretches with their sensors' signals corrected by the model's readings."""
@@ -183,7 +211,7 @@ class Signals:
         return self._rows[key]
 
     def held(self, model: Model, stretch: Stretch, cylinder: int) -> HeldRows:
-        """Signals of a cylinder as its valve is held by late commands; not to be changed.
+        """Signals of a cylinder as its valve is held by late commands.
 
         The last ones are kept, a few megabytes of them: trials and slopes share them.
         """
