@@ -53,10 +53,6 @@ def refuse_beyond(
         Which limit is exceeded, by how much and when.
     """
     check = check_path(robot, path, near=near, step_s=step_s)
-    asked = np.stack((check.lower, check.upper, check.peak_velocity, check.peak_acceleration))
-    if not np.all(np.isfinite(asked)):
-        # Comparisons with what is not a number hold none of the limits.
-        raise ControlError("expected a motion of finite numbers, found some beyond their range")
     speeds = np.array([joint.velocity_limit for joint in robot.joints])
     most = ACCELERATION_PER_VELOCITY_1_S * speeds
     worst = int(np.argmax(check.peak_acceleration / most))

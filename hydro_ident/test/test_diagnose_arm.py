@@ -113,7 +113,7 @@ def diagnosed(
 
     def run(*effects: str, late_s: float = 0.0) -> dict[str, Any]:
         bags = []
-        for name, seconds, seed in (("train", 25.0, 1), ("check", 16.0, 2)):
+        for name, seconds, seed in (("train", 25.0, 1), ("check", 24.0, 2)):
             q, qd, qdd = _motion(seconds, seed)
             rng = np.random.default_rng(10 + seed)
             torque = _torque(q, qd, qdd, effects)

@@ -115,6 +115,14 @@ class Signals:
         """What passes a chamber's valve in a model, kept for the last one asked for.
 
         Effects are tried in many sizes beside the same others.
+
+        Parameters
+        ----------
+        model : Model
+        stretch : Stretch
+        chamber : Chamber
+        passing : callable
+            What works it out, m^3 per sampling interval, (N - 1,).
         """
         key = stretch.number, chamber.index, chamber.side
         kept = self._passed.get(key)

@@ -109,7 +109,7 @@ def test_roll_outs_are_of_the_held_out_blocks_of_parts() -> None:
     split = _split(whole, parts)
     seconds = 0.0
     for part in parts:
-        piece = Piece(part, 0, part.samples, np.zeros((part.samples, 2)))
+        piece = Piece(part, 0, part.samples, np.zeros((part.samples, 2)), since=0)
         for one in windows(piece, split):
             assert split.holds("bag", part.time_s[one.begin : one.end]).all()
             seconds += one.seconds

@@ -214,6 +214,9 @@ def check_path(
     """
     times = check_times(path, step_s)
     q, qd, qdd = joint_motion(robot, path, times, near)
+    if not all(np.isfinite(values).all() for values in (q, qd, qdd)):
+        # No comparison with what is no number holds.
+        raise RobotError("expected a motion of finite numbers, found some beyond their range")
     margins = np.broadcast_to(margin, robot.dof).tolist()
     for i, (joint, kept) in enumerate(zip(robot.joints, margins, strict=True)):
         name = f"joint '{joint.name}'"
