@@ -209,10 +209,16 @@ def residuals(
         check = _elsewhere(there, training, signals, unlocked, parked)
     else:
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
-        known = within(material, training.mask, material)
-        check = Check(predictor, check_rows & known, moving, check_rows & ~known)
+        check = _held_back(training, check_rows, moving)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
+
+
+def _held_back(training: Training, rows: BoolArray, moving: BoolArray) -> Check:
+    """What is verified on of the fitted recordings themselves."""
+    predictor = training.predictor
+    known = within(predictor.material, training.mask, predictor.material)
+    return Check(predictor, rows & known, moving, rows & ~known)
 
 
 def _of_one_oil(*sets: tuple[Trace, ...]) -> list[tuple[Trace, ...]]:

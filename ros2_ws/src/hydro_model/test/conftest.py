@@ -1,14 +1,17 @@
-"""Random serial chains and a one-cylinder slider shared by the tests of this package."""
+"""Random serial chains, a slider and a copied crane, shared by the tests of this package."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hydro_model.part_regrouping import point_mass
 from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Joint, Robot, Valve
+from hydro_model.robot_files import shipped_robots
 
 MakeChain = Callable[..., Robot]
 MakeSlider = Callable[..., Robot]
@@ -128,3 +131,12 @@ def _slider(
 def make_slider() -> MakeSlider:
     """Factory of sliders: mass, gravity, viscous friction, delay, effects by name."""
     return _slider
+
+
+@pytest.fixture
+def crane(tmp_path: Path) -> Path:
+    """A copy of the shipped crane that a test may spoil."""
+    source = shipped_robots()["xs031"]
+    for name in (source.name, "xs031.urdf"):
+        shutil.copy(source.parent / name, tmp_path / name)
+    return tmp_path / source.name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,22 +13,11 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import joint_position, stroke
 from hydro_model.errors import RobotError
-from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot_files import MAX_FILE_BYTES, load_robot, shipped_robots
 
 Change = Callable[[dict[str, Any]], None]
-
-
-@pytest.fixture
-def crane(tmp_path: Path) -> Path:
-    """A copy of the shipped crane that a test may spoil."""
-    source = shipped_robots()["xs031"]
-    for name in (source.name, "xs031.urdf"):
-        shutil.copy(source.parent / name, tmp_path / name)
-    return tmp_path / source.name
 
 
 def rewritten(path: Path, change: Change) -> Path:
@@ -395,50 +383,3 @@ def test_numbers_in_exponent_notation_are_numbers(crane: Path) -> None:
     text = crane.read_text(encoding="utf-8").replace("1.2e9", "1e9")
     crane.write_text(text, encoding="utf-8")
     assert load_robot(crane).cylinders[0].bulk_modulus_pa == 1.0e9
-
-
-def test_base_parameters_give_the_dynamics_of_the_links(crane: Path) -> None:
-    robot = load_robot("xs031")
-    found = base_map(robot)
-    values = found.combination @ robot.parameter_vector
-
-    def change(data: dict[str, Any]) -> None:
-        data["schema"] = "hydro_model/model/1"
-        data["base_parameters"] = [
-            {"name": name, "combination": found.coefficients(i), "value": float(values[i])}
-            for i, name in enumerate(found.names)
-        ]
-        data["base_covariance"] = np.eye(len(found.names)).tolist()
-
-    model = load_robot(rewritten(crane, change))
-    assert model.base_covariance is not None
-    assert np.array_equal(model.base_covariance, np.eye(len(found.names)))
-    assert [p.name for p in model.base_parameters] == list(found.names)
-    q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 2))
-    expected = inverse_dynamics(robot, q, qd, qdd)
-    assert np.allclose(inverse_dynamics(model, q, qd, qdd), expected, rtol=0, atol=1e-8)
-
-
-def test_base_parameters_of_links_alone_have_no_parts_beside_them(crane: Path) -> None:
-    """A model made without closed chains: what its parts do is in its links."""
-
-    def change(data: dict[str, Any]) -> None:
-        data["base_parameters"] = [
-            {"name": "tilt_link.mcx", "combination": {"tilt_link.mcx": 1.0}, "value": 1100.0}
-        ]
-
-    model = load_robot(rewritten(crane, change))
-    assert not model.part_parameters.any()
-    assert model.cylinders[0].barrel is not None
-
-
-@pytest.mark.parametrize("covariance", [[[1.0]], "none", [[1.0] * 6] * 5, [[1.0] * 5] * 6])
-def test_covariance_of_another_size(crane: Path, covariance: object) -> None:
-    def change(data: dict[str, Any]) -> None:
-        data["base_parameters"] = [
-            {"name": f"lift_link.{p}", "combination": {f"lift_link.{p}": 1.0}, "value": 1.0}
-            for p in ("mcx", "mcy", "mcz", "ixx", "iyy", "izz")
-        ]
-        data["base_covariance"] = covariance
-
-    assert "base_covariance" in refused(rewritten(crane, change))
