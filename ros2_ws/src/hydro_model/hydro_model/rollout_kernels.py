@@ -179,8 +179,11 @@ def _record(model: Any, work: Any, solver: Any, sample: int, results: Any) -> No
 
 
 @kernel
-def _warm(work: Any, oil_c: float) -> None:
-    """Let all laws see a temperature of the oil."""
+def _surround(work: Any, inputs: Array, torques: Array, oil_c: float) -> None:
+    """Put joint torques (n,) behind the other inputs, and let all laws see the oil's warmth."""
+    before = inputs.shape[0] - torques.shape[0]
+    for j in range(torques.shape[0]):
+        inputs[before + j] = torques[j]
     for i in range(work.signals.shape[0]):
         work.signals[i, OIL_TEMPERATURE] = oil_c
 
@@ -247,9 +250,7 @@ def roll_out(
             for i in range(2):
                 known = known and rails[sample - 1, i] == rails[sample, i]
                 inputs[m + i] = 0.5 * (rails[sample - 1, i] + rails[sample, i])
-            for j in range(torques.shape[1]):
-                inputs[m + 2 + j] = torques[sample - 1, j]
-            _warm(work, oil[sample - 1])
+            _surround(work, inputs, torques[sample - 1], oil[sample - 1])
             status, time, held, h = _to_sample(
                 model,
                 work,
@@ -270,9 +271,7 @@ def roll_out(
         copy(commands[held], inputs)
         for i in range(2):
             inputs[m + i] = rails[sample, i]
-        for j in range(torques.shape[1]):
-            inputs[m + 2 + j] = torques[sample, j]
-        _warm(work, oil[sample])
+        _surround(work, inputs, torques[sample], oil[sample])
         if sample == 0:
             right_hand_side(model, work, times[0], inputs, solver.y, solver.f, REST)
             for i in range(solver.z.shape[0]):
