@@ -128,7 +128,7 @@ def _there(confirmer: Confirmer, name: str, mean: float) -> bool | None:
         return True
     left = bench.beyond(direction[:, None])
     products = bench.by_block(left * bench.residual[:, None])
-    expected = mean * float(np.sum(left**2))
+    expected = mean * float(np.sum(left[: bench.measured] ** 2))
     return False if expected >= _SHOWS * float(np.linalg.norm(products)) else None
 
 

@@ -21,7 +21,14 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAMILY_ERROR, PRECISION_UNNAMED
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.wavering import Wavering, _chance, _direction, _wavering, wavering
+from hydro_ident.mismatch.wavering import (
+    Wavering,
+    _chance,
+    _direction,
+    _there,
+    _wavering,
+    wavering,
+)
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
@@ -133,7 +140,7 @@ def minute(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Any:
     return simulated_run(crane(), 60.0)
 
 
-def _there(run: Any) -> np.ndarray:
+def _up_together(run: Any) -> np.ndarray:
     """Times, three eighths of all, at which two swings of no common period are up together."""
     turned = 0.6 * np.arange(len(run.q)) * 0.002
     return np.sin(turned) + np.sin(1.7 * turned) > 0.3
@@ -146,7 +153,7 @@ def _wavers(work: Residuals) -> dict[str, Wavering]:
 def test_a_drag_without_a_rhythm_is_told_with_what_it_is_at_times(
     minute: Any, lay_out: Callable[..., Residuals]
 ) -> None:
-    there = _there(minute)
+    there = _up_together(minute)
     work = lay_out(_dragged(minute, 0.1 * there))
     wavers = _wavers(work)
     one = wavers["lift/force"]
@@ -179,12 +186,24 @@ def test_mean_and_change_of_a_drag_are_told_together(
     assert found.deviation > found.mean > 0.0
 
 
+def test_rows_in_which_a_drag_would_not_stand_out_say_nothing_of_it(
+    minute: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    time = np.arange(len(minute.q)) * 0.002
+    rng = np.random.default_rng(6)
+    restless = np.repeat(rng.normal(0.0, 2000.0, len(time) // 100 + 1), 100)[: len(time)]
+    for other, told in ((_pushed(minute, restless), None), (minute, False)):
+        work = lay_out(minute, [other])
+        confirmer = Confirmer(work.training, work.check, work.base)
+        assert _there(confirmer, "lift/force", 60.0) is told
+
+
 @pytest.mark.parametrize("kind", ["nothing", "all along", "whatever moves"])
 def test_what_does_not_come_and_go_against_the_motion(
     minute: Any, lay_out: Callable[..., Residuals], kind: str
 ) -> None:
     """Nothing, dry friction all along, and as large a force that knows nothing of the motion."""
-    there = _there(minute)
+    there = _up_together(minute)
     run = {
         "nothing": minute,
         "all along": _dragged(minute, np.full(there.size, 0.1)),
@@ -198,7 +217,7 @@ def test_beside_what_is_named_a_drag_is_no_small_part_of_it(
     minute: Any, lay_out: Callable[..., Residuals], gain: float, told: bool
 ) -> None:
     """Its law's own form may leave a little of a large effect here and there."""
-    run = _dragged(minute, 0.1 * _there(minute))
+    run = _dragged(minute, 0.1 * _up_together(minute))
     p_a = run.p_a.copy()
     p_a[:, 0] *= 1.0 + gain
     work = lay_out(replace(run, p_a=p_a))
