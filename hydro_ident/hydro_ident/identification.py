@@ -150,7 +150,7 @@ def identify(
     advance("first look at the bags", 0, _STAGES)
     job = prepared(robot, (sources, others), settings, workers)
     advance("fitting", 1, _STAGES)
-    estimates = Estimation(sources, job.plan, job.still, workers).run(
+    estimates = Estimation(job.sources, job.plan, job.still, workers).run(
         settings.estimator, job.surveys, job.signals
     )
     estimates = within_bounds(robot, estimates)

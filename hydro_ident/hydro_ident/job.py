@@ -9,6 +9,7 @@ from functools import partial
 
 from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.cleaning import Cleaner
+from hydro_ident.command_updates import update_notes, with_updates
 from hydro_ident.continuity import bridged_notes
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
@@ -116,7 +117,7 @@ class Job:
     @property
     def notes(self) -> tuple[str, ...]:
         """What is to be said of the recordings."""
-        notes = apart_notes(self.seen)
+        notes = apart_notes(self.seen) + update_notes((*self.sources, *self.others))
         for recording in (survey.recording for survey in self.seen):
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:
@@ -172,6 +173,7 @@ def prepared(
     effects = ListedEffects.of(robot)
     seen = tuple(workers.map(partial(survey_source, robot=robot), (*sources, *others)))
     surveys = seen[: len(sources)]
+    sources, others = with_updates(robot, sources, others, seen)
     signals = merged_signals(robot, surveys)
     every = 0 if others else settings.hold_out_every
     still = still_joints_of(robot, signals)

@@ -88,6 +88,8 @@ class Recording:
     dead : mapping of str to float
         Sensors that read the same throughout while their joint moved (`<joint> effort`,
         `<cylinder>/a`), and their readings; their columns are NaN.
+    updated_between : bool
+        Whether commands changed between the cycles, too, and not with each of them alone.
     """
 
     path: Path
@@ -118,6 +120,7 @@ class Recording:
     notes: tuple[str, ...]
     metadata: Mapping[str, str]
     dead: Mapping[str, float] = field(default_factory=dict)
+    updated_between: bool = False
 
     @property
     def other_robot(self) -> str:

@@ -44,8 +44,8 @@ class Trace:
     supply, tank : (N,) array
         Gauge pressures in Pa, recorded (straight between readings) or the robot file's.
     valve_signal : (N, m) array
-        Normalised signal by cylinder, limited to [-1, 1]; NaN while latched or unknown, or while
-        a rail was not read for long.
+        Normalised signal by cylinder, limited to [-1, 1], held from its sample on; NaN while
+        latched or unknown, or while a rail was not read for long.
     joint_torque : (N, n) array
         Measured joint torque, N m or N, where the robot has no cylinder on the joint.
     cycle : int
@@ -280,4 +280,6 @@ def _signals(recording: Recording, piece: slice, count: int) -> FloatArray:
     for k, valve in enumerate(robot.valves):
         signal = np.clip(recording.valve_v[piece, k] / valve.rated_voltage_v, -1.0, 1.0)
         result[:, at[valve.cylinder]] = np.where(recording.latched[piece], np.nan, signal)
+    if recording.updated_between:
+        result[:-1] = 0.5 * (result[:-1] + result[1:])
     return result

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.cleaning import Cleaner
+from hydro_ident.command_updates import update_notes, with_updates
 from hydro_ident.errors import NotEnoughDataError
 from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.force_rows import ForceModel, force_model
@@ -173,6 +174,7 @@ def residuals(
     forces = own_forces(robot, torque)
     locked = still_joints_of(robot, signals)
     still = still_positions(surveys, locked)
+    sources, others = with_updates(robot, sources, others, surveys)
     cleaner, cleaned = Cleaner.of(robot, signals, _GROSS), dict[str, int]()
     whole = whole_traces(sources, cleaner, cleaned)
     if not whole:
@@ -194,6 +196,7 @@ def residuals(
         return None
     training, base = _refitted(robot, predictor, fit_rows & moving, settings)
     notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
+    notes += tuple(update_notes((*sources, *others)))
     notes += open_notes(predictor, robot) if settings.fixed_base else ()
     scan = training
     if looked_at is not whole:
