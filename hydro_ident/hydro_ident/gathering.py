@@ -144,7 +144,7 @@ def gather_source(source: Source, plan: GatherPlan) -> Gathered:
 
 def _add_forces(found: Gathered, plan: GatherPlan, trace: Trace) -> None:
     still = plan.still.get(found.name, {})
-    stopped = at_end_stops(plan.robot, trace, plan.filters, still)[trace.owned]
+    stopped = at_end_stops(plan.robot, trace, plan.filters, still)[trace.owned].any(axis=1)
     found.stopped_s += float(np.count_nonzero(stopped)) * trace.step_s
     rows = force_rows(plan.model, trace, plan.filters, still, plan.instruments)
     if rows is None:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings, central_differences
 from hydro_ident.estimate.end_stops import at_end_stops
 from hydro_ident.estimate.force_rows import force_rows
 from hydro_ident.estimate.inertial import fit_inertial, force_model
 from hydro_ident.estimate.late_forces import late_rows
+from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.mismatch.laying import material_of
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
@@ -64,17 +69,48 @@ def test_what_a_stop_bears_is_no_mass(robot: Robot, push_n: float) -> None:
 
 def test_rows_within_the_filters_reach_of_a_stop_are_left_out(robot: Robot) -> None:
     trace, settings = _pressed(robot, 0.0), FilterSettings()
-    stopped = trace.time_s[at_end_stops(robot, trace, settings)]
+    mask = at_end_stops(robot, trace, settings)
+    stopped = trace.time_s[mask[:, 0]]
     reach = settings.edge_samples(H) * H
     assert stopped[0] == pytest.approx(20.0 - reach, abs=0.3)
     assert stopped[-1] == pytest.approx(22.0 + reach, abs=0.3)
     model = force_model(robot)
     rows = force_rows(model, trace, settings)
     assert rows is not None
-    assert not np.isin(rows.time_s, stopped).any()
+    assert np.isnan(rows.y[np.isin(rows.time_s, stopped), 0]).all()
+    # The stop of one joint bears nothing in the equation of another.
+    assert not mask[:, 1].any()
+    assert np.isfinite(rows.y[:, 1]).all()
+    assert np.isfinite(rows.y[:, 0]).mean() > 0.8
     assert len(late_rows(model, trace, rows, settings).y) == len(rows.y)
     # What never moves would leave nothing of what does.
     assert not at_end_stops(robot, trace, settings, still=(0,)).any()
+
+
+def test_a_diagnosis_lays_no_row_that_a_stop_bears(robot: Robot) -> None:
+    """Neither to fit nor to verify on; what its valve passes stays, and the other joint."""
+    trace, filters = _pressed(robot, -8e4), FilterSettings()
+    material = material_of(robot, force_model(robot), [trace], filters, WindowSettings(), {})
+    fit, score = material.masks(HoldOut.of({"bag": SECONDS}))
+    assert not ((fit | score) & material.stopped).any()
+    held = {material.channels[k] for k in np.unique(material.channel[material.stopped])}
+    assert held == {"lift/force"}
+    times = material.time_s[material.stopped]
+    assert 2.0 < np.ptp(times) < 4.0
+    assert 20.0 < times.mean() < 22.0
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4])
+def test_of_a_few_samples_nothing_is_told(robot: Robot, samples: int) -> None:
+    """Between two losses; as near to the stop as the others."""
+    trace = _pressed(robot, 0.0)
+    at = slice(10500, 10500 + samples)
+    few = replace(
+        trace,
+        **{n: getattr(trace, n)[at] for n in ("time_s", "q", "stroke", "p_a", "p_b", "supply")},
+    )
+    assert not at_end_stops(robot, few, FilterSettings()).any()
+    assert at_end_stops(robot, trace, FilterSettings())[at, 0].all()
 
 
 def test_a_rest_elsewhere_is_none(robot: Robot) -> None:

@@ -16,15 +16,17 @@ from hydro_model.robot import FloatArray, Robot
 _NEAR = 4.0e-3
 #: What is slower rests, m/s or rad/s.
 _RESTS = 1.0e-3
+#: Samples of which velocities are differences.
+_LEAST = 5
 
 
 def at_end_stops(
     robot: Robot, trace: Trace, settings: FilterSettings, still: Container[int] = ()
 ) -> BoolArray:
-    """Samples in whose filtered forces a stop may have a part, (N,).
+    """Samples in which a joint's filtered force may have a part of what its stop bears, (N, n).
 
-    Under pressure a piston pushes its stop with up to the supply's whole force, which no equation
-    of the force channels knows.
+    Under pressure a piston pushes its stop with up to the supply's whole force, which the equation
+    of its own joint does not know; those of the others hold.
 
     Parameters
     ----------
@@ -36,18 +38,19 @@ def at_end_stops(
     still : container of int
         Joints that never move: without their rows nothing would be left of the others.
     """
-    result = np.zeros(trace.samples, dtype=np.bool_)
+    result = np.zeros(trace.q.shape, dtype=np.bool_)
     moving = [j for j in range(robot.dof) if j not in still]
     near = {j: _near_an_end(robot, trace, j) for j in moving}
-    if not any(where.any() for where in near.values()):
+    if trace.samples < _LEAST or not any(where.any() for where in near.values()):
         return result
     _, speed, _ = motion(trace.q, trace.step_s, settings)
     for cylinder in robot.cylinders:
         at = robot.joint_index(cylinder.joint)
         speed[:, at] *= lever(cylinder, trace.q[:, at])
     for joint, where in near.items():
-        result |= where & (np.abs(speed[:, joint]) < _RESTS)
-    return _reached(result, settings.edge_samples(trace.step_s))
+        own = where & (np.abs(speed[:, joint]) < _RESTS)
+        result[:, joint] = _reached(own, settings.edge_samples(trace.step_s))
+    return result
 
 
 def _near_an_end(robot: Robot, trace: Trace, joint: int) -> BoolArray:

@@ -184,7 +184,7 @@ def force_rows(
     Returns
     -------
     Rows or None
-        One channel per joint, without those at end stops. None where the trace is shorter than the
+        One channel per joint, unknown at its end stops. None where the trace is shorter than the
         filter's edges, or a joint angle or every force is missing: each force needs all the
         angles.
     """
@@ -195,9 +195,7 @@ def force_rows(
     known = np.isfinite(force).all(axis=0)
     if not keep.size or not known.any() or not np.isfinite(trace.q).all():
         return None
-    keep = keep[~at_end_stops(model.robot, trace, settings, still)[keep]]
-    if not keep.size:
-        return None
+    stopped = at_end_stops(model.robot, trace, settings, still)[keep]
     q = held_still(trace.q, still)
     x = _filtered_columns(model, trace, q, settings, keep)
     z = None
@@ -214,6 +212,7 @@ def force_rows(
     y[:, known] = parallel_filter(force[:, known], trace.step_s, settings, keep)
     if model.held is not None:
         y -= _held(model, trace, q, settings, keep)
+    y[stopped] = np.nan
     step_s = settings.decimation(trace.step_s) * trace.step_s
     time_s = trace.time_s[keep]
     return Rows(y, x, time_s, trace.label, z, step_s, settings.stride(trace.step_s))

@@ -75,8 +75,6 @@ def late_rows(model: ForceModel, trace: Trace, rows: Rows, settings: FilterSetti
     if model.corrected is not None:
         trace = model.corrected(trace)
     keep = kept_samples(trace.samples, trace.step_s, settings, trace.cycle, trace.core)
-    # Some of these are at an end stop, and no rows.
-    keep = keep[np.isin(trace.time_s[keep], rows.time_s)]
     rates = smooth_rates(measured_force(model, trace), trace.step_s, settings)
     rates = parallel_filter(rates, trace.step_s, settings, keep)
     groups = _groups(model)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of, window_rows
 from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motion
+from hydro_ident.estimate.end_stops import at_end_stops
 from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.traces import Trace
@@ -144,19 +145,22 @@ def _stretch(
     paired: Sequence[bool],
 ) -> Stretch:
     kept: IndexArray = np.zeros(0, dtype=np.intp)
-    moved = None
+    moved, stopped = None, None
     if np.isfinite(trace.q).all():
         kept = kept_samples(trace.samples, trace.step_s, filters, trace.cycle, trace.core)
-        q = held_still(trace.q, still.get(trace.recording, {}))
+        rests = still.get(trace.recording, {})
+        q = held_still(trace.q, rests)
         if trace.samples > 3 * filters.order:
             moved = Motion(*motion(q, trace.step_s, filters))
+            stopped = at_end_stops(robot, replace(trace, q=q), filters, rests)
     span = max(1, round(windows.length_s / trace.step_s))
     held = held_trace(trace, span)
     starts = tuple(
         _starts(trace, held, chamber, windows, robot.command_delay_s, both)
         for chamber, both in zip(chambers_of(robot), paired, strict=True)
     )
-    return Stretch(held, moved, kept if moved is not None else kept[:0], starts, span)
+    kept = kept if moved is not None else kept[:0]
+    return Stretch(held, moved, kept, starts, span, stopped=stopped)
 
 
 def _paired(robot: Robot, traces: Sequence[Trace]) -> list[bool]:
