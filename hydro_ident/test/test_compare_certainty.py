@@ -15,7 +15,7 @@ from hydro_ident.commands.identify import parser, run, settings_of
 from hydro_ident.compare import Comparison, Sides, compare
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.rows import Rows
-from hydro_ident.estimate.scores import HoldOut
+from hydro_ident.estimate.scores import HoldOut, in_turns
 from hydro_ident.identification import Identification, identify
 from hydro_ident.model_statistics import Statistics, read_statistics, statistics_of
 from hydro_ident.parameters import Parameter
@@ -206,6 +206,26 @@ def test_the_guard_is_as_long_as_the_filter_carries(cutoff: float) -> None:
     # Half of the recording at least is fitted, and a fifth scored.
     assert kept.size > 0.5 * time.size
     assert held.size == pytest.approx(0.2 * time.size, rel=0.1)
+
+
+@pytest.mark.parametrize("period_s", [12.0, 16.0, 20.0, 24.0, 40.0])
+def test_no_part_of_a_motion_that_repeats_is_always_held_out(period_s: float) -> None:
+    """Nor always fitted: each eighth of the motion is held out at times, and fitted at others."""
+    split = HoldOut.of({"run": 600.0}, every=5)
+    time = np.arange(0.0, 600.0, 0.05)
+    eighth = np.floor(8.0 * np.mod(time, period_s) / period_s).astype(int)
+    held = split.holds("run", time)
+    share = np.bincount(eighth[held], minlength=8) / np.bincount(eighth, minlength=8)
+    assert share.min() > 0.05
+    assert share.max() < 0.5
+    assert held.mean() == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize("every", [2, 3, 4, 5, 7])
+def test_each_set_has_one_block_of_every_round(every: int) -> None:
+    sets = in_turns(np.arange(every * every), every).reshape(every, every)
+    for one in (sets, sets.T) if every % 2 or every == 4 else (sets,):
+        assert (np.sort(one, axis=1) == np.arange(every)).all()
 
 
 def test_blocks_shorter_than_the_guard_do_not_slip_through() -> None:

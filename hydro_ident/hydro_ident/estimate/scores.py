@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray
@@ -105,10 +106,26 @@ class HoldOut:
         if self.parts is not None:
             inside, along = _along(self.parts.get(recording, ()), time_s)
         index = np.floor(along / self.block_s[recording]).astype(int)
-        return np.asarray(inside & (index % self.every == self.every - 1))
+        return np.asarray(inside & (in_turns(index, self.every) == self.every - 1))
 
     def _held(self, rows: Rows, shift_s: float) -> BoolArray:
         return self.holds(rows.label.rsplit("#", 1)[0], rows.time_s + shift_s)
+
+
+def in_turns(block: NDArray[np.int64], every: int) -> NDArray[np.int64]:
+    """Which of so many sets each block of time is in: one of every round, each time another.
+
+    Motions repeat, and their period may well be a round: in the same order throughout, a set would
+    then be of one part of the motion, and no other have it.
+
+    Parameters
+    ----------
+    block : (N,) int array
+        Numbers from 0 on.
+    every : int
+        Sets, and blocks of a round.
+    """
+    return np.asarray((block + (2 if every % 2 else 1) * (block // every)) % every)
 
 
 def _along(

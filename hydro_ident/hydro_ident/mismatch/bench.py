@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.scores import in_turns
 from hydro_ident.mismatch.tall import factored
 from hydro_ident.mismatch.whitening import IndexArray, Layout, Noise
 from hydro_ident.mismatch.whitening_kernels import add_blocks
@@ -221,7 +222,7 @@ class Bench:
         stays = np.zeros(x.shape[1]) if reach is None else (reach * self.scale) ** -2.0
         result = np.zeros(folds)
         number = [
-            (np.floor((times + shift) / block_s).astype(int) + recording) % folds
+            (in_turns(np.floor((times + shift) / block_s).astype(int), folds) + recording) % folds
             for shift in (-guard_s, 0.0, guard_s)
         ]
         for fold in range(folds):
