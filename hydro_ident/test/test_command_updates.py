@@ -1,4 +1,4 @@
-"""Logs slower than the commands in them: taken as they were updated, not held half a cycle late."""
+"""Logs slower than the commands in them: taken as these were updated, not half a cycle late."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_only_slow_recordings_are_looked_at(runs: dict[str, Recording], robot: R
     assert note.startswith("held: ")
 
 
-def test_the_mean_of_two_commands_stands_for_the_time_between(robot: Robot, crane_run: Any) -> None:
+def test_the_mean_of_two_commands_stands_for_the_time_between(crane_run: Any) -> None:
     recording = crane_run.recording()
     [plain] = traces_of([recording])
     [mean] = traces_of([replace(recording, updated_between=True)])

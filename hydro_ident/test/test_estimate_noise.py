@@ -52,6 +52,24 @@ def test_counts_per_revolution_are_no_resolution_of_a_slide(robot: Robot, crane_
         assert still_joints_of(one, survey) == ()
 
 
+def test_angles_rounded_behind_a_fine_encoder_are_as_coarse_as_they_were_written(
+    robot: Robot, crane_run: Any
+) -> None:
+    """To a milliradian, while the joints rest for most of the time."""
+    rests = np.repeat(crane_run.q[:1], 3 * len(crane_run.q), axis=0)
+    q = np.round(np.concatenate([crane_run.q, rests]) / 1e-3) * 1e-3
+    count = len(q)
+    columns = {
+        name: np.resize(values, (count, *values.shape[1:]))
+        for name in ("p_a", "p_b", "supply", "tank", "valve_v", "latched")
+        if (values := getattr(crane_run.recording(), name)) is not None
+    }
+    stamps = crane_run.recording().stamp_ns[0] + 2_000_000 * np.arange(count)
+    recording = crane_run.recording(q=q, stamp_ns=stamps, command_v=None, **columns)
+    survey = SignalSurvey.of(robot, traces_of([recording]))
+    assert encoder_noise(survey) == pytest.approx(1e-3 / math.sqrt(12.0), rel=0.01)
+
+
 def test_floors_are_the_same_whichever_recording_comes_first(robot: Robot, crane_run: Any) -> None:
     """Of two rates they lie between those of either, nearer the one that was recorded longer."""
     quick = crane_run.recording()

@@ -99,11 +99,12 @@ def encoder_noise(survey: SignalSurvey) -> FloatArray:
     survey : SignalSurvey
     """
     count = 2.0 * math.pi / survey.robot.sensors.encoder_counts_per_rev
-    # Counts per revolution are no resolution of a slide: what was seen of it stands for it.
+    # Counts per revolution are no resolution of a slide, nor of a log that was rounded behind the
+    # encoder: what was seen of either stands for it.
     slides = [joint.prismatic for joint in survey.robot.joints]
     return np.array(
         [
-            sensor.noise(sensor.smallest_change if slide else count)
+            sensor.noise(max(sensor.smallest_change, 0.0 if slide else count))
             for sensor, slide in zip(survey.q, slides, strict=True)
         ]
     )

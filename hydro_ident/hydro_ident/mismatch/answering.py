@@ -131,12 +131,16 @@ def _described(
 def _far(
     here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
 ) -> dict[str, float]:
-    """Channels that lack something here and there, and over what their noise leaves.
+    """Channels that lack something here and (if known) there, and over what their noise leaves.
 
     `least` is what their sensors may make of them.
     """
-    found = [{c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)]
-    return {n: d for n, d in found[1].items() if d > 0.0 and found[0].get(n, 0.0) > 0.0}
+    fitted, held_out = (
+        {c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)
+    )
+    # Where no row to verify on knows a channel, those that were fitted have to do.
+    found = fitted | held_out
+    return {n: d for n, d in found.items() if d > 0.0 and fitted.get(n, 0.0) > 0.0}
 
 
 def _distance(one: ChannelResult, least: float) -> float:

@@ -77,15 +77,20 @@ class Check:
         further = self.beyond & np.isin(material.channel, flows)
         return replace(self, mask=self.mask | further)
 
+    @property
+    def rows_in_motion(self) -> BoolArray:
+        """Those of the rows whose joint moves, (N,)."""
+        return np.asarray(self.mask & self.moving)
+
     def known(self, training: Training) -> Prior | None:
         """What the training's fits know of the base beforehand, by these rows' parameters."""
         return training.known(self.predictor)
 
     def training(self, training: Training) -> Training:
         """The rows as if they were to be fitted, with what the base is held to as there."""
-        rows = self.mask & self.moving
-        there = Training.of(self.predictor, rows, self.known(training))
-        return replace(there, latest_s=training.latest_s)
+        there = Training.of(self.predictor, self.rows_in_motion, self.known(training))
+        # Delays are shared out between base and effect by the cycle that they were fitted with.
+        return replace(there, latest_s=training.latest_s, cycle_s=training.cycle_s)
 
     def residual(self, model: Model) -> FloatArray:
         """Residual of a model on all rows of the material."""

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.chance import overdispersed, overdispersion, told_best
 from hydro_ident.mismatch.encoders import Encoders
+from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
 from hydro_ident.mismatch.onset import Sight, ends
@@ -57,13 +58,13 @@ class Contest:
     Parameters
     ----------
     training : Training
-    few : float
-        As `named_of`.
+    few : FewMotions, optional
+        Every motion is one of many by default.
     """
 
-    def __init__(self, training: Training, few: float) -> None:
-        self.training, self.few = training, few
-        self.encoders = Encoders(training)
+    def __init__(self, training: Training, few: FewMotions | None = None) -> None:
+        self.training, self.encoders = training, Encoders(training)
+        self.few = few or FewMotions(training.predictor.material, 0.0)
 
     def between(
         self, current: Fitted, noise: Noise, scores: Sequence[Score], best: Score, p: float
@@ -99,7 +100,8 @@ class Contest:
         # Of what the best law leaves: a trial's own misfit is no noise.
         spread = min(overdispersion(best), self.spread(without, best, leading.fitted))
         allowance = base_delay(self.training, without, leading.term)
-        return named_of(members, p, spread, self.few, allowance), leading in told
+        few = self.few.of([leading.term])
+        return named_of(members, p, spread, few, allowance), leading in told
 
     def spread(self, without: Fitted, best: Score, whole: Weighed) -> float:
         """As `overdispersion`, of the residual that a fit leaves.
@@ -204,7 +206,8 @@ class Contest:
         spread : float
             As `overdispersion`.
         """
-        return named_of(self.fitted(without, terms, noise), 0.0, spread, self.few)
+        few = self.few.of(terms)
+        return named_of(self.fitted(without, terms, noise), 0.0, spread, few)
 
     def at_each(
         self, current: Fitted, noise: Noise | None, found: Named, scores: Sequence[Score]
@@ -288,8 +291,11 @@ class Contest:
         """
         possible = [c for c in contenders if not at_a_bound(c.term)]
         alike = {name for c in possible for name in c.term.effect.looks_like}
-        few = self.few > 1.0
-        kept = [c for c in contenders if c in possible or (few and c.term.effect.name in alike)]
+        kept = [
+            c
+            for c in contenders
+            if c in possible or (self.few.of([c.term]) > 1.0 and c.term.effect.name in alike)
+        ]
         return kept if possible else contenders
 
     def fitted(

@@ -26,6 +26,7 @@ from hydro_ident.mismatch.notes import (
     left_notes,
     search_notes,
     silent_notes,
+    unverified_notes,
 )
 from hydro_ident.mismatch.outcome import (
     EXPLAINED,
@@ -156,9 +157,11 @@ def _diagnosed(
     told = {name for f in (*findings, *minor) for name in f.channels}
     told |= {one.channel for one in unknown}
     untold = {name: ratio for name, ratio in ratios.items() if name not in told}
-    notes += left_notes(channels) + apart_notes(untold)
+    notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)
     notes += instant_notes(work, whole)
-    doubtful = _doubtful(work, findings, channels, ratios)
+    # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
+    in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
+    doubtful = _doubtful(work, findings, in_motion, ratios)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
@@ -231,7 +234,7 @@ def _doubtful(
     material = work.training.predictor.material
     # Where one pressure is not known, another law may look like what was found.
     unpaired = any(name in f.channels for f in findings for name in material.unpaired)
-    few = material.motions < FEW_MOTIONS
+    few = material.motions < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
     elsewhere = any(f.channels[0] in ratios for f in findings)
     return few or unpaired or elsewhere or _hardly_better(findings, channels)
 

@@ -58,6 +58,8 @@ class Stretch:
         Samples of a window.
     number : int
         Among the material's; those with corrected sensors keep it.
+    stopped : (N, n) bool array or None
+        Samples whose joint rests at an end of its travel.
     """
 
     trace: Trace
@@ -66,6 +68,7 @@ class Stretch:
     starts: tuple[IndexArray, ...]
     span: int
     number: int = 0
+    stopped: BoolArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,9 +255,15 @@ class Material:
         Steps one way are one motion, as they are of one curve over the position: friction is told
         from gravity, and time from position, by a joint that comes back.
         """
-        return max((self._motions_of(j) for j in range(self.robot.dof)), default=0)
+        return max((self.motions_of(j) for j in range(self.robot.dof)), default=0)
 
-    def _motions_of(self, joint: int) -> int:
+    def motions_of(self, joint: int) -> int:
+        """How often a joint moves, one way and then the other.
+
+        Parameters
+        ----------
+        joint : int
+        """
         speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
         usual = usual_size([np.abs(v) for _, v in speeds])
         if usual is None:
@@ -280,6 +289,17 @@ class Material:
             return qd
         return low_pass(qd, step_s, filters.parallel_hz, filters.order)
 
+    @property
+    def stopped(self) -> BoolArray:
+        """Rows of forces of which an unknown part is borne by their joint's stop, (N,)."""
+        result = np.zeros(self.size, dtype=np.bool_)
+        for place in self.places:
+            stretch = self.stretches[place.stretch]
+            if stretch.stopped is not None and not self.is_flow(place.channel):
+                own = stretch.stopped[:, self.joint_of(place.channel)]
+                result[place.rows] = self.on_rows(stretch, place.channel, own)
+        return result
+
     def masks(self, split: HoldOut) -> tuple[BoolArray, BoolArray]:
         """Rows to fit and rows to score of a split."""
         fit, score = np.zeros(self.size, dtype=np.bool_), np.zeros(self.size, dtype=np.bool_)
@@ -294,7 +314,7 @@ class Material:
             fit[split.training(rows).y[:, 0].astype(int)] = True
             if split.every:
                 score[split.held_out(rows).y[:, 0].astype(int)] = True
-        return fit, score
+        return fit & ~self.stopped, score & ~self.stopped
 
 
 def pressure_of(chamber: Chamber, trace: Trace) -> FloatArray:

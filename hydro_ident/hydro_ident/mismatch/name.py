@@ -19,6 +19,7 @@ from hydro_ident.mismatch.chance import (
 )
 from hydro_ident.mismatch.contest import PASSES, Contest, firsts
 from hydro_ident.mismatch.exclusion import exclude
+from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.modelled import Model, same
 from hydro_ident.mismatch.named import Named, at_a_bound
@@ -29,7 +30,6 @@ from hydro_ident.mismatch.scoring import Bank, Score, score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR,
     FAMILY_ERROR_UNNAMED,
-    FEW_MOTIONS,
     LEAST_EFFECTIVE,
     MOST_EFFECTS,
 )
@@ -108,10 +108,6 @@ class Searcher:
     bank : Bank, optional
         Of an earlier search on the same rows.
 
-    Attributes
-    ----------
-    few : float
-        Blocks per motion where there are too few motions for a sample; else 1.
     """
 
     def __init__(
@@ -123,10 +119,8 @@ class Searcher:
     ) -> None:
         self.training, self.base, self.excluded = training, base, set(excluded)
         self.bank = bank or Bank(training.predictor)
-        material = training.predictor.material
-        motions = max(material.motions, 1)
-        self.few = base.bench.blocks / motions if motions < FEW_MOTIONS else 1.0
-        self.contest = Contest(training, self.few)
+        few = FewMotions(training.predictor.material, base.bench.blocks)
+        self.contest = Contest(training, few)
         # Tried in earlier steps, and not worth what they cost.
         self._refuted = set[tuple[str, str]]()
 

@@ -89,6 +89,25 @@ def left_notes(channels: Sequence[ChannelResult]) -> list[str]:
     ]
 
 
+def unverified_notes(work: Residuals, channels: Sequence[ChannelResult]) -> list[str]:
+    """Fitted channels of which no row to verify on can tell anything.
+
+    Parameters
+    ----------
+    work : Residuals
+    channels : sequence of ChannelResult
+        On the rows to verify on.
+    """
+    seen, material = {c.name for c in channels}, work.training.predictor.material
+    missing = ", ".join(name for name in material.channels if name not in seen)
+    if not missing:
+        return []
+    return [
+        f"{missing}: nothing is verified there, as no row to verify on knows it within the"
+        " positions that were fitted"
+    ]
+
+
 def apart(work: Residuals, whole: Fitted, channels: Sequence[ChannelResult]) -> dict[str, float]:
     """Channels of which the recordings to verify on know what those to fit did not show.
 

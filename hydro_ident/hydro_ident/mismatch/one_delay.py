@@ -131,7 +131,7 @@ def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named
     of_delay = unit * own.held_out
     if of_delay - own.cost < of_lags - sum(n.modelled.cost for n in lags):
         return None
-    found = named_of([own], min(n.p_value for n in lags), spread, contest.few)
+    found = named_of([own], min(n.p_value for n in lags), spread, contest.few.of([own.term]))
     # All spools alike are one number as well: what fits alike is not told apart.
     odds = float(np.exp(min(of_lags - of_delay, 0.0)))
     return found.beside({lags[0].term.effect.name: odds})

@@ -266,7 +266,7 @@ def _elsewhere(
 ) -> Check:
     """Rows of other recordings: verified on are fitted channels, where their joints have been."""
     material = training.predictor.material
-    foreign = unfitted(there, unlocked, parked)
+    foreign = unfitted(there, unlocked, parked) | there.stopped
     known = within(material, training.mask, there) & ~foreign
     own = np.isin(np.array(there.channels)[there.channel], material.channels)
     return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)

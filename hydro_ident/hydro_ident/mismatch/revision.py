@@ -82,7 +82,7 @@ class Revision:
         terms = [t for t in near if not any(rival(t, other) for other in others)]
         if not terms:
             return without, None
-        few = self._contest.few
+        few = self._contest.few.of([one.term])
         again = self._contest.members(self._contest.fitted(without, terms, noise))
         # What was found beside all that has been named since had its sums spread by that.
         leading = max(again, key=lambda c: c.held_out)

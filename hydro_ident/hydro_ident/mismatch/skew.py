@@ -34,11 +34,9 @@ from hydro_model.effects.targets import ActiveEffect
 PRESSURE_DELAY = "pressure_delay"
 #: The number of all torques among skews, behind the chambers, and what their skew is called.
 TORQUES, TORQUE_SKEW = -1, "torque_skew"
-#: Deviation of what is known of a skew before, s: filters of transducers settle in tenths of a
-#: millisecond, and a cycle's frames are on the bus within one.
-USUAL_S = 2.5e-4
-#: No base's pressures are read later, s.
-_MOST_S = 1.0e-3
+#: Deviation of what is known of a skew before, s and intervals: filters of transducers settle in
+#: tenths of a millisecond, and what is read in turns comes within a part of the interval.
+USUAL_S, _USUAL_CYCLES = 2.5e-4, 0.125
 #: The same of torques, in intervals: a command is held for one, and another goes by on the way.
 _TORQUE_CYCLES = 2.5
 
@@ -63,7 +61,7 @@ def usual_skew(reading: int, cycle_s: float) -> float:
         A chamber, or `TORQUES`.
     cycle_s : float
     """
-    return cycle_s if reading == TORQUES else USUAL_S
+    return cycle_s if reading == TORQUES else max(_USUAL_CYCLES * cycle_s, USUAL_S)
 
 
 def largest_skew(reading: int, cycle_s: float) -> float:
@@ -75,7 +73,7 @@ def largest_skew(reading: int, cycle_s: float) -> float:
         A chamber, or `TORQUES`.
     cycle_s : float
     """
-    return _TORQUE_CYCLES * cycle_s if reading == TORQUES else min(LEAST_CYCLES * cycle_s, _MOST_S)
+    return (_TORQUE_CYCLES if reading == TORQUES else LEAST_CYCLES) * cycle_s
 
 
 def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:

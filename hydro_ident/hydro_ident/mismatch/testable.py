@@ -17,7 +17,8 @@ def untestable(material: Material, effect: Effect) -> str:
     stages = set(effect.stages)
     if stages and stages <= flows and not wet:
         return "no flow channel was recorded (valve voltage, both pressures and position)"
-    if effect.channel == "timing" and not wet:
+    # A late pressure is told by the forces it makes, other delays by what passes the valves.
+    if effect.channel == "timing" and not wet and not (forced and effect.acts_on == "pressure"):
         return "no flow channel was recorded"
     if effect.channel == "force" and not forced and not stages & flows:
         return "no force channel was recorded"

@@ -61,9 +61,11 @@ class Unexplained:
     depends_on : tuple of str
     share : float
         Of the residual's variance.
-    p_value : float
+    p_value : float or None
+        Chance that nothing depends on it; None of what is told by its size alone.
     text : str
     dependence : Dependence
+        For what follows no variable, of the one that comes nearest.
     form : Form or None
         A short form of it that held-out rows confirm.
     confirmed : bool
@@ -75,7 +77,7 @@ class Unexplained:
     channel: str
     depends_on: tuple[str, ...]
     share: float
-    p_value: float
+    p_value: float | None
     text: str
     dependence: Dependence
     form: Form | None = None
@@ -170,24 +172,28 @@ def unexplained(
     for one in found:
         name = material.channels[one.channel]
         if name in far and one.channel not in result:
-            result[one.channel] = _at_large(ChannelWords(material.robot, name), one, far[name])
+            words, verified = ChannelWords(material.robot, name), holds(one) is not None
+            result[one.channel] = _at_large(words, one, far[name], verified)
         elif name in wavers and one.channel not in result:
             words = ChannelWords(material.robot, name)
             result[one.channel] = _wavers(words, _over_time(one, found), wavers[name])
         elif name in going and one.channel not in result:
-            result[one.channel] = _going(name, one, going[name])
+            result[one.channel] = _going(name, _over_time(one, found), going[name])
     return tuple(result[k] for k in sorted(result))
 
 
-def _at_large(words: ChannelWords, best: Dependence, times: float) -> Unexplained:
-    """What is left far beyond the sensors and follows no variable, or comes and goes."""
+def _at_large(words: ChannelWords, best: Dependence, times: float, verified: bool) -> Unexplained:
+    """What is left far beyond the sensors and follows no variable, or comes and goes.
+
+    `verified`: rows that took no part say so, too.
+    """
     channel = words.channel
     text = (
         f"what is left in {channel} is {times:.2g} times what the sensors' noise leaves and"
         f" nothing that was recorded tells why; {_what(words, best)} comes nearest,"
         f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
     )
-    return Unexplained(channel, ("everywhere",), 1.0, best.p_value, text, best, confirmed=True)
+    return Unexplained(channel, ("everywhere",), 1.0, None, text, best, confirmed=verified)
 
 
 def _over_time(one: Dependence, found: Sequence[Dependence]) -> Dependence:
@@ -217,7 +223,7 @@ def _going(channel: str, best: Dependence, name: str) -> Unexplained:
         f"something in {channel} comes and goes: {name} resembles it on the average, but its size"
         " is not the same all along"
     )
-    return Unexplained(channel, ("time",), best.share, best.p_value, text, best)
+    return Unexplained(channel, ("time",), best.share, None, text, best)
 
 
 def _drift_share(one: Dependence) -> float:

@@ -173,7 +173,8 @@ def verify(
         reason = reason or (_apart(agreement) if alien else "")
     going = "" if reason else _comes_and_goes(training, without, here)
     reason = reason or going
-    sides = best.paid, *best.sides, best.placebo
+    # What a refit to these rows leaves is no prediction of them, whatever it says of the finding.
+    sides = best.paid, *looks[0].sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
 

@@ -148,7 +148,8 @@ def _entry(one: Unexplained) -> str:
     rows = [("shows", written(told(one.text)))]
     for form in each_form(one.form):
         rows += _form_rows(form)
-    rows.append(("chance, over all that was tried", number(one.p_value, 2)))
+    if one.p_value is not None:
+        rows.append(("chance, over all that was tried", number(one.p_value, 2)))
     return folded(f"{one.channel}: no name", table(("", one.channel), rows, (0, 1)))
 
 

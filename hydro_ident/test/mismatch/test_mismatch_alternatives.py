@@ -58,9 +58,7 @@ def test_one_valve_that_is_late_is_no_delay_of_all(
         EffectSpec("command_delay", "xs031", delay),
     )
     terms = [resolve(replace(load_robot("xs031"), effects=(one,)))[0] for one in specs]
-    lag, _, late, all_late = Contest(work.training, 1.0).fitted(
-        work.base, terms, work.base.bench.noise
-    )
+    lag, _, late, all_late = Contest(work.training).fitted(work.base, terms, work.base.bench.noise)
     assert late.gain > 0.95 * lag.gain
     assert all_late.gain < 0.5 * lag.gain
 

@@ -38,7 +38,7 @@ def _seen(
 
 def _fitted(work: Residuals, spec: EffectSpec) -> Contender:
     one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
-    [found] = Contest(work.training, 1.0).fitted(work.base, [one], work.base.bench.noise)
+    [found] = Contest(work.training).fitted(work.base, [one], work.base.bench.noise)
     return found
 
 
@@ -86,7 +86,7 @@ def test_a_contest_tells_springs_that_are_there_alone(
     ]
     scores = [s for e in entries if (s := score(base.bench, e, training.mask)) is not None]
     best = max(scores, key=lambda s: s.value)
-    named, told = Contest(training, 1.0).between(base, base.bench.noise, scores, best, 0.001)
+    named, told = Contest(training).between(base, base.bench.noise, scores, best, 0.001)
     assert named.names == (SPRING.name,)
     assert told == there
 

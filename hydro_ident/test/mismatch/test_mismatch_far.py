@@ -53,6 +53,13 @@ def test_a_channel_lacks_something_where_it_does_in_both_recordings() -> None:
     assert _far([hardly], [grossly], least) == {}
 
 
+def test_where_nothing_is_verified_the_fitted_rows_say_that_something_lacks() -> None:
+    grossly, hardly = _channel(220.0, 73.0), _channel(80.0, 73.0)
+    least = {"lift/force": 0.0}
+    assert _far([grossly], [], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
+    assert _far([hardly], [], least) == {}
+
+
 def test_what_transducers_of_the_usual_class_are_off_by_lacks_nothing() -> None:
     """However quiet they are from one sample to the next."""
     far = _channel(650.0, 2.0)

@@ -65,7 +65,7 @@ def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
     start = _term("valve_hysteresis", "lift_valve", half_width=0.2)
     rough = fit_term(work.training, without, start, noise, 6)
     assert rough.squares > without.squares
-    (found,) = Contest(work.training, 1.0).fitted(without, [start], noise)
+    (found,) = Contest(work.training).fitted(without, [start], noise)
     assert found.gain > 0.5 * without.squares
     # A shape moves by no more than a factor of two per pass: from 0.2 four of them lead near.
     assert 0.008 < found.term.parameters[0] < 0.02

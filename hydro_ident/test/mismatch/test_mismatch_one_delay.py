@@ -45,7 +45,7 @@ def _lagging(
     """A lag at every spool as findings, `others` beside them, weighed by what the truth leaves."""
     noise = fit(work.training, _with(work, truth), passes=8).bench.noise
     whole = fit(work.training, _with(work, (*lags, *others)), noise, passes=12)
-    contest, named = Contest(work.training, 1.0), []
+    contest, named = Contest(work.training), []
     for lag in whole.model.terms[: len(lags)]:
         gone = (lag.effect, lag.target)
         rest = tuple(t for t in whole.model.terms if (t.effect, t.target) != gone)
@@ -108,7 +108,7 @@ def test_beside_a_delay_only_what_makes_valves_late_is_weighed_at_each(
 ) -> None:
     """Once the base's delays have moved, any law gains what they do."""
     held = EffectSpec("pressure_compensation", "lift_valve", {"share": 0.1, "margin": 7e5})
-    noise, contest = late.base.bench.noise, Contest(late.training, 1.0)
+    noise, contest = late.base.bench.noise, Contest(late.training)
     without = fitted(late.training, late.base.model, noise)
     terms = _with(late, (LATE, held, LAGS[0])).terms
     found = named_of(contest.fitted(without, terms, noise), 0.0005, 1.0)
@@ -126,7 +126,7 @@ def test_what_was_named_is_weighed_again_whatever_another_gained_in_training(
 ) -> None:
     """A law that bends to the rows of its fit gains twice as much there and says little else."""
     whole = fit(late.training, _with(late, (LATE, BENT)), passes=8)
-    noise, contest = whole.bench.noise, Contest(late.training, 1.0)
+    noise, contest = whole.bench.noise, Contest(late.training)
     without = fit(late.training, _with(late, (BENT,)), noise, passes=2)
     lag, delay = contest.fitted(without, _with(late, (LATE, LAGS[0])).terms, noise)
     bent = replace(lag, gain=2.5 * delay.gain, held_out=0.1 * delay.held_out)
@@ -143,7 +143,7 @@ def test_an_effect_of_one_joint_is_not_the_whole_robots(
     """An encoder's offset leaves its place to no laws at every cylinder."""
     turned = EffectSpec("encoder_offset", "lift", {"offset": 0.01})
     biased = EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 1e5})
-    noise, contest = late.base.bench.noise, Contest(late.training, 1.0)
+    noise, contest = late.base.bench.noise, Contest(late.training)
     without = fitted(late.training, late.base.model, noise)
     terms = _with(late, (turned, biased)).terms
     found = named_of(contest.fitted(without, terms, noise), 0.0005, 1.0)
@@ -214,7 +214,7 @@ def test_a_valve_without_pressures_says_nothing_of_the_others_delay(
     assert list(work.training.predictor.delay_columns) == [0]
     noise = work.base.bench.noise
     start = replace(LATE, parameters={"delay": 0.5 * CYCLE_S})
-    [found] = Contest(work.training, 1.0).fitted(work.base, _with(work, [start]).terms, noise)
+    [found] = Contest(work.training).fitted(work.base, _with(work, [start]).terms, noise)
     late_s = found.term.parameters[0] + found.fitted.model.delays_s[0]
     assert late_s == pytest.approx(1.6 * CYCLE_S, abs=1e-4)
     assert resolved(work.training, work.base, found)

@@ -156,6 +156,17 @@ def test_every_testable_effect_has_finite_columns(true_model: tuple[Predictor, M
     assert not missing
 
 
+def test_forces_alone_show_late_pressures_and_no_late_command(
+    true_model: tuple[Predictor, Model],
+) -> None:
+    """Bags without commands: the piston's force is of the pressures' instant, as it is read."""
+    material = true_model[0].material
+    forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
+    seen = replace(material, channels=tuple(material.channels[k] for k in forces))
+    assert untestable(seen, CATALOGUE["pressure_delay"]) == ""
+    assert "no flow channel" in untestable(seen, CATALOGUE["command_delay"])
+
+
 def test_effects_of_a_recorded_rail_are_candidates(true_model: tuple[Predictor, Model]) -> None:
     """Its transducer may sit at the pump or the reservoir, a line away from the valves."""
     predictor, _ = true_model

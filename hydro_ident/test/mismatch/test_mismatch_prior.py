@@ -208,7 +208,7 @@ def test_a_number_that_rows_do_not_tell_costs_nothing(work: Residuals) -> None:
         *(resolve(replace(load_robot("xs031"), effects=(s,)))[0] for s in (SPRING, OFFSET)),
         curve.at(np.ones(5)),
     ]
-    contenders = Contest(training, 1.0).fitted(without, terms, noise)
+    contenders = Contest(training).fitted(without, terms, noise)
     costs = {c.term.effect.name: c.cost for c in contenders}
     plain = costs["constant_force_offset"]
     assert plain == pytest.approx(0.5 * np.log(without.bench.measured))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,14 +13,15 @@ from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.choices import Choices, choices_of
+from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.rests import usual_size
 from hydro_ident.mismatch.testable import untestable
 from hydro_model.cylinder import stroke
-from hydro_model.effects.catalogue import CATALOGUE
-from hydro_model.robot import Robot
+from hydro_model.effects.catalogue import CATALOGUE, resolve
+from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 STEP_S, SECONDS = 0.01, 300.0
@@ -120,6 +123,23 @@ def test_steps_one_way_are_one_motion_and_those_to_and_fro_are_one_each(
         assert material.motions == motions
         friction = untestable(material, CATALOGUE["coulomb_friction"])
         assert friction.startswith("the joints move one way only") == (motions < 2)
+
+
+def test_what_a_joint_shows_in_one_sweep_is_no_sample_however_often_another_turns(
+    robot: Robot,
+) -> None:
+    """Of what moves to and fro each block counts; of what sweeps once all of them are one."""
+    tilt = 0.3 * _bursts(0.2, 8, False)
+    sweeping = _trace(robot, np.stack([np.full(tilt.size, 0.01), tilt], axis=1), 0.0, 0.0)
+    # What stands still has no curve over its position.
+    still = replace(sweeping, q=np.stack([np.full(tilt.size, 0.5), sweeping.q[:, 1]], axis=1))
+    for trace, alone in ((sweeping, 40.0), (still, 1.0)):
+        few = FewMotions(_material(robot, (trace,)), 40.0)
+        for target, counted in (("lift_cylinder", alone), ("tilt_cylinder", 1.0)):
+            spec = EffectSpec("coulomb_friction", target, {"force": 1e3})
+            assert few.of(resolve(replace(robot, effects=(spec,)))) == counted
+        load = EffectSpec("payload_change", "xs031", {"mass": 50.0})
+        assert few.of(resolve(replace(robot, effects=(load,)))) == 1.0
 
 
 def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:

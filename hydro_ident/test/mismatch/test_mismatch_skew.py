@@ -16,8 +16,8 @@ from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
-from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.skew import largest_skew, skew_name
+from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
+from hydro_ident.mismatch.skew import largest_skew, skew_name, usual_skew
 from hydro_ident.mismatch.training import start_model
 from hydro_ident.mismatch.worth import resolved
 from hydro_ident.sources import sources_of
@@ -50,7 +50,7 @@ def _fitted(work: Residuals, without: Fitted, spec: EffectSpec) -> Contender:
     one = resolve(replace(load_robot("xs031"), effects=(spec,)))[0]
     if spec.name == LATE.name:
         one = replace(one, cylinder=None, target="xs031", index=EVERY_CHAMBER)
-    [found] = Contest(work.training, 1.0).fitted(without, [one], without.bench.noise)
+    [found] = Contest(work.training).fitted(without, [one], without.bench.noise)
     return found
 
 
@@ -124,6 +124,13 @@ def test_a_mode_is_more_than_late_pressures(
     found = _fitted(work, work.base, mode)
     assert 0.5 * found.held_out > found.cost
     assert resolved(work.training, work.base, found)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 500.0, 1000.0])
+def test_no_lateness_lies_between_base_and_finding(rate_hz: float) -> None:
+    """Where the base ends the effect begins, and the prior reaches as far as polling may."""
+    assert largest_skew(0, 1.0 / rate_hz) == pytest.approx(LEAST_CYCLES / rate_hz)
+    assert usual_skew(0, 1.0 / rate_hz) >= 0.25 * largest_skew(0, 1.0 / rate_hz)
 
 
 def test_what_is_later_than_half_a_cycle_is_the_effect(
