@@ -131,6 +131,9 @@ def test_what_comes_and_goes_is_told(crane_run: Any, lay_out: Callable[..., Resi
     assert one.depends_on == ("time",)
     assert "comes and goes" in one.text
     assert "coulomb_friction" in one.text
+    # No dependence, and so no chance of one: its curve is the drag's over time.
+    assert one.p_value is None
+    assert (one.dependence.variable, one.dependence.times) == ("time", "direction")
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +177,7 @@ def test_mean_and_change_of_a_drag_are_told_together(
 ) -> None:
     """A drag of few seconds: its mean could be chance once in a hundred, its change could not."""
     time = np.arange(len(minute.q)) * 0.002
-    seldom = (np.floor(time / 2.0) % 10.0 == 3.0) | (np.floor(time / 1.5) % 17.0 == 11.0)
+    seldom = (np.floor(time / 2.0) % 10.0 == 3.0) | (np.floor(time / 1.5) % 17.0 == 5.0)
     rng = np.random.default_rng(3)
     noise = np.repeat(rng.normal(0.0, 90.0, len(time) // 50 + 1), 50)[: len(time)]
     work = lay_out(_pushed(_dragged(minute, 0.12 * seldom), noise))

@@ -11,13 +11,14 @@ import pytest
 from scipy.stats import norm
 
 from hydro_ident.commands.diagnose import summary_text
+from hydro_ident.mismatch.channel_results import channels_of
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.diagnosis import _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
 from hydro_ident.mismatch.named import Contender, Named, named_of
-from hydro_ident.mismatch.notes import silent_notes
+from hydro_ident.mismatch.notes import silent_notes, unverified_notes
 from hydro_ident.mismatch.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
@@ -236,6 +237,35 @@ def test_rows_that_show_a_finding_are_not_silent(work: Residuals) -> None:
     found = _verified(work, _named(work, 0.0005), work.check)
     assert found.stands
     assert not found.silent
+
+
+def test_errors_that_are_told_are_of_predictions(work: Residuals) -> None:
+    """And of no fit to the very rows that are to verify it, whichever look speaks for it."""
+    whole, named = _named(work, 0.0005)
+    found = _verified(work, (whole, named), work.check)
+    rest = replace(whole.model, terms=())
+    without = fit(work.training, rest, whole.bench.noise, 2)
+    material, used = work.check.predictor.material, work.check.rows_in_motion
+    for told, model in ((found.before, without.model), (found.after, whole.model)):
+        residual = work.check.residual(model)
+        for k, name in enumerate(material.channels):
+            rows = work.check.rows(k, name) & used
+            assert told[name] == pytest.approx(np.sqrt(np.mean(residual[rows] ** 2)), rel=1e-9)
+
+
+def test_rows_to_verify_on_share_delays_out_by_the_cycle_that_was_fitted(work: Residuals) -> None:
+    slower = replace(work.training, cycle_s=5.0 * work.training.cycle_s)
+    assert work.check.training(slower).cycle_s == slower.cycle_s
+
+
+def test_a_channel_that_nothing_verifies_is_named(work: Residuals) -> None:
+    material, check = work.check.predictor.material, work.check
+    lift = material.channel == material.channels.index("lift/force")
+    for mask, missing in ((check.mask, ""), (check.mask & ~lift, "lift/force: nothing")):
+        seen = replace(work, check=replace(check, mask=mask))
+        notes = unverified_notes(seen, channels_of(seen, work.base, seen.check))
+        assert len(notes) == bool(missing)
+        assert all(note.startswith(missing) for note in notes)
 
 
 @pytest.mark.parametrize(

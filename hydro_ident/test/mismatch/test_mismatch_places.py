@@ -160,9 +160,11 @@ def test_what_other_recordings_know_better_is_not_explained(
 ) -> None:
     """It is the finding's strongest channel that has to be predicted as well as it could be."""
     work = lay_out(crane_run)
-    found = [SimpleNamespace(channels=channels)]
+    found = [SimpleNamespace(channels=channels, named=SimpleNamespace(few=1.0))]
     assert _doubtful(work, found, [], {"lift/force": 2.5}) is doubtful  # type: ignore[arg-type]
     assert not _doubtful(work, found, [], {})  # type: ignore[arg-type]
+    found[0].named.few = 8.0  # of a joint that swept once
+    assert _doubtful(work, found, [], {})  # type: ignore[arg-type]
 
 
 def bend(robot: Robot, target: str) -> dict[str, tuple[float, float]]:

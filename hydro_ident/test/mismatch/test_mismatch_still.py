@@ -108,7 +108,7 @@ def test_a_joint_that_never_moves_rests_throughout(
     assert not moving[own["tilt/force"]].any()
     assert moving[own["lift/force"]].mean() > 0.5
     assert material.motions > 0
-    assert material._motions_of(JOINT) == 0
+    assert material.motions_of(JOINT) == 0
 
 
 def test_a_joint_whose_neighbour_is_not_read_still_moves(
@@ -123,8 +123,8 @@ def test_a_joint_whose_neighbour_is_not_read_still_moves(
     true_crane, _ = make_run
     whole = predictor_of(true_crane(), given).material
     part = predictor_of(true_crane(), replace(given, q=q)).material
-    assert part._motions_of(0) == whole._motions_of(0) == part.motions > 0
-    assert part._motions_of(JOINT) == 0
+    assert part.motions_of(0) == whole.motions_of(0) == part.motions > 0
+    assert part.motions_of(JOINT) == 0
     at = part.channel == part.channels.index("lift/flow_a")
     there = whole.channel == whole.channels.index("lift/flow_a")
     np.testing.assert_array_equal(part.moving()[at], whole.moving()[there])
