@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.chance import overdispersed, overdispersion, told_best
+from hydro_ident.mismatch.contenders import (
+    behind,
+    best_of_each,
+    firsts,
+    leading,
+    of_all_valves,
+)
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
@@ -35,9 +42,8 @@ from hydro_model.robot import FloatArray
 
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
-#: Passes of a first and of a thorough fit, the share of the best gain that earns the latter, and
-#: how many get it.
-_ROUGH, PASSES, CLOSE_SHARE, _THOROUGH = 6, 4, 0.7, 3
+#: Passes of a first and of a thorough fit.
+_ROUGH, PASSES = 6, 4
 #: Shapes of a trial from which its fit may begin, and how many it does begin from.
 _SHAPES, _HOLLOWS = 4, 2
 #: What has begun ends again where that explains so much more, in squares of whitened noise.
@@ -86,7 +92,7 @@ class Contest:
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
         terms = [start for s in chosen for start in self._starts(without, s, scores)]
-        contenders = _best_of_each(self.fitted(without, terms, noise))
+        contenders = best_of_each(self.fitted(without, terms, noise))
         told = [
             c
             for c in contenders
@@ -96,12 +102,12 @@ class Contest:
             and self.encoders.tell(without, c)
         ]
         members = self.members(told or contenders)
-        leading = max(contenders, key=lambda c: c.held_out)
+        leader = leading(contenders, told)
         # Of what the best law leaves: a trial's own misfit is no noise.
-        spread = min(overdispersion(best), self.spread(without, best, leading.fitted))
-        allowance = base_delay(self.training, without, leading.term)
-        few = self.few.of([leading.term])
-        return named_of(members, p, spread, few, allowance), leading in told
+        spread = min(overdispersion(best), self.spread(without, best, leader.fitted))
+        allowance = base_delay(self.training, without, leader.term)
+        few = self.few.of([leader.term])
+        return named_of(members, p, spread, few, allowance), leader in told
 
     def spread(self, without: Fitted, best: Score, whole: Weighed) -> float:
         """As `overdispersion`, of the residual that a fit leaves.
@@ -309,7 +315,7 @@ class Contest:
             close[at] = fit_term(self.training, without, term, noise, _ROUGH)
             # A fit's rows take much memory: those are let go of that can only fall further back.
             gains = {k: without.squares - one.squares for k, one in close.items()}
-            for k in _behind(gains, {k for k in close if _of_all_valves(terms[k])}):
+            for k in behind(gains, {k for k in close if of_all_valves(terms[k])}):
                 result[k] = self._contender(without, before, close.pop(k))
         for k in list(close):
             whole = fit(self.training, close.pop(k).model, noise, PASSES)
@@ -355,44 +361,3 @@ class Contest:
         guard_s = GUARD_PERIODS / self.training.predictor.material.filters.parallel_hz
         left = one.bench.held_out(FOLD_BLOCK_S, FOLDS, guard_s, reach_of(one))
         return float(np.sum(left))
-
-
-def _behind(gains: Mapping[int, float], bound: Collection[int] = ()) -> list[int]:
-    """Which of some rough fits are not worth a thorough one, by what each gains.
-
-    Parameters
-    ----------
-    gains : mapping of int to float
-    bound : collection of int
-        Those that a rough fit knows too little of: they are not counted.
-    """
-    ranked = sorted(gains, key=lambda k: -gains[k])
-    least = CLOSE_SHARE * gains[ranked[0]]
-    counted = [k for k in ranked if k not in bound]
-    # The best always: where a delay has to move first, none is any good until it has.
-    late = {k for n, k in enumerate(counted) if n >= _THOROUGH}
-    return [k for n, k in enumerate(ranked) if k in late or (n and gains[k] < least)]
-
-
-def _of_all_valves(term: ActiveEffect) -> bool:
-    """Whether it is a delay that no valve may be without: a rough fit takes it off those again."""
-    return term.effect.name == DELAY and term.cylinder is None
-
-
-def _best_of_each(contenders: Sequence[Contender]) -> list[Contender]:
-    """Of every effect and target the fit that gains most, in the order given."""
-    best: dict[tuple[str, str], Contender] = {}
-    for one in contenders:
-        key = (one.term.effect.name, one.term.target)
-        if key not in best or one.gain > best[key].gain:
-            best[key] = one
-    return list(best.values())
-
-
-def firsts(scores: Sequence[Score]) -> list[Score]:
-    """The best shape of every effect and target, best first."""
-    seen: dict[tuple[str, str], Score] = {}
-    for one in sorted(scores, key=lambda s: -s.value):
-        trial = one.entry.trial
-        seen.setdefault((trial.name, trial.target), one)
-    return list(seen.values())

@@ -17,7 +17,8 @@ from hydro_ident.mismatch.chance import (
     signs,
     used_columns,
 )
-from hydro_ident.mismatch.contest import PASSES, Contest, firsts
+from hydro_ident.mismatch.contenders import firsts
+from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import exclude
 from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.contest import CLOSE_SHARE, Contest
+from hydro_ident.mismatch.contenders import CLOSE_SHARE
+from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.exclusion import rival
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.modelled import same

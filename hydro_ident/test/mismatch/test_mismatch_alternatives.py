@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.contest import Contest, _behind
+from hydro_ident.mismatch.contenders import behind
+from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.name import _sibling
 from hydro_ident.mismatch.named import Contender, named_of
 from hydro_ident.mismatch.residuals import Residuals
@@ -68,4 +69,4 @@ def test_what_a_rough_fit_knows_too_little_of_takes_no_place_of_others(
     bound: tuple[int, ...],
 ) -> None:
     gains = {0: 10.0, 1: 9.0, 2: 8.5, 3: 9.5, 4: 1.0}
-    assert sorted(_behind(gains, bound)) == ([4] if bound else [2, 4])
+    assert sorted(behind(gains, bound)) == ([4] if bound else [2, 4])

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_ident.mismatch.contest import Contest, _behind
+from hydro_ident.mismatch.contenders import behind
+from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
@@ -76,10 +77,10 @@ def test_fits_let_go_of_on_the_way_are_those_that_fall_behind_all(gains: list[fl
     kept = dict[int, float]()
     for at, gain in enumerate(gains):
         kept[at] = gain
-        for k in _behind(kept):
+        for k in behind(kept):
             del kept[k]
         assert len(kept) <= 3
-    assert list(kept) == sorted(set(range(len(gains))) - set(_behind(dict(enumerate(gains)))))
+    assert list(kept) == sorted(set(range(len(gains))) - set(behind(dict(enumerate(gains)))))
 
 
 def test_no_base_gives_energy_for_going_faster(
