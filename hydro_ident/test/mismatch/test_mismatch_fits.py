@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_ident.mismatch.contenders import behind
+from hydro_ident.mismatch.contenders import behind, leading
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
 from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.report.model_parameters import model_rows
@@ -53,6 +54,21 @@ def test_a_lag_and_a_delay_are_fitted_until_nothing_is_promised(
     assert _promised(done) < 1e-3
     frequency, damping = done.model.terms[-1].parameters
     assert damping / frequency == pytest.approx(0.8 / 12.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("spring", "named"), [(399.0, True), (381.0, True), (370.0, False)])
+def test_what_cannot_be_the_cause_leads_by_more_than_a_hair(spring: float, named: bool) -> None:
+    """A contact that is never left has the form of a spring: of what gains as much, the spring."""
+    contact, held = (
+        Contender(term, None, 410.0, held_out, 3.0)  # type: ignore[arg-type]
+        for term, held_out in (
+            (_term("external_contact", "tilt_cylinder", stiffness=1e4, height=0.1), 400.0),
+            (_term("counterbalance_spring", "tilt_cylinder", force=1e3, stiffness=8e3), spring),
+        )
+    )
+    assert leading([contact, held], [held]) is (held if named else contact)
+    assert leading([held, contact], [held, contact]) is contact
+    assert leading([contact, held], []) is contact
 
 
 def test_the_best_of_a_contest_is_fitted_to_the_end_wherever_it_starts(
