@@ -24,7 +24,7 @@ No effect has its name, so that it goes as far as drives and buses do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from hydro_ident.mismatch.settings import LEAST_CYCLES
 from hydro_model.effects.readings import EVERY_CHAMBER
@@ -74,6 +74,21 @@ def largest_skew(reading: int, cycle_s: float) -> float:
     cycle_s : float
     """
     return (_TORQUE_CYCLES if reading == TORQUES else LEAST_CYCLES) * cycle_s
+
+
+def unnamed_skews(skews_s: Mapping[int, float]) -> bool:
+    """Whether skews at a bound of theirs are of readings whose lateness no effect stands for.
+
+    A pressure that is late beyond its bound is a finding. Positions that are, behind a filter of
+    their own or with the bus, look like pressures that are early; nothing has that name, or that
+    of late torques, and other laws would be taken for it.
+
+    Parameters
+    ----------
+    skews_s : mapping of int to float
+        By chamber, or `TORQUES`: those that are held at a bound.
+    """
+    return any(reading == TORQUES or skew_s < 0.0 for reading, skew_s in skews_s.items())
 
 
 def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:

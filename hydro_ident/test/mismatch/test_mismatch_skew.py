@@ -11,13 +11,21 @@ import pytest
 
 from hydro_ident.estimate.derivatives import FilterSettings, smooth_rates
 from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.outcome import PARTLY
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
-from hydro_ident.mismatch.skew import largest_skew, skew_name, usual_skew
+from hydro_ident.mismatch.skew import (
+    TORQUES,
+    largest_skew,
+    skew_name,
+    unnamed_skews,
+    usual_skew,
+)
 from hydro_ident.mismatch.training import start_model
 from hydro_ident.mismatch.worth import resolved
 from hydro_ident.sources import sources_of
@@ -131,6 +139,26 @@ def test_no_lateness_lies_between_base_and_finding(rate_hz: float) -> None:
     """Where the base ends the effect begins, and the prior reaches as far as polling may."""
     assert largest_skew(0, 1.0 / rate_hz) == pytest.approx(LEAST_CYCLES / rate_hz)
     assert usual_skew(0, 1.0 / rate_hz) >= 0.25 * largest_skew(0, 1.0 / rate_hz)
+
+
+def test_positions_that_are_read_too_late_are_no_law_of_the_machine() -> None:
+    assert unnamed_skews({0: -1e-3})
+    assert unnamed_skews({1: 1e-3, TORQUES: 5e-3})
+    assert not unnamed_skews({0: 1e-3})  # its further lateness is a finding
+    assert not unnamed_skews({})
+
+
+def test_a_diagnosis_beside_positions_that_lag_explains_nothing_wholly(
+    make_run: Make, robot: Robot
+) -> None:
+    """Encoders behind a filter of 6 ms, and dry friction that is found beside them."""
+    true_crane, simulated_run = make_run
+    dry = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 4000.0})
+    run = simulated_run(replace(true_crane(), effects=(dry,)), 14.0)
+    late = np.concatenate([run.q[:1].repeat(3, axis=0), run.q[:-3]])
+    found = diagnose(robot, [replace(run, q=late).recording()])
+    assert "coulomb_friction" in {name for f in found.findings for name in f.named.names}
+    assert found.verdict == PARTLY
 
 
 def test_what_is_later_than_half_a_cycle_is_the_effect(
