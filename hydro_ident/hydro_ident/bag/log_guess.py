@@ -5,8 +5,6 @@ Every reason is kept, so that a person can see why, and its weight says how much
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -14,7 +12,7 @@ import numpy as np
 
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
-from hydro_ident.bag.log_words import parts_of, word_set
+from hydro_ident.bag.log_words import word_set, words_in
 from hydro_msgs_docs.cdr import FloatArray
 
 #: How sure a guess is, most sure first.
@@ -46,7 +44,6 @@ _OF_PLACES = word_set(
     "hub valve ventil cmd command stell joystick servo joint gelenk oil öl oel"
     " vanne valvula valvola huile aceite olio"
 )
-_UMLAUTS = "äöüÄÖÜß"
 _OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
 
 
@@ -132,13 +129,7 @@ def words_of(name: str) -> tuple[str, ...]:
     unit = unit_in(name)
     bare = name[: name.rfind(unit)] if unit else name
     bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
-    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", _plain(bare))
-    return tuple(word for part in parts for word in parts_of(part.lower()))
-
-
-def _plain(name: str) -> str:
-    whole = unicodedata.normalize("NFC", name)
-    return "".join(c if c in _UMLAUTS else unicodedata.normalize("NFD", c)[0] for c in whole)
+    return words_in(bare)
 
 
 def read_columns(log: Log) -> list[Reading]:

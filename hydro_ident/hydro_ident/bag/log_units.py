@@ -10,6 +10,8 @@ import math
 import re
 from dataclasses import dataclass
 
+from hydro_ident.bag.log_words import OF_PRESSURES, word_set, words_in
+
 #: Units of the mapping by quantity: factor to SI; the first is the default.
 UNITS: dict[str, dict[str, float]] = {
     "position": {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "m": 1.0, "mm": 1e-3},
@@ -54,6 +56,7 @@ _KNOWN = {
     for unit, spellings in units.items()
     for spelling in spellings.split()
 }
+_OF_CURRENTS = word_set("current strom courant corriente corrente")
 _REFERENCES = {"g": "gauge", "gauge": "gauge", "rel": "gauge", "a": "absolute", "abs": "absolute"}
 
 
@@ -111,7 +114,7 @@ def unit_in(name: str) -> str:
     Returns
     -------
     str
-        Empty where there is none.
+        Empty where there is none, as in `Lift pressure (A)`: a chamber.
     """
     patterns = (r"[\[({<]\s*([^\[\](){}<>]+(?:\([ag]\))?)\s*[\])}>]\s*$", r"\s/\s*(\S+)\s*$",
                 r",\s*(\S+)\s*$", r"[_ ]([^\W_]+(?:/\w+)?)$")  # fmt: skip
@@ -120,6 +123,15 @@ def unit_in(name: str) -> str:
         if match is not None and spelt(match[1]) is not None:
             # `q_a`, `p_s` and the like end in a letter, not in a unit; `u1_V` and `t_s` do.
             seconds = match[1] == "s" and name.lower().startswith("t")
-            if pattern is not patterns[-1] or len(match[1]) > 1 or match[1] == "V" or seconds:
+            if pattern is patterns[-1] and len(match[1]) == 1 and match[1] != "V" and not seconds:
+                continue
+            if not _is_place(match[1].strip(), name[: match.start()]):
                 return match[1].strip()
     return ""
+
+
+def _is_place(text: str, before: str) -> bool:
+    """Whether a lone letter says where a pressure is: `(A)` its chamber, and no ampere."""
+    words = {*words_in(before)}
+    lone = len(text) == 1 and text.isalpha() and text.lower() != "v"
+    return lone and bool(words & OF_PRESSURES) and not words & _OF_CURRENTS

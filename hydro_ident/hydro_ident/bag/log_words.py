@@ -8,6 +8,7 @@ alone any pressure.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Collection, Sequence
 
 
@@ -88,6 +89,36 @@ _COMPOUNDS = [
 ]
 #: What is parted into the motion and what is measured there.
 _OF_MOTIONS = re.compile(f"({_MOTIONS})(zylinder|ventil)?(druck|winkel|weg)?")
+
+
+_UMLAUTS = "äöüÄÖÜß"
+
+
+def words_in(text: str) -> tuple[str, ...]:
+    """Words and numbers of a text, lower case, compounds apart.
+
+    Parameters
+    ----------
+    text : str
+        Without a unit.
+
+    Returns
+    -------
+    tuple of str
+        Accents are left out, umlauts are not.
+
+    Examples
+    --------
+    >>> words_in("pA_lift"), words_in("Tankdruck 12")
+    (('p', 'a', 'lift'), ('tank', 'druck', '12'))
+    """
+    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", _plain(text))
+    return tuple(word for part in parts for word in parts_of(part.lower()))
+
+
+def _plain(name: str) -> str:
+    whole = unicodedata.normalize("NFC", name)
+    return "".join(c if c in _UMLAUTS else unicodedata.normalize("NFD", c)[0] for c in whole)
 
 
 def parts_of(word: str) -> tuple[str, ...]:
