@@ -53,3 +53,29 @@ def test_a_current_of_a_pressure_transducer_is_one(name: str, guesses_of: Sugges
     guess = guesses_of({name: (0.005, 0.018)})[name]
     assert guess.section == "pressures"
     assert len(guess.entry["raw"]) == 2
+
+
+def test_a_pressure_in_volts_is_its_transducers(guesses_of: Suggest) -> None:
+    """It had become the lift's valve and left no name for the valve's own signal."""
+    name, supply, valve = "lift_pressure_A [V]", "Pumpendruck [V]", "lift_valve_cmd [V]"
+    table = {name: (1.0, 6.0), supply: (3.0, 4.0), valve: (-5.0, 5.0)}
+    found = guesses_of(table)
+    assert (found[name].section, found[name].name) == ("pressures", "lift_cylinder/a")
+    assert found[name].entry["raw"] == "FILL_IN"
+    assert found[name].entry["span"] == [0, 250.0]
+    assert (found[supply].section, found[supply].name) == ("pressures", "supply")
+    assert (found[valve].section, found[valve].name) == ("valve_commands", "lift_valve")
+    without = guesses_of(table, None)[name].entry
+    assert without["raw"] == without["span"] == "FILL_IN"
+
+
+@pytest.mark.parametrize(
+    ("name", "section"),
+    [
+        ("pilot_pressure [V]", ""),
+        ("supply_voltage [V]", ""),
+        ("p_valve_cmd [V]", "valve_commands"),
+    ],
+)
+def test_other_voltages_are_what_they_were(name: str, section: str, guesses_of: Suggest) -> None:
+    assert guesses_of({name: (1.0, 6.0)})[name].section == section

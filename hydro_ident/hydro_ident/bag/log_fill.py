@@ -186,18 +186,18 @@ def unit_of_others(
 
 def _fill_transducer(entry: Entry, reading: Reading, targets: Targets) -> tuple[str, list[str]]:
     """A transducer's loop current or voltage: its range comes from the robot file."""
-    current = reading.unit is not None and reading.unit.quantity == "current"
-    if reading.unit is not None and reading.unit.unit == "A":
-        entry["raw"] = [0.004, 0.02]
-    else:
-        entry["raw"] = [4, 20] if current else [0, 10]
+    unit = "" if reading.unit is None else reading.unit.unit
+    # Of currents there is one usual range; of voltages 0 to 5 or 10, 1 to 5, 0.5 to 4.5 ...
+    entry["raw"] = {"mA": [4, 20], "A": [0.004, 0.02]}.get(unit, FILL_IN)
     entry["unit"] = "bar"
+    label = [f"raw: the range in {unit} is on its label"] if entry["raw"] == FILL_IN else []
     if targets.robot is None:
         entry["span"] = FILL_IN
         return "open", ["a transducer's raw signal: its range is on its label"]
     top = targets.robot.sensors.pressure_range_pa / 1e5
     entry["span"] = [0, round(top, 3)]
-    return "guess", [f"a transducer's raw signal; 0 to {top:g} bar is the robot file's range"]
+    why = f"a transducer's raw signal; 0 to {top:g} bar is the robot file's range"
+    return "open" if label else "guess", [why, *label]
 
 
 def _fill_voltage(

@@ -11,21 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_fill import fill, unit_of_others
 from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
 from hydro_ident.bag.log_names import Target
+from hydro_ident.bag.log_sections import section_of, why_left_out
 from hydro_ident.bag.log_signal import FILL_IN
 from hydro_ident.bag.log_suggest_times import OwnTime, times_of
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import OF_PRESSURES, word_set
 from hydro_model.robot import Robot
 
-_MEASURED_WORDS = word_set(
-    "ist act actual meas measured applied state fb feedback mesure medido misurato"
-)
 _BELOW_PA = -5e3
 
 
@@ -105,7 +101,7 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
     readings = read_columns(log)
     targets = Targets(robot)
     times = times_of(log, readings)
-    kinds = {r.column: _section(r, targets) for r in readings if r.column not in times.guesses}
+    kinds = {r.column: section_of(r, targets) for r in readings if r.column not in times.guesses}
     named = targets.assign({r.column: (kinds[r.column], r) for r in readings if r.column in kinds})
     references = _references(log, [r for r in readings if kinds.get(r.column) == "pressures"])
     guesses = [times.guesses[""]] if "" in times.guesses else []
@@ -117,7 +113,7 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             guesses.append(_with_time(guess, times.own.get(reading.column, OwnTime())))
         else:
             spare = (f"{kinds[reading.column]}: no name is left for it",)
-            why = _unasked(reading, targets) if kinds[reading.column] == "left out" else spare
+            why = why_left_out(reading, targets) if kinds[reading.column] == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
     guesses = _units_of_others(guesses, readings, named, targets)
     missing = targets.missing(named.values())
@@ -132,42 +128,6 @@ def _with_time(guess: Guess, own: OwnTime) -> Guess:
     return replace(
         guess, entry=entry, level=weakest(guess.level, own.level), why=(*guess.why, own.why)
     )
-
-
-def _unasked(reading: Reading, targets: Targets) -> tuple[str, ...]:
-    if why := _elsewhere(reading, targets):
-        return (*reading.why, why)
-    if reading.quantity in ("velocity", "acceleration"):
-        return (*reading.why, "not taken: the analysis differentiates positions itself")
-    return reading.why
-
-
-def _elsewhere(reading: Reading, targets: Targets) -> str:
-    unit = reading.unit is not None
-    return elsewhere(reading.quantity, reading.words, targets.words(), unit=unit)
-
-
-def _section(reading: Reading, targets: Targets) -> str:
-    """Section of the mapping that takes a quantity; empty where none does."""
-    words = set(reading.words)
-    if _elsewhere(reading, targets):
-        return "left out"
-    if reading.quantity in ("angle", "length") and words & (REFERENCE_WORDS | COMMANDED_WORDS):
-        return "references"
-    if reading.quantity == "length":
-        return "strokes" if targets.has_strokes else "joints"
-    if reading.quantity == "voltage":
-        return "valves" if words & _MEASURED_WORDS else "valve_commands"
-    if reading.quantity == "current":
-        # A loop's current is a transducer's, a coil's a valve's.
-        return "pressures" if OF_PRESSURES & words else "valve_commands"
-    return {
-        "angle": "joints",
-        "pressure": "pressures",
-        "ratio": "spools",
-        "temperature": "oil_temperature",
-        "effort": "efforts",
-    }.get(reading.quantity, "left out")
 
 
 def _entry(

@@ -1,0 +1,80 @@
+"""Which section of a mapping takes a column, or why none does."""
+
+from __future__ import annotations
+
+from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
+from hydro_ident.bag.log_guess import Reading
+from hydro_ident.bag.log_targets import Targets
+from hydro_ident.bag.log_words import OF_PRESSURES, word_set
+
+_MEASURED_WORDS = word_set(
+    "ist act actual meas measured applied state fb feedback mesure medido misurato"
+)
+
+
+def section_of(reading: Reading, targets: Targets) -> str:
+    """Section of the mapping that takes a column.
+
+    Parameters
+    ----------
+    reading : Reading
+    targets : Targets
+
+    Returns
+    -------
+    str
+        `left out` where none does.
+    """
+    words = set(reading.words)
+    quantity = _of_machine(reading)
+    if _elsewhere(reading, targets):
+        return "left out"
+    if quantity in ("angle", "length") and words & (REFERENCE_WORDS | COMMANDED_WORDS):
+        return "references"
+    if quantity == "length":
+        return "strokes" if targets.has_strokes else "joints"
+    if quantity == "voltage":
+        return "valves" if words & _MEASURED_WORDS else "valve_commands"
+    return {
+        "angle": "joints",
+        "pressure": "pressures",
+        "current": "valve_commands",
+        "ratio": "spools",
+        "temperature": "oil_temperature",
+        "effort": "efforts",
+    }.get(quantity, "left out")
+
+
+def why_left_out(reading: Reading, targets: Targets) -> tuple[str, ...]:
+    """Why no section takes a column.
+
+    Parameters
+    ----------
+    reading : Reading
+    targets : Targets
+
+    Returns
+    -------
+    tuple of str
+        What speaks for its quantity, then why that is not taken.
+    """
+    if why := _elsewhere(reading, targets):
+        return (*reading.why, why)
+    if reading.quantity in ("velocity", "acceleration"):
+        return (*reading.why, "not taken: the analysis differentiates positions itself")
+    return reading.why
+
+
+def _of_machine(reading: Reading) -> str:
+    """What is measured: a transducer's loop current or voltage is its pressure."""
+    words = set(reading.words)
+    loop = reading.quantity == "current" or (
+        # A signal that is asked for goes to a valve, whichever pressure it is to make.
+        reading.quantity == "voltage" and not words & (COMMANDED_WORDS | REFERENCE_WORDS)
+    )
+    return "pressure" if loop and words & OF_PRESSURES else reading.quantity
+
+
+def _elsewhere(reading: Reading, targets: Targets) -> str:
+    unit = reading.unit is not None
+    return elsewhere(_of_machine(reading), reading.words, targets.words(), unit=unit)
