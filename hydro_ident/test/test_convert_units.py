@@ -9,6 +9,7 @@ import pytest
 from hydro_ident.bag.log_convert import convert
 from hydro_ident.bag.log_file import read_log
 from hydro_ident.bag.log_map import read_map
+from hydro_ident.errors import BagError
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"
 
@@ -48,3 +49,32 @@ def test_a_mistaken_unit_is_warned_of(old: str, new: str, said: str, tmp_path: P
 
 def test_without_a_robot_nothing_is_known_of_units(tmp_path: Path) -> None:
     assert warnings(tmp_path, ("robot: xs031\n", ""), ("bar,", "Pa,")) == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("unit: deg}", "unit: mm}", "joints, lift: 'unit' of a joint that turns should be one of"
+         " rad, deg, mrad, found 'mm': the way of its cylinder goes under strokes"),
+        ("valve_commands:", "efforts: {tilt: {signal: x, unit: kN}}\nvalve_commands:",
+         "efforts, tilt: 'unit' of a joint that turns should be one of N m, kN m, found 'kN': the"
+         " force of its cylinder is no torque of the joint"),
+    ],
+)  # fmt: skip
+def test_a_unit_that_the_robots_joint_cannot_have_is_refused(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    """A cylinder's stroke had become rad, its force N m, number for number."""
+    with pytest.raises(BagError) as refusal:
+        warnings(tmp_path, (old, new))
+    assert said in str(refusal.value)
+
+
+def test_a_slide_is_told_its_units(tmp_path: Path) -> None:
+    lines = ["robot: emps", "time: {rate_hz: 1000}", "joints: {carriage: {signal: qm, unit: cm}}"]
+    (tmp_path / "map.yaml").write_text("\n".join(lines), encoding="utf-8")
+    assert read_map(tmp_path / "map.yaml").sections["joints"]["carriage"].factor == 0.01
+    wrong = lines[-1].replace("cm", "deg")
+    (tmp_path / "map.yaml").write_text("\n".join([*lines[:2], wrong]), encoding="utf-8")
+    with pytest.raises(BagError, match="should be one of m, mm, cm, found 'deg'"):
+        read_map(tmp_path / "map.yaml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,17 @@ from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 CRANE = load_robot("xs031")
+_LIFT, _TILT = CRANE.joints
+_TELESCOPE = replace(_TILT, name="telescope", prismatic=True, lower=0.0, upper=2.0)
+#: With a telescope of up to 2 m in the place of the tilt.
+TELESCOPE = replace(
+    CRANE,
+    joints=(_LIFT, _TELESCOPE),
+    cylinders=(
+        CRANE.cylinders[0],
+        replace(CRANE.cylinders[1], name="telescope_cylinder", joint="telescope"),
+    ),
+)
 #: Lowest and highest number of a column, by its head.
 Table = Mapping[str, tuple[float, float]]
 Suggest = Callable[..., dict[str, Guess]]
@@ -79,3 +91,48 @@ def test_a_pressure_in_volts_is_its_transducers(guesses_of: Suggest) -> None:
 )
 def test_other_voltages_are_what_they_were(name: str, section: str, guesses_of: Suggest) -> None:
     assert guesses_of({name: (1.0, 6.0)})[name].section == section
+
+
+def test_a_force_is_no_torque_of_a_joint_that_turns(guesses_of: Suggest) -> None:
+    """A cylinder's force had become the joint's torque, kN for kN m, and sure."""
+    table = {"lift_cylinder_force [kN]": (1.0, 60.0), "lift_torque [kNm]": (1.0, 60.0)}
+    found = guesses_of(table)
+    force, torque = (found[name] for name in table)
+    assert force.section == ""
+    assert force.why[-1] == "efforts: a force, and of lift it would be a torque"
+    assert (torque.section, torque.name, torque.level) == ("efforts", "lift", "sure")
+    slide = guesses_of({"telescope_force [kN]": (1.0, 60.0)}, TELESCOPE)["telescope_force [kN]"]
+    assert (slide.section, slide.name, slide.entry["unit"]) == ("efforts", "telescope", "kN")
+    assert guesses_of({"Kraft_1": (1.0, 60.0)})["Kraft_1"].section == ""
+
+
+def test_beside_a_slide_a_cylinders_stroke_is_no_angle(guesses_of: Suggest) -> None:
+    """With any slide in the robot a stroke had become an angle: mm for rad, and sure."""
+    names = {
+        "lift_stroke [mm]": ("strokes", "lift_cylinder", "mm"),
+        "lift_angle [deg]": ("joints", "lift", "deg"),
+        "telescope_position [cm]": ("joints", "telescope", "cm"),
+        "telescope_stroke [mm]": ("strokes", "telescope_cylinder", "mm"),
+    }
+    found = guesses_of(dict.fromkeys(names, (20.0, 45.0)), TELESCOPE)
+    assert {n: (found[n].section, found[n].name, found[n].entry["unit"]) for n in names} == names
+    alone = guesses_of({"telescope_position [deg]": (20.0, 45.0)}, TELESCOPE)
+    assert alone["telescope_position [deg]"].section == ""
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "unit"),
+    [(0.4, 0.8, "FILL_IN"), (150.0, 190.0, "FILL_IN"), (300.0, 1900.0, "mm")],
+)
+def test_a_slides_length_without_a_unit_is_none_of_degrees(
+    low: float, high: float, unit: str, guesses_of: Suggest
+) -> None:
+    """40 to 80 had become degrees. Of cm and mm only numbers above the other's range tell."""
+    guess = guesses_of({"telescope_length": (low, high)}, TELESCOPE)["telescope_length"]
+    assert (guess.section, guess.name, guess.entry["unit"]) == ("joints", "telescope", unit)
+
+
+def test_a_reference_of_a_stroke_is_none_of_an_angle(guesses_of: Suggest) -> None:
+    guess = guesses_of({"lift_stroke_ref [mm]": (100.0, 400.0)})["lift_stroke_ref [mm]"]
+    assert guess.section == ""
+    assert guess.why[-1] == "references: a length, and of lift it would be an angle"

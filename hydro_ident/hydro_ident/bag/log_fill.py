@@ -91,12 +91,15 @@ def _fill_angle(
     target: Target,
     targets: Targets,
 ) -> tuple[str, list[str]]:
+    quantity = targets.quantity_of(target.section, target.name)
+    if quantity == "length":
+        return _fill_way(entry, values, reading, target, targets)
     why: list[str] = []
     level = "sure"
     if period := wrap_of(values):
         entry["wrap"] = round(period, 9)
         why.append(f"jumps by {period:.6g}: wrapped")
-    if reading.unit is not None and reading.unit.unit in UNITS["position"]:
+    if reading.unit is not None and reading.unit.unit in UNITS[quantity]:
         entry["unit"] = reading.unit.unit
     elif max(abs(reading.low), abs(reading.high)) > 7.0:
         entry["unit"] = "deg"
@@ -113,6 +116,30 @@ def _fill_angle(
             values = targets.whole_turns(target.name, unwrapped(values, period), period)
         level, remark = _against_limits(entry, values, target, targets, level)
         why += [remark] if remark else []
+    return level, why
+
+
+def _fill_way(
+    entry: Entry,
+    values: FloatArray,
+    reading: Reading,
+    target: Target,
+    targets: Targets,
+) -> tuple[str, list[str]]:
+    """Of a joint that slides."""
+    units = UNITS["length"]
+    span = f"within {reading.low:.4g} to {reading.high:.4g}"
+    if reading.unit is not None and reading.unit.unit in units:
+        entry["unit"], level, why = reading.unit.unit, "sure", []
+    else:
+        fits = [u for u in units if targets.share_inside(target.name, values, u) > 0.99]
+        if len(fits) != 1:
+            entry["unit"] = FILL_IN
+            return "open", [f"unit: {span}, could be {', '.join(fits or units)}"]
+        entry["unit"], level, why = fits[0], "likely", [f"{fits[0]}: {span}"]
+    if targets.has_range(target.name):
+        level, remark = _against_limits(entry, values, target, targets, level)
+        why += [remark]
     return level, why
 
 

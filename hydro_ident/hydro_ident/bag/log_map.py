@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from hydro_ident.bag.log_file import CsvLayout
+from hydro_ident.bag.log_joint_units import quantity_of
 from hydro_ident.bag.log_signal import (
     Clock,
     LogSignal,
@@ -108,7 +109,8 @@ def read_map(path: str | Path) -> LogMap:
     Raises
     ------
     BagError
-        Missing, malformed, with unknown keys or units, or naming what its robot does not have.
+        Missing, malformed, with unknown keys or units, or such as the robot's joint cannot have,
+        or naming what its robot does not have.
     """
     path = Path(path)
     if not path.is_file():
@@ -131,7 +133,7 @@ def _map_from(top: Fields, path: Path) -> LogMap:
     time, rate_hz = _time(clock)
     sections = {
         key: {
-            name: signal_of(block.fields(name), quantity, atmosphere)
+            name: signal_of(block.fields(name), quantity_of(quantity, name, robot), atmosphere)
             for name, block in _entries(top, key)
         }
         for key, quantity in SECTIONS.items()

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
 from hydro_ident.bag.log_guess import Reading
+from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_words import OF_PRESSURES, word_set
 
 _MEASURED_WORDS = word_set(
     "ist act actual meas measured applied state fb feedback mesure medido misurato"
+)
+#: Of a slide, too, these are its cylinder's.
+_STROKES = word_set(
+    "stroke hub course carrera corsa kolben piston cylinder cyl zylinder verin cilindro"
 )
 
 
@@ -32,7 +39,7 @@ def section_of(reading: Reading, targets: Targets) -> str:
     if quantity in ("angle", "length") and words & (REFERENCE_WORDS | COMMANDED_WORDS):
         return "references"
     if quantity == "length":
-        return "strokes" if targets.has_strokes else "joints"
+        return _of_length(reading, targets)
     if quantity == "voltage":
         return "valves" if words & _MEASURED_WORDS else "valve_commands"
     return {
@@ -63,6 +70,52 @@ def why_left_out(reading: Reading, targets: Targets) -> tuple[str, ...]:
     if reading.quantity in ("velocity", "acceleration"):
         return (*reading.why, "not taken: the analysis differentiates positions itself")
     return reading.why
+
+
+def missing_of(given: Iterable[Target], targets: Targets) -> tuple[str, ...]:
+    """What the robot has and no column became.
+
+    Parameters
+    ----------
+    given : iterable of Target
+        What columns became.
+    targets : Targets
+
+    Returns
+    -------
+    tuple of str
+    """
+    robot, found = targets.robot, {(t.section, t.name) for t in given}
+    if robot is None:
+        return ()
+    driven = {c.joint: c.name for c in robot.cylinders}
+    lost = [
+        f"joints, {j.name}"
+        for j in robot.joints
+        if not {("joints", j.name), ("strokes", driven.get(j.name, ""))} & found
+    ]
+    pressures, valves = targets.names("pressures"), targets.names("valves")
+    lost += [f"pressures, {n}" for n in pressures if ("pressures", n) not in found]
+    lost += [f"valves, {n}" for n in valves if not {("valves", n), ("valve_commands", n)} & found]
+    return tuple(lost)
+
+
+def _of_length(reading: Reading, targets: Targets) -> str:
+    """A cylinder's stroke, or the way of a joint that slides."""
+    robot = targets.robot
+    if robot is None:
+        return "strokes"
+    cylinders = {c.joint: c.name for c in robot.cylinders}
+    called = {
+        j.name
+        for j in robot.joints
+        if targets.is_called("joints", reading, j.name)
+        or (j.name in cylinders and targets.is_called("strokes", reading, cylinders[j.name]))
+    }
+    meant = [j for j in robot.joints if j.name in called] or robot.joints
+    driven = any(j.name in cylinders for j in meant)
+    slide = all(j.prismatic for j in meant) and not (driven and _STROKES & {*reading.words})
+    return "joints" if slide or not cylinders else "strokes"
 
 
 def _of_machine(reading: Reading) -> str:

@@ -223,6 +223,14 @@ def filled(fields: Fields, key: str, expected: str = "a signal of the log") -> s
     return text
 
 
+#: What a unit is refused of, where its robot says how a joint moves, and where it may belong.
+_OF_JOINTS = {
+    "angle": (" of a joint that turns", ": the way of its cylinder goes under strokes"),
+    "torque": (" of a joint that turns", ": the force of its cylinder is no torque of the joint"),
+    "force": (" of a joint that slides", ""),
+}
+
+
 def unit_of(fields: Fields, quantity: str) -> float:
     """Factor of an entry's unit to SI.
 
@@ -247,8 +255,10 @@ def unit_of(fields: Fields, quantity: str) -> float:
             f"{fields.where}: 'unit' is still to be filled in: one of {', '.join(units)}"
         )
     if name not in units:
+        whose, hint = _OF_JOINTS.get(quantity, ("", ""))
         raise BagError(
-            f"{fields.where}: 'unit' should be one of {', '.join(units)}, found '{name}'"
+            f"{fields.where}: 'unit'{whose} should be one of {', '.join(units)}, found"
+            f" '{name}'{hint}"
         )
     return units[name]
 

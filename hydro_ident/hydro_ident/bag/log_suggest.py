@@ -15,7 +15,7 @@ from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_fill import fill, unit_of_others
 from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
 from hydro_ident.bag.log_names import Target
-from hydro_ident.bag.log_sections import section_of, why_left_out
+from hydro_ident.bag.log_sections import missing_of, section_of, why_left_out
 from hydro_ident.bag.log_signal import FILL_IN
 from hydro_ident.bag.log_suggest_times import OwnTime, times_of
 from hydro_ident.bag.log_targets import Targets
@@ -112,11 +112,12 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
             guess = _entry(log, reading, named[reading.column], targets, references)
             guesses.append(_with_time(guess, times.own.get(reading.column, OwnTime())))
         else:
-            spare = (f"{kinds[reading.column]}: no name is left for it",)
-            why = why_left_out(reading, targets) if kinds[reading.column] == "left out" else spare
+            kind = kinds[reading.column]
+            spare = (*reading.why, targets.why_unnamed(kind, reading))
+            why = why_left_out(reading, targets) if kind == "left out" else spare
             guesses.append(Guess(reading.column, "", "", {}, reading.level, why))
     guesses = _units_of_others(guesses, readings, named, targets)
-    missing = targets.missing(named.values())
+    missing = missing_of(named.values(), targets)
     start = times.start, times.start_why
     return Suggestion(log, robot_name, tuple(guesses), missing, *start)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hydro_ident.bag.log_guess import Reading, words_of
+from hydro_ident.bag.log_joint_units import quantity_of, why_not
+from hydro_ident.bag.log_map import SECTIONS
 from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
 from hydro_ident.bag.log_words import COMMON, SUPPLY, TANK, alike, chamber_of, word_set
@@ -37,11 +39,6 @@ class Targets:
 
     def __init__(self, robot: Robot | None) -> None:
         self.robot = robot
-
-    @property
-    def has_strokes(self) -> bool:
-        """Whether lengths are cylinders' strokes and not prismatic joints."""
-        return self.robot is None or not any(j.prismatic for j in self.robot.joints)
 
     @property
     def supply_pa(self) -> float:
@@ -171,6 +168,7 @@ class Targets:
             (*self._score(section, r, name, members), r.column, name)
             for r in members
             for name in names
+            if not self._why_not(section, r, name)
         ]
         # Stable: what scores alike keeps the order of the columns.
         scores.sort(key=lambda entry: -entry[0])
@@ -193,6 +191,8 @@ class Targets:
 
     def _may_be(self, section: str, reading: Reading, name: str) -> bool:
         """Whether nothing in a column's name speaks against a name that it has by its place."""
+        if self._why_not(section, reading, name):
+            return False
         body, _, chamber = name.partition("/")
         others = {n.partition("/")[0] for n in self.names(section)} - {body}
         if any(self._called(section, reading, other)[1] for other in others):
@@ -200,6 +200,44 @@ class Targets:
         if not chamber or chamber_of(reading.words):
             return chamber_of(reading.words) in ("", chamber)
         return not any(len(w) > 2 and w in SUPPLY | TANK for w in reading.words)
+
+    def _why_not(self, section: str, reading: Reading, name: str) -> str:
+        """Why a column cannot be the signal of a joint; empty where it can."""
+        return why_not(reading, SECTIONS.get(section, ""), name, self.robot)
+
+    def why_unnamed(self, section: str, reading: Reading) -> str:
+        """Why a column got no name of its section.
+
+        Parameters
+        ----------
+        section : str
+        reading : Reading
+        """
+        names = self.names(section)
+        called = [n for n in names if self.is_called(section, reading, n)] or names
+        why = [self._why_not(section, reading, n) for n in called]
+        return f"{section}: {why[0] if why and all(why) else 'no name is left for it'}"
+
+    def is_called(self, section: str, reading: Reading, body: str) -> bool:
+        """Whether a column is called by a name of a section, or by another word for it.
+
+        Parameters
+        ----------
+        section : str
+        reading : Reading
+        body : str
+            Without a chamber.
+        """
+        return bool(self._called(section, reading, body)[1])
+
+    def quantity_of(self, section: str, name: str) -> str:
+        """What a signal of a section measures, as of `log_joint_units`.
+
+        Parameters
+        ----------
+        section, name : str
+        """
+        return quantity_of(SECTIONS[section], name, self.robot)
 
     def _called(self, section: str, reading: Reading, body: str) -> tuple[float, str]:
         """How well a column is called by a name or by another word for it, and the word."""
@@ -268,33 +306,3 @@ class Targets:
         """Where the columns' own count begins: at 0 or at 1."""
         numbers = [int(w) for r in members for w in r.words if w.isdigit()]
         return 0 if 0 in numbers else 1
-
-    def missing(self, targets: Iterable[Target]) -> tuple[str, ...]:
-        """What the robot has and no column became.
-
-        Parameters
-        ----------
-        targets : iterable of Target
-
-        Returns
-        -------
-        tuple of str
-        """
-        given = {(t.section, t.name) for t in targets}
-        if self.robot is None:
-            return ()
-        driven = {c.joint: c.name for c in self.robot.cylinders}
-        lost = [
-            f"joints, {j.name}"
-            for j in self.robot.joints
-            if ("joints", j.name) not in given and ("strokes", driven.get(j.name, "")) not in given
-        ]
-        lost += [
-            f"pressures, {n}" for n in self.names("pressures") if ("pressures", n) not in given
-        ]
-        lost += [
-            f"valves, {n}"
-            for n in self.names("valves")
-            if not {("valves", n), ("valve_commands", n)} & given
-        ]
-        return tuple(lost)

@@ -12,11 +12,19 @@ from dataclasses import dataclass
 
 from hydro_ident.bag.log_words import OF_PRESSURES, word_set, words_in
 
-#: Units of the mapping by quantity: factor to SI; the first is the default.
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3}
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+_TORQUES = {"N m": 1.0, "kN m": 1e3}
+_FORCES = {"N": 1.0, "kN": 1e3}
+#: Units of the mapping by quantity: factor to SI; the first is the default. Of a joint of which
+#: nobody knows whether it turns, `position` and `effort`.
 UNITS: dict[str, dict[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "m": 1.0, "mm": 1e-3},
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "effort": {"N m": 1.0, "kN m": 1e3, "N": 1.0, "kN": 1e3},
+    "position": {**_ANGLES, **_LENGTHS},
+    "angle": _ANGLES,
+    "length": _LENGTHS,
+    "effort": {**_TORQUES, **_FORCES},
+    "torque": _TORQUES,
+    "force": _FORCES,
     "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "psi": 6894.757293168361},
     "voltage": {"V": 1.0, "mV": 1e-3},
     "ratio": {"1": 1.0, "%": 1e-2},
