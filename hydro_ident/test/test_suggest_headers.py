@@ -136,3 +136,21 @@ def test_a_reference_of_a_stroke_is_none_of_an_angle(guesses_of: Suggest) -> Non
     guess = guesses_of({"lift_stroke_ref [mm]": (100.0, 400.0)})["lift_stroke_ref [mm]"]
     assert guess.section == ""
     assert guess.why[-1] == "references: a length, and of lift it would be an angle"
+
+
+def test_what_is_asked_for_was_not_measured(guesses_of: Suggest) -> None:
+    """torque_ref_lift had become the measured torque, sure, and torque_lift nothing."""
+    asked = ["torque_ref_lift [Nm]", "torque_set_tilt [Nm]", "lift_pressure_A_soll [bar]"]
+    asked += ["pressure_cmd_tilt_b [bar]", "oil_temp_setpoint [degC]"]
+    measured = ["torque_lift [Nm]", "torque_meas_tilt [Nm]", "lift_pressure_A [bar]"]
+    found = guesses_of(dict.fromkeys((*asked, *measured), (10.0, 50.0)))
+    assert {name: found[name].section for name in asked} == dict.fromkeys(asked, "")
+    assert found[asked[0]].why[-1].startswith("not taken: 'ref' says what was asked for")
+    names = ["lift", "tilt", "lift_cylinder/a"]
+    assert [found[name].name for name in measured] == names
+
+
+def test_of_two_alike_the_one_called_measured_is_taken(guesses_of: Suggest) -> None:
+    table = {"torque_lift [Nm]": (1.0, 5.0), "torque_lift_meas [Nm]": (1.0, 5.0)}
+    found = guesses_of(table)
+    assert [found[name].section for name in table] == ["", "efforts"]

@@ -12,14 +12,16 @@ from hydro_ident.bag.log_words import OF_PRESSURES, SUPPLY, chamber_of, word_set
 
 #: Words for what is asked for.
 REFERENCE_WORDS = word_set(
-    "ref reference soll sollwert des desired target setpoint consigne consigna riferimento"
+    "ref reference soll sollwert des desired target set setpoint requested consigne consigna"
+    " riferimento"
 )
 #: Words for what a person or a controller asks for: of a valve that is its signal.
 COMMANDED_WORDS = word_set("cmd command commanded demand stell")
+_BOTH = REFERENCE_WORDS | COMMANDED_WORDS
+#: Of which a mapping has no place for what is asked for; French has `des` for "of the".
+_ASKED = {"pressure": _BOTH - {"des"}, "temperature": _BOTH - {"des"}, "effort": _BOTH}
 _OTHER = {
-    # French has `des` for "of the".
-    "pressure": (REFERENCE_WORDS - {"des"})
-    | word_set(
+    "pressure": word_set(
         "differential difference delta diff differenz differenzdruck load last lastdruck ls"
         " loadsensing pilot steuer steuerdruck accumulator speicher speicherdruck ambient"
         " atmospheric umgebung umgebungsdruck luftdruck bremsdruck solldruck"
@@ -60,6 +62,9 @@ def elsewhere(quantity: str, words: Sequence[str], own: Collection[str], *, unit
     """
     if quantity == "current" and not unit and not {*words} & (_COILS | OF_PRESSURES | {*own}):
         return "not taken: a current that no word calls a valve's"
+    asked = ({*words} & _ASKED.get(quantity, frozenset())) - {*own}
+    if asked:
+        return f"not taken: '{min(asked)}' says what was asked for and not what was measured"
     said = ({*words} & _OTHER.get(quantity, frozenset())) - {*own}
     if not said or (quantity == "pressure" and chamber_of(words)):
         return ""

@@ -8,11 +8,8 @@ from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, else
 from hydro_ident.bag.log_guess import Reading
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_targets import Targets
-from hydro_ident.bag.log_words import OF_PRESSURES, word_set
+from hydro_ident.bag.log_words import MEASURED, OF_PRESSURES, word_set
 
-_MEASURED_WORDS = word_set(
-    "ist act actual meas measured applied state fb feedback mesure medido misurato"
-)
 #: Of a slide, too, these are its cylinder's.
 _STROKES = word_set(
     "stroke hub course carrera corsa kolben piston cylinder cyl zylinder verin cilindro"
@@ -41,7 +38,7 @@ def section_of(reading: Reading, targets: Targets) -> str:
     if quantity == "length":
         return _of_length(reading, targets)
     if quantity == "voltage":
-        return "valves" if words & _MEASURED_WORDS else "valve_commands"
+        return "valves" if words & MEASURED else "valve_commands"
     return {
         "angle": "joints",
         "pressure": "pressures",

@@ -12,7 +12,7 @@ from hydro_ident.bag.log_joint_units import quantity_of, why_not
 from hydro_ident.bag.log_map import SECTIONS
 from hydro_ident.bag.log_names import Target, made_up
 from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import COMMON, SUPPLY, TANK, alike, chamber_of, word_set
+from hydro_ident.bag.log_words import COMMON, MEASURED, SUPPLY, TANK, alike, chamber_of, word_set
 from hydro_model.robot import Joint, Robot
 from hydro_msgs_docs.cdr import FloatArray
 
@@ -170,8 +170,9 @@ class Targets:
             for name in names
             if not self._why_not(section, r, name)
         ]
+        measured = {r.column for r in members if MEASURED & {*r.words}}
         # Stable: what scores alike keeps the order of the columns.
-        scores.sort(key=lambda entry: -entry[0])
+        scores.sort(key=lambda entry: (-entry[0], entry[2] not in measured))
         found: dict[str, Target] = {}
         taken: set[str] = set()
         for score, why, column, name in scores:

@@ -33,6 +33,10 @@ TANK = word_set(
 )
 #: Words of pressures, beside a current those of transducers.
 OF_PRESSURES = word_set("p press pressure druck pression presion pressione")
+#: Words for what was measured, beside what was asked for.
+MEASURED = word_set(
+    "ist act actual meas measured applied state fb feedback mesure medido misurato"
+)
 #: Words of every name of their kind: they tell nothing apart.
 COMMON = word_set(
     "cylinder cyl zylinder valve ventil joint link gelenk"
