@@ -208,6 +208,7 @@ def _losses(passage: Passage, first: FirstPass, look: SignalLook) -> tuple[Loss,
         look.robot,
         look.present(first.period_s(look.robot)),
         valve_source=source,
+        valve_there=topic,
         valve_stamps=first.meetings[topic].wrong(topic, look.cycles) if topic else "",
         dead=look.hidden,
     )

@@ -154,6 +154,25 @@ def test_no_valve_topic_costs_the_flow_channels(write_bag, run_columns, robot) -
     assert _losses(r) == {f"{j}/flow_{s}": reason for j in ("lift", "tilt") for s in "ab"}
 
 
+def test_a_valve_topic_without_voltages_is_told_of(write_bag, run_columns, robot) -> None:
+    """It had been said that there is none, above a table of topics that has it."""
+    columns = run_columns(20)
+    del columns["/valve_command"]
+    stamps, fields = columns["/valve_state"][0], columns["/valve_state"][1]
+    columns["/valve_state"] = (
+        stamps,
+        {"position": fields["effort"]},
+        *columns["/valve_state"][2:],
+    )
+    r = read_recording(write_bag(columns), robot)
+    assert (r.valve_v, r.valve_source) == (None, "")
+    assert _losses(r) == {
+        f"{j}/flow_{s}": f"no voltage (effort) of {j}_valve in /valve_state"
+        for j in ("lift", "tilt")
+        for s in "ab"
+    }
+
+
 @pytest.mark.parametrize(("every", "how"), [(0, "no"), (20, "hardly a")])
 def test_valves_with_stamps_of_their_own_are_told(
     every: int, how: str, tmp_path, run_columns, robot

@@ -154,3 +154,35 @@ def test_of_two_alike_the_one_called_measured_is_taken(guesses_of: Suggest) -> N
     table = {"torque_lift [Nm]": (1.0, 5.0), "torque_lift_meas [Nm]": (1.0, 5.0)}
     found = guesses_of(table)
     assert [found[name].section for name in table] == ["", "efforts"]
+
+
+@pytest.mark.parametrize(
+    ("name", "section"),
+    [
+        ("lift_valve_cmd [%]", "valve_commands"),
+        ("Ventil lift Soll [%]", "valve_commands"),
+        ("lift_valve [%]", "valve_commands"),
+        ("lift_cmd [%]", "valve_commands"),
+        ("spool_cmd_1 [%]", "valve_commands"),
+        ("spool_lift [%]", "spools"),
+        ("lift_valve_position [%]", "spools"),
+        ("Ventil lift Ist [%]", "spools"),
+        ("engine_load [%]", ""),
+        ("pump_cmd [%]", ""),
+    ],
+)
+def test_a_share_is_the_valves_signal_or_its_spools(
+    name: str, section: str, guesses_of: Suggest
+) -> None:
+    """A command in percent had become a measured spool; `inspect` then missed the valve."""
+    guess = guesses_of({name: (-60.0, 70.0)})[name]
+    assert guess.section == section
+    if section == "valve_commands":
+        assert guess.name == "lift_valve"
+        assert guess.entry["raw"] == [-100.0, 100.0]
+        assert guess.entry["span"] == [-10.0, 10.0]
+
+
+def test_what_is_beyond_a_whole_share_is_left_open(guesses_of: Suggest) -> None:
+    guess = guesses_of({"lift_valve_cmd [%]": (-600.0, 700.0)})["lift_valve_cmd [%]"]
+    assert (guess.section, guess.entry["raw"]) == ("valve_commands", "FILL_IN")

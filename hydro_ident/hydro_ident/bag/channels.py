@@ -93,6 +93,7 @@ def find_losses(
     present: Present,
     *,
     valve_source: str,
+    valve_there: str = "",
     valve_stamps: str = "",
     dead: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Loss, ...]:
@@ -103,7 +104,9 @@ def find_losses(
     robot : Robot
     present : Present
     valve_source : str
-        Topic of the valves' voltages.
+        Topic of the valves' voltages, or empty.
+    valve_there : str
+        A topic of valves that has messages, be they of voltages or not; or empty.
     valve_stamps : str
         What is wrong with the stamps of the valves' topic.
     dead : mapping of str to float
@@ -119,7 +122,9 @@ def find_losses(
     for i, cylinder in enumerate(robot.cylinders):
         joint = cylinder.joint
         position = _position_reason(robot, cylinder, i, blind, present.stroke)
-        valve = _valve_reason(robot, cylinder, present.valve_v, valve_source, valve_stamps)
+        valve = _valve_reason(
+            robot, cylinder, present.valve_v, (valve_source, valve_there), valve_stamps
+        )
         dry = [_chamber_reason(robot, i, side, chambers, dead) for side in (0, 1)]
         reasons = {
             f"{joint}/force": [*dict.fromkeys(r for r in dry if r), *_angles_reason(blind)],
@@ -204,14 +209,21 @@ def _chamber_reason(
 
 
 def _valve_reason(
-    robot: Robot, cylinder: Cylinder, valve_v: Sequence[bool] | None, source: str, stamps: str
+    robot: Robot,
+    cylinder: Cylinder,
+    valve_v: Sequence[bool] | None,
+    topics: tuple[str, str],
+    stamps: str,
 ) -> str:
+    """`topics`: that of the voltages, and one that is there without them."""
     columns = [k for k, v in enumerate(robot.valves) if v.cylinder == cylinder.name]
     if not columns:
         return f"robot {robot.name} has no valve for {cylinder.name}"
     if stamps:
         return stamps
+    (source, there), name = topics, robot.valves[columns[0]].name
+    if valve_v is None and there:
+        return f"no voltage (effort) of {name} in {there}"
     if valve_v is None:
         return f"no {VALVE_COMMAND} or {VALVE_STATE}"
-    name = robot.valves[columns[0]].name
     return f"no {name} in {source}" if _missing(valve_v, columns[0]) else ""

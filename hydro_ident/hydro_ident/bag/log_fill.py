@@ -77,7 +77,7 @@ def _fill_unit(
         entry["unit"] = "mm" if max(abs(reading.low), abs(reading.high)) > 10.0 else "m"
         return "likely", [f"{entry['unit']}: within {reading.low:.4g} to {reading.high:.4g}"]
     elif quantity == "ratio":
-        entry["unit"] = "%" if max(abs(reading.low), abs(reading.high)) > 2.0 else "1"
+        entry["unit"] = "%" if _percent(reading) else "1"
         return "likely", [f"{entry['unit']}: within {reading.low:.4g} to {reading.high:.4g}"]
     elif quantity:
         entry["unit"] = FILL_IN
@@ -241,6 +241,8 @@ def _fill_voltage(
         entry["unit"] = reading.unit.unit
         return "guess" if one_sided else "sure", aside
     rated = targets.rated_v(target.name)
+    if reading.quantity == "ratio":
+        return _fill_share(entry, reading, rated, aside)
     if reading.quantity == "current":
         entry |= {"raw": FILL_IN, "span": [-rated, rated], "unit": "V"}
         return "open", ["a current: raw is what stands for minus and plus the rated signal"]
@@ -249,3 +251,22 @@ def _fill_voltage(
         return "guess" if one_sided else "likely", [f"V: within the valve's {rated:g} V", *aside]
     entry |= {"raw": FILL_IN, "span": [-rated, rated]}
     return "open", [f"beyond the valve's {rated:g} V: not volts"]
+
+
+def _fill_share(
+    entry: Entry, reading: Reading, rated: float, aside: list[str]
+) -> tuple[str, list[str]]:
+    """A valve's signal as a share of its rated one."""
+    whole = 100.0 if _percent(reading) else 1.0
+    entry |= {"raw": [-whole, whole], "span": [-rated, rated], "unit": "V"}
+    if max(abs(reading.low), abs(reading.high)) > 1.01 * whole:
+        entry["raw"] = FILL_IN
+        return "open", [f"beyond {whole:g}: no share of the valve's {rated:g} V", *aside]
+    return "guess", [f"a share: {whole:g} for the valve's rated {rated:g} V", *aside]
+
+
+def _percent(reading: Reading) -> bool:
+    """Whether a share is in percent: as the file says, else by its numbers."""
+    if reading.unit is not None and reading.unit.unit in UNITS["ratio"]:
+        return reading.unit.unit == "%"
+    return max(abs(reading.low), abs(reading.high)) > 2.0

@@ -14,6 +14,10 @@ from hydro_ident.bag.log_words import MEASURED, OF_PRESSURES, word_set
 _STROKES = word_set(
     "stroke hub course carrera corsa kolben piston cylinder cyl zylinder verin cilindro"
 )
+_SPOOLS = word_set("spool schieber kolbenschieber lvdt")
+_VALVES = word_set("u valve ventil joystick servo pwm vanne valvula valvola")
+#: Of a valve, for where its spool is.
+_PLACES = word_set("position pos opening öffnung oeffnung ouverture apertura stellung weg")
 
 
 def section_of(reading: Reading, targets: Targets) -> str:
@@ -39,11 +43,12 @@ def section_of(reading: Reading, targets: Targets) -> str:
         return _of_length(reading, targets)
     if quantity == "voltage":
         return "valves" if words & MEASURED else "valve_commands"
+    if quantity == "ratio":
+        return _of_share(reading, targets)
     return {
         "angle": "joints",
         "pressure": "pressures",
         "current": "valve_commands",
-        "ratio": "spools",
         "temperature": "oil_temperature",
         "effort": "efforts",
     }.get(quantity, "left out")
@@ -66,6 +71,8 @@ def why_left_out(reading: Reading, targets: Targets) -> tuple[str, ...]:
         return (*reading.why, why)
     if reading.quantity in ("velocity", "acceleration"):
         return (*reading.why, "not taken: the analysis differentiates positions itself")
+    if reading.quantity == "ratio":
+        return (*reading.why, "not taken: a share that no word calls a spool's or a valve's")
     return reading.why
 
 
@@ -113,6 +120,18 @@ def _of_length(reading: Reading, targets: Targets) -> str:
     driven = any(j.name in cylinders for j in meant)
     slide = all(j.prismatic for j in meant) and not (driven and _STROKES & {*reading.words})
     return "joints" if slide or not cylinders else "strokes"
+
+
+def _of_share(reading: Reading, targets: Targets) -> str:
+    """Of its whole stroke a spool's position, of its rated signal what a valve is to do."""
+    words = set(reading.words)
+    asked = words & (COMMANDED_WORDS | REFERENCE_WORDS)
+    spool, valve = words & _SPOOLS, words & _VALVES
+    whose = words & targets.words() or any(word.isdigit() for word in words)
+    if spool or valve or (asked and whose):
+        measured = words & (MEASURED | _PLACES) or not valve
+        return "spools" if measured and not asked else "valve_commands"
+    return "left out"
 
 
 def _of_machine(reading: Reading) -> str:

@@ -125,14 +125,15 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         met = Meetings()
         met.add(grid, topics[valves].stamp_ns)
         stamps = met.wrong(valves, len(grid))
-    return _with_losses(without_dead(replace(recording, **lost), earlier.dead), stamps)
+    return _with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
 
 
-def _with_losses(recording: Recording, valve_stamps: str) -> Recording:
+def _with_losses(recording: Recording, valve_there: str, valve_stamps: str) -> Recording:
     losses = find_losses(
         recording.robot,
         _present(recording),
         valve_source=recording.valve_source,
+        valve_there=valve_there,
         valve_stamps=valve_stamps,
         dead=recording.dead,
     )
