@@ -173,7 +173,7 @@ def changed(**changes: object) -> dict:
             changed(joints={"boom": {"signal": "q1"}}),
             "robot xs031 has no 'boom' (known: lift, tilt)",
         ),
-        (changed(joints={"lift": {"signal": "q1", "unit": "gon"}}), "one of rad, deg"),
+        (changed(joints={"lift": {"signal": "q1", "unit": "turns"}}), "one of rad, deg"),
         (changed(joints={"lift": {"signal": "q1", "sign": 2}}), "'sign' should be 1 or -1"),
         (changed(pressures={"supply": {"signal": "ps"}}), "key 'reference' is missing"),
         (changed(pressures={"supply": {"signal": "ps", "reference": "abs"}}), "gauge or absolute"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hydro_ident.bag.log_convert import convert
@@ -55,7 +57,7 @@ def test_without_a_robot_nothing_is_known_of_units(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ("unit: deg}", "unit: mm}", "joints, lift: 'unit' of a joint that turns should be one of"
-         " rad, deg, mrad, found 'mm': the way of its cylinder goes under strokes"),
+         " rad, deg, mrad, gon, found 'mm': the way of its cylinder goes under strokes"),
         ("valve_commands:", "efforts: {tilt: {signal: x, unit: kN}}\nvalve_commands:",
          "efforts, tilt: 'unit' of a joint that turns should be one of N m, kN m, found 'kN': the"
          " force of its cylinder is no torque of the joint"),
@@ -78,3 +80,30 @@ def test_a_slide_is_told_its_units(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("\n".join([*lines[:2], wrong]), encoding="utf-8")
     with pytest.raises(BagError, match="should be one of m, mm, cm, found 'deg'"):
         read_map(tmp_path / "map.yaml")
+
+
+@pytest.mark.parametrize(
+    ("section", "unit", "reading", "si"),
+    [
+        ("oil_temperature", "K", 300.0, 26.85),
+        ("oil_temperature", "degF", 104.0, 40.0),
+        ("joints: {carriage", "gon", 200.0, math.pi),
+        ("pressures: {supply", "atm", 2.0, 202650.0),
+        ("pressures: {supply", "mbar", 1013.25, 101325.0),
+        ("pressures: {supply", "kgf/cm2", 10.0, 980665.0),
+    ],
+)
+def test_what_units_are_in_si(
+    section: str, unit: str, reading: float, si: float, tmp_path: Path
+) -> None:
+    """Kelvin and Fahrenheit have zeros of their own."""
+    entry = f"{section}: {{signal: x, unit: {unit}, scale: 1.0"
+    entry += ", reference: absolute" if "pressures" in section else ""
+    entry += "}}" if ":" in section else "}"
+    held = "strokes: {c: {constant: 1}}"
+    (tmp_path / "map.yaml").write_text(f"time: {{rate_hz: 100}}\n{held}\n{entry}\n")
+    mapping = read_map(tmp_path / "map.yaml")
+    signal = mapping.oil_temperature or next(
+        one for s, block in mapping.sections.items() if s != "strokes" for one in block.values()
+    )
+    assert signal.values(np.array([reading]))[0] == pytest.approx(si, abs=1e-9)

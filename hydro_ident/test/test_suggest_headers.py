@@ -186,3 +186,61 @@ def test_a_share_is_the_valves_signal_or_its_spools(
 def test_what_is_beyond_a_whole_share_is_left_open(guesses_of: Suggest) -> None:
     guess = guesses_of({"lift_valve_cmd [%]": (-600.0, 700.0)})["lift_valve_cmd [%]"]
     assert (guess.section, guess.entry["raw"]) == ("valve_commands", "FILL_IN")
+
+
+@pytest.mark.parametrize(
+    ("name", "section", "key"),
+    [
+        ("lift_angle [grads]", "joints", "unit"),
+        ("lift_valve [inc]", "valve_commands", "raw"),
+        ("lift pressure A (counts)", "pressures", "unit"),
+        ("lift_stroke [in]", "strokes", "unit"),
+        ("oil [°Re]", "oil_temperature", "unit"),
+    ],
+)
+def test_a_unit_that_nobody_here_knows_is_not_guessed_against(
+    name: str, section: str, key: str, guesses_of: Suggest
+) -> None:
+    """[grads] had become degrees, likely, and [in] millimetres."""
+    guess = guesses_of({name: (10.0, 45.0)})[name]
+    assert (guess.section, guess.entry[key], guess.level) == (section, "FILL_IN", "open")
+    assert f"unit '{name.split()[-1].strip('[]()')}' is not known here" in guess.why
+
+
+def test_a_line_of_units_may_have_an_unknown_one(guesses_of: Suggest) -> None:
+    names = ["lift_angle", "tilt_angle", "p_1", "p_2", "p_3"]
+    found = guesses_of(dict.fromkeys(names, (10.0, 45.0)), units="s;deg;grads;bar;bar;ksi")
+    units = [found[name].entry["unit"] for name in names]
+    assert units == ["deg", "FILL_IN", "bar", "bar", "FILL_IN"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Druck (Stangenseite)", "p1 (gauge)", "p1 [lift]", "p1 [2]", "p1 (soll)", "p1 [-]",
+     "p1 (filtered)"],
+)  # fmt: skip
+def test_what_else_stands_in_brackets_is_no_unit(name: str, guesses_of: Suggest) -> None:
+    assert not any("not known here" in why for why in guesses_of({name: (10.0, 45.0)})[name].why)
+
+
+def test_a_name_of_the_robot_in_brackets_is_no_unit(guesses_of: Suggest) -> None:
+    joints = (replace(_LIFT, name="mast"), _TILT)
+    robot = replace(CRANE, joints=joints)
+    guess = guesses_of({"angle [mast]": (10.0, 45.0)}, robot)["angle [mast]"]
+    assert (guess.name, guess.entry["unit"], guess.level) == ("mast", "deg", "likely")
+
+
+def test_times_in_an_unknown_unit_are_left_open(tmp_path: Path) -> None:
+    """Steps of 2 ticks had become 2 ms, likely."""
+    file = tmp_path / "log.csv"
+    lines = ["Time [ticks];lift_angle [deg]", *(f"{2 * k};{20 + k % 7}" for k in range(50))]
+    file.write_text("\n".join(lines), encoding="utf-8")
+    time = suggest(read_log(file), CRANE).guesses[0]
+    assert (time.entry["unit"], time.level) == ("FILL_IN", "open")
+
+
+def test_a_temperature_far_from_oils_is_in_another_unit(guesses_of: Suggest) -> None:
+    assert guesses_of({"oil_temp": (300.0, 320.0)})["oil_temp"].entry["unit"] == "FILL_IN"
+    assert guesses_of({"oil_temp": (40.0, 45.0)})["oil_temp"].entry == {"signal": "oil_temp"}
+    kelvin = guesses_of({"oil_temp [K]": (300.0, 320.0)})["oil_temp [K]"]
+    assert (kelvin.entry["unit"], kelvin.level) == ("K", "sure")

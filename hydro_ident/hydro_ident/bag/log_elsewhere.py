@@ -24,7 +24,7 @@ _OTHER = {
     "pressure": word_set(
         "differential difference delta diff differenz differenzdruck load last lastdruck ls"
         " loadsensing pilot steuer steuerdruck accumulator speicher speicherdruck ambient"
-        " atmospheric umgebung umgebungsdruck luftdruck bremsdruck solldruck"
+        " atmospheric atm umgebung umgebungsdruck luftdruck bremsdruck solldruck"
     ),
     "temperature": word_set(
         "ambient umgebung umgebungstemperatur air luft lufttemperatur coolant water wasser"

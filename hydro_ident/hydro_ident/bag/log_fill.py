@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection
 
 from hydro_ident.bag.log_columns import wrap_of
 from hydro_ident.bag.log_guess import Reading
+from hydro_ident.bag.log_map import OF_JOINTS, SECTIONS
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_signal import FILL_IN, unwrapped
 from hydro_ident.bag.log_targets import Targets
@@ -23,6 +24,10 @@ _UNDER, _SUPPLY_UNDER, _OVER = 0.1, 0.4, 1.6
 _TANK_OVER = 0.15
 #: No pressure is further below the atmosphere than that, and the error of a zero.
 _LOWEST_PA = -1.2e5
+#: Between these a temperature without a unit is one of oil in degC; 300 K is not.
+_OIL_C = (-50.0, 150.0)
+#: Units that numbers alone may tell apart; of `atm` or `mbar` the file has to say so.
+_TOLD = {u: UNITS["pressure"][u] for u in ("Pa", "kPa", "MPa", "bar", "psi")}
 
 
 def fill(
@@ -49,6 +54,8 @@ def fill(
     str, list of str
         How sure that is, and why.
     """
+    if reading.unknown:
+        return _fill_unknown(entry, values, target, targets)
     filler: Callable[..., tuple[str, list[str]]] = {
         "pressures": _fill_pressure,
         "joints": _fill_angle,
@@ -59,6 +66,20 @@ def fill(
     return filler(entry, values, reading, target, targets)
 
 
+def _fill_unknown(
+    entry: Entry, values: FloatArray, target: Target, targets: Targets
+) -> tuple[str, list[str]]:
+    """The file states a unit, and another one would be a guess against it."""
+    if target.section in ("valves", "valve_commands"):
+        rated = targets.rated_v(target.name)
+        entry |= {"raw": FILL_IN, "span": [-rated, rated], "unit": "V"}
+    else:
+        entry["unit"] = FILL_IN
+    if target.section in OF_JOINTS and (period := wrap_of(values)):
+        entry["wrap"] = round(period, 9)
+    return "open", []
+
+
 def _fill_unit(
     entry: Entry,
     values: FloatArray,
@@ -67,10 +88,8 @@ def _fill_unit(
     targets: Targets,
 ) -> tuple[str, list[str]]:
     del values, targets
-    quantity = {"strokes": "length", "efforts": "effort", "spools": "ratio"}.get(
-        target.section, ""
-    )
-    if quantity and reading.unit is not None and reading.unit.unit in UNITS[quantity]:
+    quantity = {**SECTIONS, "oil_temperature": "temperature"}[target.section]
+    if reading.unit is not None and reading.unit.unit in UNITS[quantity]:
         entry["unit"] = reading.unit.unit
     elif quantity == "length":
         # A cylinder's stroke of more than ten metres there is not.
@@ -79,7 +98,7 @@ def _fill_unit(
     elif quantity == "ratio":
         entry["unit"] = "%" if _percent(reading) else "1"
         return "likely", [f"{entry['unit']}: within {reading.low:.4g} to {reading.high:.4g}"]
-    elif quantity:
+    elif quantity != "temperature" or not _OIL_C[0] < reading.low <= reading.high < _OIL_C[1]:
         entry["unit"] = FILL_IN
     return "sure", []
 
@@ -169,7 +188,7 @@ def _fill_pressure(
     if reading.unit is not None and reading.unit.quantity in ("current", "voltage"):
         return _fill_transducer(entry, reading, targets)
     limit = targets.supply_pa
-    share = {u: reading.high * factor / limit for u, factor in UNITS["pressure"].items()}
+    share = {u: reading.high * factor / limit for u, factor in _TOLD.items()}
     low = {"supply": _SUPPLY_UNDER, "tank": 0.0}.get(target.name, _UNDER)
     over = _TANK_OVER if target.name == "tank" else _OVER
     fitting = [u for u, of_supply in share.items() if low < of_supply < over]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in
+from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in, unknown_unit
 from hydro_ident.bag.log_words import word_set, words_in
 from hydro_msgs_docs.cdr import FloatArray
 
@@ -64,6 +64,8 @@ class Reading:
     why : tuple of str
     low, high : float
         Of the recorded numbers.
+    unknown : str
+        What the file states for a unit, where nobody here knows it.
     """
 
     column: str
@@ -74,6 +76,7 @@ class Reading:
     why: tuple[str, ...]
     low: float
     high: float
+    unknown: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +130,8 @@ def words_of(name: str) -> tuple[str, ...]:
         accents are left out, umlauts are not.
     """
     unit = unit_in(name)
+    if not unit and any(c in "/*·^23²³" for c in unknown_unit(name, "")):
+        unit = unknown_unit(name, "")
     bare = name[: name.rfind(unit)] if unit else name
     bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
     return words_in(bare)
@@ -169,7 +174,8 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
     known = values[np.isfinite(values)]
     if not len(known):
         return Reading(name, "", None, words_of(name), "open", ("holds no number",), 0.0, 0.0)
-    words, declared = words_of(name), spelt(unit)
+    words, declared, unknown = words_of(name), spelt(unit), unknown_unit(name, unit)
+    unread = (f"unit '{unknown}' is not known here",) if unknown else ()
     weights: dict[str, int] = {}
     reasons: dict[str, list[str]] = {}
     _weigh(weights, reasons, declared.quantity if declared else "", _UNIT, f"unit '{unit}'")
@@ -181,14 +187,15 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
         if quantity in weights:
             _weigh(weights, reasons, quantity, _RANGE, text)
     if not weights:
-        return Reading(name, "", declared, words, "open", ("neither its name nor a unit says",),
-                       float(known.min()), float(known.max()))  # fmt: skip
+        return Reading(name, "", declared, words, "open",
+                       ("neither its name nor a unit says", *unread),
+                       float(known.min()), float(known.max()), unknown)  # fmt: skip
     best = max(weights, key=lambda q: weights[q])
     rivals = [q for q in weights if q != best and weights[q] >= weights[best] - 1]
     level = _level(weights[best] - len(rivals))
     why = reasons[best] + [f"could be {q}: {', '.join(reasons[q])}" for q in rivals]
-    return Reading(name, best, declared, words, level, tuple(why),
-                   float(known.min()), float(known.max()))  # fmt: skip
+    return Reading(name, best, declared, words, level, (*why, *unread),
+                   float(known.min()), float(known.max()), unknown)  # fmt: skip
 
 
 def _weigh(

@@ -1,7 +1,8 @@
 """Numbers of a converted log that no machine of the mapping's robot has: units that were mistaken.
 
-Units of one quantity are ten or more apart (bar and MPa; psi and bar 14.5), so that wide limits
-find every one of them. Positions are held against the joints' ranges where they are read.
+Usual units of one quantity are ten or more apart (bar and MPa; psi and bar 14.5), so that wide
+limits find every one of them; bar for atm or kgf/cm2 they do not. Positions are held against the
+joints' ranges where they are read.
 """
 
 from __future__ import annotations

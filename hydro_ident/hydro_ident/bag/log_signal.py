@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.log_units import UNITS
+from hydro_ident.bag.log_units import UNITS, ZEROS
 from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
@@ -156,13 +156,16 @@ def signal_of(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
     """
     if "constant" in fields:
         no_other_keys(fields, {"constant", "unit"})
-        return LogSignal("", 0.0, fields.number("constant") * unit_of(fields, quantity))
+        held = fields.number("constant") * unit_of(fields, quantity)
+        return LogSignal("", 0.0, held + _zero(fields, quantity))
     no_other_keys(fields, _KEYS | ({"reference"} if quantity == "pressure" else set()))
     sign = fields.number("sign", 1.0)
     if sign not in (1.0, -1.0):
         raise BagError(f"{fields.where}: 'sign' should be 1 or -1, found {sign:g}")
     offset = fields.number("offset", 0.0) + _reference_pa(fields, quantity, atmosphere_pa)
-    factor = sign * fields.number("scale", 1.0) * unit_of(fields, quantity)
+    scale = sign * fields.number("scale", 1.0)
+    offset += scale * _zero(fields, quantity)
+    factor = scale * unit_of(fields, quantity)
     gain, zero = _span(fields)
     return LogSignal(
         signal=filled(fields, "signal"),
@@ -172,6 +175,13 @@ def signal_of(fields: Fields, quantity: str, atmosphere_pa: float) -> LogSignal:
         wrap=fields.positive("wrap") if "wrap" in fields else 0.0,
         time=filled(fields, "time") if "time" in fields else "",
     )
+
+
+def _zero(fields: Fields, quantity: str) -> float:
+    """What a reading of zero is in SI, of a temperature; the difference of two has none."""
+    if quantity != "temperature" or "minus" in fields:
+        return 0.0
+    return ZEROS.get(fields.text("unit", next(iter(UNITS[quantity]))), 0.0)
 
 
 def _reference_pa(fields: Fields, quantity: str, atmosphere_pa: float) -> float:

@@ -20,6 +20,7 @@ from hydro_ident.bag.log_signal import FILL_IN
 from hydro_ident.bag.log_suggest_times import OwnTime, times_of
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_units import UNITS
+from hydro_ident.bag.log_words import words_in
 from hydro_model.robot import Robot
 
 _BELOW_PA = -5e3
@@ -98,8 +99,8 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
     -------
     Suggestion
     """
-    readings = read_columns(log)
     targets = Targets(robot)
+    readings = [_own_words(r, targets) for r in read_columns(log)]
     times = times_of(log, readings)
     kinds = {r.column: section_of(r, targets) for r in readings if r.column not in times.guesses}
     named = targets.assign({r.column: (kinds[r.column], r) for r in readings if r.column in kinds})
@@ -120,6 +121,14 @@ def suggest(log: Log, robot: Robot | None = None, robot_name: str = "") -> Sugge
     missing = missing_of(named.values(), targets)
     start = times.start, times.start_why
     return Suggestion(log, robot_name, tuple(guesses), missing, *start)
+
+
+def _own_words(reading: Reading, targets: Targets) -> Reading:
+    """Of `pressure (crane)` the brackets hold no unit where the robot has such a name."""
+    if not set(words_in(reading.unknown)) & targets.words():
+        return reading
+    text = f"'{reading.unknown}'"
+    return replace(reading, unknown="", why=tuple(w for w in reading.why if text not in w))
 
 
 def _with_time(guess: Guess, own: OwnTime) -> Guess:
@@ -165,8 +174,8 @@ def _units_of_others(
     others = [str(g.entry["unit"]) for g in plain if g.entry["unit"] != FILL_IN]
     found = []
     for guess in guesses:
-        if guess in plain and guess.entry["unit"] == FILL_IN:
-            column = guess.column
+        column = guess.column
+        if guess in plain and guess.entry["unit"] == FILL_IN and not by_column[column].unknown:
             unit, why = unit_of_others(by_column[column], named[column], targets, others)
             if unit:
                 entry = {**guess.entry, "unit": unit}

@@ -172,6 +172,8 @@ def _time_guess(log: Log, reading: Reading) -> Guess:
         unit, why = epoch, (f"counts {epoch} from 1970",)
         if declared and declared != epoch:
             level, why = "guess", (f"counts from 1970, so in {epoch} and not in {declared}",)
+    elif reading.unknown:
+        unit, why = FILL_IN, ("rate_hz in the place of signal gives its rate",)
     elif not declared:
         unit, level, why = _unit_by_rate(_step(values))
     level = "open" if unit == FILL_IN else weakest(reading.level, level)
@@ -206,7 +208,8 @@ def _unit_by_rate(step: float) -> tuple[str, str, tuple[str, ...]]:
 def _further(log: Log, reading: Reading, main_s: FloatArray, main_unit: str) -> _Further:
     values = log.columns[reading.column]
     known = main_unit if main_unit in UNITS["time"] else "s"
-    unit = unit_beside(values, _declared(reading), main_s, known)
+    told = reading.unknown and not epoch_unit(values)
+    unit = "" if told else unit_beside(values, _declared(reading), main_s, known)
     seconds = values * UNITS["time"].get(unit, 1.0)
     same = len(values) == len(main_s)
     return _Further(reading, unit, seconds, beside(seconds, main_s) if same else None)

@@ -56,6 +56,7 @@ _ALIKE = tuple(
         "telescope teleskop",
     )
 )
+MOTIONS = frozenset[str]().union(*_ALIKE)
 _MOTIONS = "hub|heb|kipp|ausleger|stiel|arm|löffel|loeffel|schwenk|teleskop"
 
 _SIDE, _LINE = "(?:seiten?|raum|kammer)", "(?:leitungs?)"
