@@ -244,3 +244,40 @@ def test_a_temperature_far_from_oils_is_in_another_unit(guesses_of: Suggest) -> 
     assert guesses_of({"oil_temp": (40.0, 45.0)})["oil_temp"].entry == {"signal": "oil_temp"}
     kelvin = guesses_of({"oil_temp [K]": (300.0, 320.0)})["oil_temp [K]"]
     assert (kelvin.entry["unit"], kelvin.level) == ("K", "sure")
+
+
+@pytest.mark.parametrize(
+    ("name", "section", "own", "unit"),
+    [
+        # A block's port has a number that is no joint's.
+        ("Model Root/Sensors/p_pump/Out1 [bar]", "pressures", "supply", "bar"),
+        ("Model Root/Sensors/alpha_2/Out1 [deg]", "joints", "tilt", "deg"),
+        # `fb` of a function block is no feedback.
+        ("PRG.fbTilt.rValveOut_pct", "valve_commands", "tilt_valve", "V"),
+        ("PRG.fbTilt.rValveOut_V", "valve_commands", "tilt_valve", "V"),
+        ("Ventil 2 in %", "valve_commands", "tilt_valve", "V"),
+        ("Winkel 2 in °", "joints", "tilt", "deg"),
+        # Of a valve that opens by its whole in Simscape, and by metres.
+        ("Kippventil.y [-]", "valve_commands", "tilt_valve", "V"),
+        ("crane/tilt valve/S (m)", "spools", "tilt_valve", "1"),
+        ("Schieberweg tilt [mm]", "spools", "tilt_valve", "1"),
+        # Sensors that read in volts are no valves.
+        ("Winkel Kipp (V)", "joints", "tilt", "FILL_IN"),
+        ("stroke_2 [V]", "strokes", "tilt_cylinder", "FILL_IN"),
+        ("lvdt_spool_2 [V]", "spools", "tilt_valve", "1"),
+        ("temp_oil [V]", "oil_temperature", "", "FILL_IN"),
+        ("Kolbenkraft 2 (V)", "", "", None),
+        ("Ventilspannung Kipp (V)", "valve_commands", "tilt_valve", "V"),
+    ],
+)
+def test_heads_of_other_tools_tables(
+    name: str, section: str, own: str, unit: str | None, guesses_of: Suggest
+) -> None:
+    guess = guesses_of({name: (-0.9, 0.95)})[name]
+    assert (guess.section, guess.name, guess.entry.get("unit")) == (section, own, unit)
+
+
+def test_a_share_without_a_unit_is_of_the_rated_signal(guesses_of: Suggest) -> None:
+    """1 of [-] had become 1 V, likely."""
+    guess = guesses_of({"Kippventil.y [-]": (-0.9, 0.95)})["Kippventil.y [-]"]
+    assert (guess.entry["raw"], guess.entry["span"]) == ([-1.0, 1.0], [-10.0, 10.0])

@@ -56,6 +56,10 @@ def fill(
     """
     if reading.unknown:
         return _fill_unknown(entry, values, target, targets)
+    if target.section not in ("pressures", "valves", "valve_commands") and _is_raw(
+        reading, target
+    ):
+        return _fill_raw(entry, target)
     filler: Callable[..., tuple[str, list[str]]] = {
         "pressures": _fill_pressure,
         "joints": _fill_angle,
@@ -64,6 +68,22 @@ def fill(
         "valves": _fill_voltage,
     }.get(target.section, _fill_unit)
     return filler(entry, values, reading, target, targets)
+
+
+def _is_raw(reading: Reading, target: Target) -> bool:
+    """Whether a column is what a sensor gives out, or of a spool its way."""
+    measured = "" if reading.unit is None else reading.unit.quantity
+    return measured in ("voltage", "current") or (
+        target.section == "spools" and measured == "length"
+    )
+
+
+def _fill_raw(entry: Entry, target: Target) -> tuple[str, list[str]]:
+    """Of a sensor whose range nothing here tells."""
+    spool = target.section == "spools"
+    entry |= {"raw": FILL_IN, "span": [-1, 1] if spool else FILL_IN}
+    entry["unit"] = "1" if spool else FILL_IN
+    return "open", ["a sensor's raw signal: raw and span are on its label"]
 
 
 def _fill_unknown(

@@ -5,13 +5,14 @@ Every reason is kept, so that a person can see why, and its weight says how much
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_units import SpeltUnit, spelt, unit_in, unknown_unit
+from hydro_ident.bag.log_units import SpeltUnit, is_share, spelt, unit_in, unknown_unit
 from hydro_ident.bag.log_words import word_set, words_in
 from hydro_msgs_docs.cdr import FloatArray
 
@@ -44,6 +45,7 @@ _OF_PLACES = word_set(
     "hub valve ventil cmd command stell joystick servo joint gelenk oil öl oel"
     " vanne valvula valvola huile aceite olio"
 )
+_PORT = re.compile(r"(?:Out|In)\d*\s*[\[({]?\s*")
 _OF_WORD = {word: quantity for quantity, words in _WORDS.items() for word in words.split()}
 
 
@@ -133,7 +135,10 @@ def words_of(name: str) -> tuple[str, ...]:
     if not unit and any(c in "/*·^23²³" for c in unknown_unit(name, "")):
         unit = unknown_unit(name, "")
     bare = name[: name.rfind(unit)] if unit else name
-    bare = "/".join([part for part in bare.split("/") if part.strip()][-2:])
+    path = [part for part in bare.split("/") if part.strip()]
+    # A block's port says nothing, and its number is no joint's.
+    path = [part for part in path if not _PORT.fullmatch(part.strip())] or path
+    bare = "/".join(path[-2:])
     return words_in(bare)
 
 
@@ -191,6 +196,9 @@ def reading_of(name: str, values: FloatArray, unit: str) -> Reading:
                        ("neither its name nor a unit says", *unread),
                        float(known.min()), float(known.max()), unknown)  # fmt: skip
     best = max(weights, key=lambda q: weights[q])
+    if best == "voltage" and is_share(name, unit) and max(abs(known.min()), abs(known.max())) <= 1:
+        best = "ratio"
+        weights["ratio"], reasons["ratio"] = _WORD, ["'-' for a unit, within -1 to 1"]
     rivals = [q for q in weights if q != best and weights[q] >= weights[best] - 1]
     level = _level(weights[best] - len(rivals))
     why = reasons[best] + [f"could be {q}: {', '.join(reasons[q])}" for q in rivals]

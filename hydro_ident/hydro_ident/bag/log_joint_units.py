@@ -10,7 +10,7 @@ from hydro_model.robot import Robot
 #: Quantity of any joint -> that of one that turns, that of one that slides.
 _OF_KIND = {"position": ("angle", "length"), "effort": ("torque", "force")}
 #: Words that leave no doubt; `q2` is a joint's of either kind.
-_SAY = {
+SAYS = {
     "angle": word_set("angle ang winkel theta phi pitch inclination neigung angulo angolo"),
     "length": word_set("stroke hub weg len length laenge länge extension course carrera corsa"),
     "torque": word_set("torque moment drehmoment coppia"),
@@ -60,7 +60,8 @@ def why_not(reading: Reading, quantity: str, joint: str, robot: Robot | None) ->
     if own == quantity:
         return ""
     unit = reading.unit.unit if reading.unit is not None else ""
-    said = {q for q in _SAY if (unit in UNITS[q] if unit else _SAY[q] & {*reading.words})}
+    said = {q for q in SAYS if unit in UNITS[q]}
+    said = said or {q for q in SAYS if SAYS[q] & {*reading.words}}
     if not said or own in said:
         return ""
     return f"{_A[min(said)]}, and of {joint} it would be {_A[own]}"

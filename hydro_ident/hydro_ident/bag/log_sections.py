@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
 from hydro_ident.bag.log_guess import Reading
+from hydro_ident.bag.log_joint_units import SAYS
 from hydro_ident.bag.log_names import Target
 from hydro_ident.bag.log_targets import Targets
 from hydro_ident.bag.log_words import MEASURED, OF_PRESSURES, word_set
@@ -15,9 +16,18 @@ _STROKES = word_set(
     "stroke hub course carrera corsa kolben piston cylinder cyl zylinder verin cilindro"
 )
 _SPOOLS = word_set("spool schieber kolbenschieber lvdt")
-_VALVES = word_set("u valve ventil joystick servo pwm vanne valvula valvola")
+_VALVE_NAMES = word_set("valve ventil vanne valvula valvola")
+_VALVES = _VALVE_NAMES | word_set("u joystick servo pwm")
 #: Of a valve, for where its spool is.
 _PLACES = word_set("position pos opening öffnung oeffnung ouverture apertura stellung weg")
+#: Words of what sensors measure that read in volts or ampere.
+_OF_SENSORS = {
+    "ratio": _SPOOLS,
+    "angle": SAYS["angle"],
+    "length": SAYS["length"] - {"hub"},
+    "effort": SAYS["torque"] | SAYS["force"],
+    "temperature": word_set("temp temperature temperatur temperatura"),
+}
 
 
 def section_of(reading: Reading, targets: Targets) -> str:
@@ -126,6 +136,8 @@ def _of_share(reading: Reading, targets: Targets) -> str:
     """Of its whole stroke a spool's position, of its rated signal what a valve is to do."""
     words = set(reading.words)
     asked = words & (COMMANDED_WORDS | REFERENCE_WORDS)
+    if reading.quantity == "length":  # the spool's way
+        return "left out" if asked else "spools"
     spool, valve = words & _SPOOLS, words & _VALVES
     whose = words & targets.words() or any(word.isdigit() for word in words)
     if spool or valve or (asked and whose):
@@ -135,13 +147,21 @@ def _of_share(reading: Reading, targets: Targets) -> str:
 
 
 def _of_machine(reading: Reading) -> str:
-    """What is measured: a transducer's loop current or voltage is its pressure."""
+    """What is measured: of a sensor's loop current or voltage what its words say."""
     words = set(reading.words)
-    loop = reading.quantity == "current" or (
-        # A signal that is asked for goes to a valve, whichever pressure it is to make.
-        reading.quantity == "voltage" and not words & (COMMANDED_WORDS | REFERENCE_WORDS)
-    )
-    return "pressure" if loop and words & OF_PRESSURES else reading.quantity
+    if reading.quantity == "length":
+        return "ratio" if words & (_SPOOLS | _VALVE_NAMES) else "length"
+    if reading.quantity not in ("voltage", "current"):
+        return reading.quantity
+    if words & OF_PRESSURES and reading.quantity == "current":
+        return "pressure"
+    # A signal that is asked for goes to a valve, whichever pressure it is to make.
+    if words & (COMMANDED_WORDS | REFERENCE_WORDS):
+        return reading.quantity
+    if words & OF_PRESSURES:
+        return "pressure"
+    of_sensors = {"ratio": _SPOOLS} if words & _VALVE_NAMES else _OF_SENSORS
+    return next((q for q, said in of_sensors.items() if words & said), reading.quantity)
 
 
 def _elsewhere(reading: Reading, targets: Targets) -> str:

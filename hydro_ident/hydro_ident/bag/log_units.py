@@ -114,8 +114,9 @@ _REFERENCES = {"g": "gauge", "gauge": "gauge", "rel": "gauge", "a": "absolute", 
 _OF_PRESSURE = re.compile(
     r"([kmh]?pa|m?bar|psi|atm?|k(?:gf?|p)/cm\^?[2²])[\s_.]*\(?(gauge|g|rel|absolute|abs|a)\)?"
 )
+#: Of the patterns of `unit_in` those behind brackets, a slash and `in`.
+_LOOSE = 3
 #: Endings of a name that say what is measured: `p_atm`.
-_LOOSE = 2  # of the patterns, those behind brackets and a slash
 _NO_SUFFIX = word_set("at atm")
 #: How units are written, known or not.
 _LIKE_UNIT = re.compile(
@@ -178,7 +179,7 @@ def unit_in(name: str) -> str:
     Parameters
     ----------
     name : str
-        As `p1 [bar]`, `Druck (bar)`, `angle / deg`, `pA_bar`.
+        As `p1 [bar]`, `Druck (bar)`, `angle / deg`, `Winkel in °`, `pA_bar`.
 
     Returns
     -------
@@ -186,6 +187,7 @@ def unit_in(name: str) -> str:
         Empty where there is none, as in `Lift pressure (A)`: a chamber.
     """
     patterns = (r"[\[({<]\s*([^\[\](){}<>]+(?:\([ag]\))?)\s*[\])}>]\s*$", r"\s/\s*(\S+)\s*$",
+                r"\sin\s+(\S+)\s*$",
                 r",\s*(\S+)\s*$", r"[_ ]([^\W_]+(?:/\w+)?)$")  # fmt: skip
     for k, pattern in enumerate(patterns):
         match = re.search(pattern, name)
@@ -199,6 +201,17 @@ def unit_in(name: str) -> str:
             if not _is_place(match[1].strip(), name[: match.start()]):
                 return match[1].strip()
     return ""
+
+
+def is_share(name: str, given: str) -> bool:
+    """Whether a file says of a signal that it has no unit: `[-]`.
+
+    Parameters
+    ----------
+    name, given : str
+        As of `unknown_unit`.
+    """
+    return given.strip("[]() ") == "-" or re.search(r"[\[(]\s*-\s*[\])]\s*$", name) is not None
 
 
 def unknown_unit(name: str, given: str) -> str:

@@ -88,12 +88,13 @@ _COMPOUNDS = [
     ),
     *((re.compile(place), word) for word, place in _SIDES.items()),
     *((re.compile(f"{word}(winkel)"), word) for word in ("gelenk", "ist", "soll")),
-    (re.compile("(?:zylinder|kolben)(weg|hub)"), "zylinder"),
+    (re.compile("(?:zylinder|kolben)(weg|hub|kraft)"), "zylinder"),
+    (re.compile("schieber(weg|hub|position|stellung)"), "schieber"),
     (re.compile("ventil(spannung|strom)"), "ventil"),
     (re.compile("(?:öl|oel)(temperatur)"), "öl"),
 ]
 #: What is parted into the motion and what is measured there.
-_OF_MOTIONS = re.compile(f"({_MOTIONS})(zylinder|ventil)?(druck|winkel|weg)?")
+_OF_MOTIONS = re.compile(f"({_MOTIONS})(zylinder|ventil)?(druck|winkel|weg|kraft)?")
 
 
 _UMLAUTS = "äöüÄÖÜß"
@@ -117,6 +118,8 @@ def words_in(text: str) -> tuple[str, ...]:
     >>> words_in("pA_lift"), words_in("Tankdruck 12")
     (('p', 'a', 'lift'), ('tank', 'druck', '12'))
     """
+    # Programs of controllers call an instance of a function block so: `fbLift`, no feedback.
+    text = re.sub(r"\bfb(?=[A-ZÄÖÜ])", "", text)
     parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöüß]+|[A-ZÄÖÜ]+(?![a-zäöüß])|\d+", _plain(text))
     return tuple(word for part in parts for word in parts_of(part.lower()))
 
