@@ -281,3 +281,14 @@ def test_a_share_without_a_unit_is_of_the_rated_signal(guesses_of: Suggest) -> N
     """1 of [-] had become 1 V, likely."""
     guess = guesses_of({"Kippventil.y [-]": (-0.9, 0.95)})["Kippventil.y [-]"]
     assert (guess.entry["raw"], guess.entry["span"]) == ([-1.0, 1.0], [-10.0, 10.0])
+
+
+def test_what_a_robot_does_not_have_gets_no_name_made_up(guesses_of: Suggest) -> None:
+    """A motor's volts had become a valve, which `convert` then refused."""
+    guess = guesses_of({"vir [V]": (-2.0, 2.0)}, load_robot("emps"))["vir [V]"]
+    assert (guess.section, guess.why[-1]) == ("", "valve_commands: emps has none")
+
+
+def test_a_pumps_angle_is_no_joints(guesses_of: Suggest) -> None:
+    guess = guesses_of({"Pump Swash Angle (deg)": (3.0, 12.0)})["Pump Swash Angle (deg)"]
+    assert guess.section == ""

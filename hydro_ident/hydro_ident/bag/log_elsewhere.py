@@ -26,6 +26,7 @@ _OTHER = {
         " loadsensing pilot steuer steuerdruck accumulator speicher speicherdruck ambient"
         " atmospheric atm umgebung umgebungsdruck luftdruck bremsdruck solldruck"
     ),
+    "angle": word_set("pump pumpe pompe bomba pompa swash"),
     "temperature": word_set(
         "ambient umgebung umgebungstemperatur air luft lufttemperatur coolant water wasser"
         " kühlmittel kühlmitteltemperatur kuehlmitteltemperatur motor engine motortemperatur"
@@ -35,6 +36,7 @@ _OTHER = {
     | word_set("battery batterie bat batt ubat vbat akku bordnetz versorgungsspannung"),
 }
 _WHAT = {
+    "angle": "an angle of something else than a joint",
     "pressure": "a pressure of something else than a chamber or a line",
     "temperature": "a temperature of something else than the oil",
     "voltage": "a voltage of something else than a valve",

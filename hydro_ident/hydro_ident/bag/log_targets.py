@@ -157,13 +157,12 @@ class Targets:
                 level = "sure" if _OIL.intersection(best.words) else "likely"
                 found[best.column] = Target(section, "", level, ())
             elif section not in ("", "left out"):
-                known = self.names(section)
-                found |= self._fit(section, members, known) if known else made_up(section, members)
+                free = self.robot is None
+                found |= made_up(section, members) if free else self._fit(section, members)
         return found
 
-    def _fit(
-        self, section: str, members: Sequence[Reading], names: Sequence[str]
-    ) -> dict[str, Target]:
+    def _fit(self, section: str, members: Sequence[Reading]) -> dict[str, Target]:
+        names = self.names(section)
         scores = [
             (*self._score(section, r, name, members), r.column, name)
             for r in members
@@ -215,6 +214,8 @@ class Targets:
         reading : Reading
         """
         names = self.names(section)
+        if self.robot is not None and not names:
+            return f"{section}: {self.robot.name} has none"
         called = [n for n in names if self.is_called(section, reading, n)] or names
         why = [self._why_not(section, reading, n) for n in called]
         return f"{section}: {why[0] if why and all(why) else 'no name is left for it'}"
