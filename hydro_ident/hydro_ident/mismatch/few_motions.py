@@ -12,8 +12,9 @@ from hydro_model.effects.targets import ActiveEffect
 class FewMotions:
     """How much more one motion counts for than a block of time, effect by effect.
 
-    What a joint shows in one sweep is one curve over its position, whatever the others do
-    meanwhile: friction, gravity, levers and sensors' errors are all on it.
+    What a joint's force shows in one sweep is one curve over its position, whatever the others do
+    meanwhile: friction, gravity, levers and sensors' errors are all on it. What passes a valve
+    follows its signal, and that is another at every place.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ class FewMotions:
         Parameters
         ----------
         terms : sequence of ActiveEffect
-            Of an effect on the whole robot what moves most often tells.
+            Of what is no force, and of the whole robot, what moves most often tells.
         """
         return max((self._of(term) for term in terms), default=1.0)
 
@@ -43,4 +44,6 @@ class FewMotions:
         joint = term.joint
         if term.cylinder is not None:
             joint = self._robot.joint_index(self._robot.cylinders[term.cylinder].joint)
-        return min(self._few, default=1.0) if joint is None else self._few[joint]
+        if joint is None or term.effect.channel != "force":
+            return min(self._few, default=1.0)
+        return self._few[joint]

@@ -139,7 +139,9 @@ def test_what_a_joint_shows_in_one_sweep_is_no_sample_however_often_another_turn
             spec = EffectSpec("coulomb_friction", target, {"force": 1e3})
             assert few.of(resolve(replace(robot, effects=(spec,)))) == counted
         load = EffectSpec("payload_change", "xs031", {"mass": 50.0})
-        assert few.of(resolve(replace(robot, effects=(load,)))) == 1.0
+        bias = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.01})
+        for spec in (load, bias):
+            assert few.of(resolve(replace(robot, effects=(spec,)))) == 1.0
 
 
 def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:
