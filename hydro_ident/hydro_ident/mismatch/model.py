@@ -68,8 +68,10 @@ def robot_of(
     effects = tuple(spec_of(term) for term in fitted.model.terms)
     covariance, names = fitted.covariance, predictor.names
     free = left_open(predictor, given) if fixed_base else names
+    # What a kept base leaves open of itself moves the rest of it within its deviations.
+    refitted = not fixed_base or bool(set(free) & set(predictor.material.forces.base.names))
     kept = (given, ())
-    robot, notes = kept if fixed_base else _with_base(predictor, fitted, given, covariance)
+    robot, notes = _with_base(predictor, fitted, given, covariance) if refitted else kept
     sizes = np.sqrt(np.maximum(np.diag(covariance)[: len(names)], 0.0))
     values, std = (
         {name: float(own) for name, own in zip(names, found, strict=True) if name in free}

@@ -18,12 +18,14 @@ from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
 from hydro_ident.mismatch.skew import usual_skew
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.base_parameters import BaseMap
+from hydro_model.robot import STANDARD_PARAMETERS, FloatArray, Robot
 
 #: What is held without a known deviation is held to this share of its size.
 _HELD = 1.0e-6
 #: What a kept base may leave open, in words, and how its names end.
 _OPEN = (
+    ("base parameters that its covariance has nothing of", STANDARD_PARAMETERS),
     ("viscous friction", ("viscous_friction",)),
     ("bulk moduli", (INVERSE_BULK,)),
     ("valve edges", ("c_pa", "c_at", "c_pb", "c_bt")),
@@ -73,19 +75,26 @@ def left_open(predictor: Predictor, given: Robot) -> list[str]:
     """What a base that is kept leaves to a fit, by `Predictor.names`.
 
     Of edges, moduli, friction and delays those whose deviation the file does not state: nobody
-    has identified them, and how far they are from a datasheet is no finding. And ripples and
-    skews, which are of the readings, not of the machine.
+    has identified them, and how far they are from a datasheet is no finding. Of the links' base
+    parameters, where the file has a covariance, those without a variance in it: they were not
+    determined, and their values are the datasheet's. And ripples and skews, which are of the
+    readings, not of the machine.
 
     Parameters
     ----------
     predictor : Predictor
     given : Robot
     """
-    inertial = predictor.material.forces.base.names if _has_forces(predictor) else ()
+    base = predictor.material.forces.base
+    inertial = base.names if _has_forces(predictor) else ()
+    known = _base_covariance(given, base)
+    links = zip(inertial[: base.link_count], np.diag(known), strict=False)
+    open_links = {name for name, own in links if given.base_covariance is not None and own <= 0.0}
     return [
         name
         for name in predictor.names
-        if name not in inertial and _stated(given, name) not in given.standard_deviations
+        if name in open_links
+        or (name not in inertial and _stated(given, name) not in given.standard_deviations)
     ]
 
 
@@ -114,10 +123,25 @@ def _stated(given: Robot, name: str) -> str:
     return name.replace(INVERSE_BULK, "bulk_modulus")
 
 
+def _base_covariance(given: Robot, base: BaseMap) -> FloatArray:
+    """Covariance that a file states of base parameters, by name; zero of those it lacks.
+
+    A file of another cylinder model has other base parameters than the base of a fit.
+    """
+    result = np.zeros((len(base.names), len(base.names)))
+    stated = {own.name: i for i, own in enumerate(given.base_parameters)}
+    if given.base_covariance is not None:
+        into = [k for k, name in enumerate(base.names) if name in stated]
+        at = [stated[base.names[k]] for k in into]
+        result[np.ix_(into, into)] = given.base_covariance[np.ix_(at, at)]
+    return result
+
+
 def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior:
     """What a base that is kept as given is known to: its covariance where its file has one.
 
-    Nothing is said of what it leaves open (`left_open`).
+    Nothing is said of what it leaves open (`left_open`). What a covariance has nothing of barrels
+    and rods leaves them at about their size, as `parts_prior`.
 
     Parameters
     ----------
@@ -129,9 +153,13 @@ def fixed_prior(predictor: Predictor, given: Robot, values: FloatArray) -> Prior
     forces, names, values = predictor.material.forces, predictor.names, values.copy()
     values[list(predictor.delay_columns.values())] = given.command_delay_s
     variance = np.diag((_HELD * np.maximum(np.abs(values), 1e-12)) ** 2)
-    count, known = len(forces.base.names), given.base_covariance
-    if _has_forces(predictor) and known is not None and len(known) == count:
-        variance[:count, :count] += known
+    count = len(forces.base.names)
+    if _has_forces(predictor) and given.base_covariance is not None:
+        known = _base_covariance(given, forces.base)
+        # Those of the links are left open.
+        sizes = np.nan_to_num(expected_sizes(given, forces.base), posinf=0.0)
+        unknown = np.diag(known) <= 0.0
+        variance[:count, :count] += known + np.diag(np.where(unknown, _PARTS * sizes, 0.0) ** 2)
     for i, name in enumerate(names):
         std = float(given.standard_deviations.get(_stated(given, name), 0.0))
         variance[i, i] += (std * values[i] ** 2 if name.endswith(INVERSE_BULK) else std) ** 2

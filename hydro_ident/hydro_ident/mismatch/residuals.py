@@ -136,9 +136,15 @@ def whole_traces(
 
 
 def own_forces(robot: Robot, torque: bool) -> ForceModel:
-    """The robot's force model: with bodies of cylinders only where its file has them."""
+    """The robot's force model: with bodies of cylinders only where its file has them.
+
+    An identified robot's file has them where its base parameters name one; what it was read to
+    has an array for them in any case.
+    """
     has = any(c.barrel is not None or c.rod is not None for c in robot.cylinders)
-    return force_model(robot, torque, parts=has or robot.part_inertia is not None)
+    named = {own.name for own in robot.base_parameters} & set(robot.part_names)
+    given = not robot.base_parameters and robot.part_inertia is not None
+    return force_model(robot, torque, parts=has or bool(named) or given)
 
 
 def residuals(

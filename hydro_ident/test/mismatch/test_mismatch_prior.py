@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,16 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import _owned, fit, fitted
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.prior import Prior, fixed_prior, left_open, open_notes, parts_prior
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.residuals import Residuals, own_forces
 from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
+from hydro_ident.mismatch.training import start_model
 from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.model_file import write_model
+from hydro_model.base_parameters import base_map, with_base
 from hydro_model.effects.catalogue import resolve
-from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot import BaseParameter, EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 
 CYCLE_S, MODULUS_PA = 0.002, 1.2e9
@@ -117,6 +122,86 @@ def test_a_delay_beyond_a_kept_one_is_an_effects(work: Residuals) -> None:
     owned = _owned(kept, replace(model, delays_s=(stated_s,) * 2, terms=(late,)))
     assert owned.delays_s == pytest.approx((stated_s,) * 2)
     assert kept.own_delay_s == stated_s < work.training.own_delay_s
+
+
+@pytest.fixture(scope="module")
+def identified(work: Residuals) -> Robot:
+    """What a fit wrote, every base parameter of it determined."""
+    robot = robot_of(work.training.predictor, work.base, work.robot).robot
+    assert robot.base_covariance is not None
+    assert (np.diag(robot.base_covariance) > 0.0).all()
+    return robot
+
+
+def test_a_kept_base_is_known_by_the_names_of_its_parameters(
+    work: Residuals, identified: Robot
+) -> None:
+    """A file may have them in another order, and of the links alone: a barrel is then unknown."""
+    predictor = work.training.predictor
+    base, count = predictor.material.forces.base, predictor.material.forces.base.link_count
+    turned, covariance = np.arange(count)[::-1], identified.base_covariance
+    assert covariance is not None
+    robot = replace(
+        identified,
+        base_parameters=tuple(identified.base_parameters[k] for k in turned),
+        base_covariance=covariance[np.ix_(turned, turned)],
+    )
+    prior = fixed_prior(predictor, robot, predictor.parameters(work.base.model))
+    assert not set(left_open(predictor, robot)) & set(base.names)
+    own = prior.root[:, : len(base.names)]
+    known = np.linalg.inv(own.T @ own)
+    assert known[:count, :count] == pytest.approx(covariance[:count, :count], rel=1e-3)
+    sizes = expected_sizes(robot, base)[count:]
+    assert np.sqrt(np.diag(known))[count:] == pytest.approx(sizes, rel=1e-3)
+
+
+def test_what_nobody_determined_is_not_kept_at_a_datasheets_value(
+    work: Residuals, identified: Robot
+) -> None:
+    """A joint that rested has no variance: its link's 12 % would pass for a payload."""
+    predictor, covariance = work.training.predictor, identified.base_covariance
+    base = predictor.material.forces.base
+    assert covariance is not None
+    at = [k for k, name in enumerate(base.names) if name == "tilt_link.mcx"]
+    rested = np.delete(np.arange(len(base.names)), at)
+    values = np.array([own.value for own in identified.base_parameters])
+    values[at] = (base.combination @ work.robot.parameter_vector)[at]
+    known = np.zeros_like(covariance)
+    known[np.ix_(rested, rested)] = covariance[np.ix_(rested, rested)]
+    robot = replace(with_base(identified, base, values), base_covariance=known)
+    assert "tilt_link.mcx" in left_open(predictor, robot)
+    assert "base parameters" in open_notes(predictor, robot)[0]
+    start = start_model(robot, predictor, resolve(robot))
+    prior = fixed_prior(predictor, robot, predictor.parameters(start))
+    kept = fit(replace(work.training, prior=prior), start)
+    found = work.base.model.theta[at]
+    assert np.abs(values[at] / found - 1.0) > 0.05
+    assert kept.model.theta[at] == pytest.approx(found, rel=2e-3)
+    # And its file then has it, with what is known of it now.
+    written = robot_of(predictor, kept, robot, fixed_base=True).robot
+    assert written.base_parameters[at[0]].value == pytest.approx(found[0], rel=2e-3)
+    assert written.base_covariance is not None
+    assert written.base_covariance[at, at] > 0.0
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_a_model_that_is_read_back_has_the_base_that_was_written(
+    parts: bool, robot: Robot, tmp_path: Path
+) -> None:
+    """Not parameters of barrels and rods beside it, of which it says nothing."""
+    bare = replace(
+        robot, cylinders=tuple(replace(c, barrel=None, rod=None) for c in robot.cylinders)
+    )
+    base = base_map(bare) if parts else base_map(bare).of_links
+    values = base.combination @ robot.parameter_vector
+    own = [BaseParameter(n, base.coefficients(i), float(values[i]))
+           for i, n in enumerate(base.names)]  # fmt: skip
+    model = replace(
+        bare, base_parameters=tuple(own), base_covariance=np.eye(len(own)), urdf=robot.urdf
+    )
+    write_model(model, tmp_path / "model.yaml")
+    read = load_robot(tmp_path / "model.yaml")
+    assert own_forces(read, torque=False).base.names == base.names
 
 
 def _delay_of(robot: Robot, delay_s: float) -> tuple[Any, ...]:
