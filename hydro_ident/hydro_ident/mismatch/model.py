@@ -79,7 +79,7 @@ def robot_of(
     )
     cylinders, deviations, refused = _cylinders(robot, values, std)
     deviations |= dict(given.standard_deviations) if fixed_base else {}
-    deviations |= _edge_deviations(robot, std)
+    deviations |= _own_deviations(robot, std)
     late = [n for at in predictor.delay_columns.values() if (n := names[at]) in std]
     delay_s, differ = _delay(predictor, fitted, given) if late else (given.command_delay_s, ())
     if late and not set(late) & set(fitted.held):
@@ -131,11 +131,12 @@ def _joints(robot: Robot, values: Mapping[str, float]) -> tuple[Joint, ...]:
     )
 
 
-def _edge_deviations(robot: Robot, std: Mapping[str, float]) -> dict[str, float]:
-    """Deviations of the valves' edges that were fitted."""
+def _own_deviations(robot: Robot, std: Mapping[str, float]) -> dict[str, float]:
+    """Deviations of the valves' edges, and of friction without a cylinder, that were fitted."""
     names = [
         f"{valve.name}.{e}" for valve in robot.valves for e in ("c_pa", "c_at", "c_pb", "c_bt")
     ]
+    names += [f"{robot.joint_names[j]}.viscous_friction" for j in robot.dry_joints]
     return {name: std[name] for name in names if name in std}
 
 
@@ -204,6 +205,8 @@ def _with_base(
             for i, name in enumerate(base.names)
         ),
         base_covariance=np.where(np.outer(known, known), covariance[:count, :count], 0.0),
+        # Those reproduce the base parameters that they were made with, and no others.
+        standard_parameters={},
     )
     if has_definite_mass(robot):
         return robot, ()

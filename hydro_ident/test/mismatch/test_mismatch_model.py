@@ -1,0 +1,72 @@
+"""What a diagnosis writes of its fit: numbers that agree, and how well each is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.mismatch.model import robot_of
+from hydro_ident.mismatch.prior import left_open
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.model_file import write_model
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
+
+MASS_KG, VISCOUS = 95.0, 215.0
+
+
+def _carriage(robot: Robot, crane: Recording) -> Recording:
+    """An axis that is driven along sines, its force measured."""
+    time = 0.002 * np.arange(5000)
+    omega = 2.0 * np.pi * np.array([0.3, 0.7, 1.9])
+    size, angle = np.array([0.06, 0.03, 0.005]), np.outer(time, omega)
+    q, qd = np.sin(angle) @ size, np.cos(angle) @ (size * omega)
+    force = MASS_KG * (-np.sin(angle) @ (size * omega**2)) + VISCOUS * qd
+    rng, none = np.random.default_rng(0), np.zeros((time.size, 0))
+    return replace(
+        crane, robot=robot, stamp_ns=crane.stamp_ns[: time.size], supply=None, tank=None,
+        q=(q + rng.normal(0.0, 1e-6, time.size))[:, None], p_a=none, p_b=none, valve_v=None,
+        effort=(force + rng.normal(0.0, 2.0, time.size))[:, None], command_v=None,
+        latched=crane.latched[: time.size],
+    )  # fmt: skip
+
+
+def test_friction_of_a_joint_without_cylinder_is_known_as_well_as_it_was_fitted(
+    crane_run: Any, tmp_path: Path
+) -> None:
+    """A base that is kept then keeps it: it was identified."""
+    robot = replace(load_robot("emps"), effects=())
+    sources = sources_of([_carriage(robot, crane_run.recording())])
+    surveys = [survey_source(source, robot) for source in sources]
+    work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+    assert work is not None
+    predictor, name = work.training.predictor, "carriage.viscous_friction"
+    write_model(robot_of(predictor, work.base, robot).robot, tmp_path / "model.yaml")
+    read = load_robot(tmp_path / "model.yaml")
+    assert read.joints[0].viscous_friction == pytest.approx(VISCOUS, rel=0.02)
+    off = abs(read.joints[0].viscous_friction - VISCOUS)
+    assert 0.0 < read.standard_deviations[name] < 0.02 * VISCOUS
+    assert off < 5.0 * read.standard_deviations[name]
+    assert name in left_open(predictor, robot)
+    assert name not in left_open(predictor, read)
+
+
+def test_bodies_of_another_base_go_with_it(
+    crane_run: Any, lay_out: Callable[..., Residuals]
+) -> None:
+    """They reproduce the parameters that they were found with, and are references for the next."""
+    work = lay_out(crane_run)
+    bodies = dict.fromkeys((*work.robot.standard_names, *work.robot.part_names), 1.0)
+    given = replace(work.robot, standard_parameters=bodies)
+    assert robot_of(work.training.predictor, work.base, given).robot.standard_parameters == {}
+    kept = robot_of(work.training.predictor, work.base, given, fixed_base=True).robot
+    assert kept.standard_parameters == bodies
