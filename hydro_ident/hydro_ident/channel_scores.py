@@ -10,6 +10,7 @@ import numpy as np
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.estimate.chambers import (
     INVERSE_BULK,
+    OVER_BULK,
     Chamber,
     chamber_rows,
     chambers_of,
@@ -19,7 +20,7 @@ from hydro_ident.estimate.derivatives import FilterSettings, secant_slope
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.late_forces import late_rows
-from hydro_ident.estimate.listed_effects import OVER_BULK, ListedEffects
+from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.listed_laws import NULL_BIAS
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.noise import flow_noise, force_noise

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
 from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.left_out import cylinder_errors, force_errors, left_out_rms
-from hydro_ident.estimate.listed_effects import OVER_BULK
 from hydro_ident.estimate.scores import ChannelScore
 from hydro_ident.parameters import Parameter
 from hydro_model.robot import FloatArray
@@ -149,6 +148,8 @@ def _hydraulic_errors(
     if inverse == 0.0:
         return
     for name, error in errors.items():
+        if name == INVERSE_BULK and fit.refused_bulk is not None:
+            continue
         if name == INVERSE_BULK:
             yield f"{fit.cylinder}.bulk_modulus", error / inverse**2
         elif name.startswith("c_"):

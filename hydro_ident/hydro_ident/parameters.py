@@ -6,10 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
 from hydro_ident.estimate.hydraulics import BULK_BOUNDS_PA, CylinderFit, HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.listed_effects import OVER_BULK
 from hydro_ident.parameter_names import parts_of
 from hydro_model.effects.units import effect_units, unit_at_joint
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot
@@ -203,20 +202,7 @@ def cylinder_parameters(
     dof = dict(zip(fit.names, _known_dof(fit.dof, len(fit.names)), strict=True))
     held = {fit.names[part.index]: part for part in fit.held}
     inverse, inverse_std = fit.value(INVERSE_BULK)
-    bulk, bulk_std = fit.bulk_modulus() if inverse != 0.0 else (0.0, 0.0)
-    found = [
-        Parameter(
-            f"{fit.cylinder}.bulk_modulus",
-            bulk,
-            bulk_std,
-            "Pa",
-            robot.cylinder(fit.cylinder).bulk_modulus_pa,
-            good[INVERSE_BULK],
-            dof=dof[INVERSE_BULK],
-            bounds=BULK_BOUNDS_PA,
-            reciprocal=True,
-        )
-    ]
+    found = [_bulk_modulus(robot, fit, good[INVERSE_BULK], dof[INVERSE_BULK])]
     for name in fit.names:
         value, std = fit.value(name)
         if name == INVERSE_BULK:
@@ -239,7 +225,27 @@ def cylinder_parameters(
                 found[-1], value=held[name].value, reason=held[name].reason, held=True
             )
     rejected = f"hydraulics rejected: {fit.rejected}" if fit.rejected else ""
-    return [p if p.held else replace(p, reason=rejected) for p in found]
+    return [p if p.held else replace(p, reason=rejected or p.reason) for p in found]
+
+
+def _bulk_modulus(robot: Robot, fit: CylinderFit, good: bool, dof: float) -> Parameter:
+    """The bulk modulus as it was fitted, also where the given one is used in its place."""
+    (inverse, std), refused, reason = fit.value(INVERSE_BULK), fit.refused_bulk, ""
+    if refused is not None:
+        inverse, std = refused.inverse, refused.std
+        reason = f"rejected, the robot file's kept: {refused.reason}"
+    return Parameter(
+        f"{fit.cylinder}.bulk_modulus",
+        1.0 / inverse if inverse != 0.0 else 0.0,
+        std / inverse**2 if inverse != 0.0 else 0.0,
+        "Pa",
+        robot.cylinder(fit.cylinder).bulk_modulus_pa,
+        good,
+        reason=reason,
+        dof=dof,
+        bounds=BULK_BOUNDS_PA,
+        reciprocal=True,
+    )
 
 
 def _known_dof(dof: FloatArray, count: int) -> list[float]:

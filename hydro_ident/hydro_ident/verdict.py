@@ -13,6 +13,7 @@ import numpy as np
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.continuity import Continuity, broken_up, partly_read
+from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_model.base_parameters import base_map
@@ -275,6 +276,12 @@ def _hydraulic_problems(
                 if not known
             ]
             problems[-1] += _missing_run(unknown)
+        elif (bulk := fitted[name].refused_bulk) is not None:
+            problems.append(
+                f"{name}.bulk_modulus rejected, the robot file's kept beside the edges as fitted:"
+                f" {bulk.reason}"
+            )
+            problems[-1] += "" if bulk.told else _missing_run((INVERSE_BULK,))
     return problems
 
 

@@ -12,6 +12,7 @@ from hydro_ident.design.expected import MAX_COLLINEARITY, Expected
 from hydro_ident.design.information import Residual, moments, sandwich
 from hydro_ident.estimate.chambers import (
     INVERSE_BULK,
+    OVER_BULK,
     Chamber,
     WindowSettings,
     chamber_rows,
@@ -19,7 +20,7 @@ from hydro_ident.estimate.chambers import (
     column_names,
 )
 from hydro_ident.estimate.least_squares import collinearity
-from hydro_ident.estimate.listed_effects import OVER_BULK, ListedEffects
+from hydro_ident.estimate.listed_effects import ListedEffects
 from hydro_ident.estimate.noise import flow_noise
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.parameters import effect_unit, listed_value

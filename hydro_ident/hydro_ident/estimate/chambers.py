@@ -32,6 +32,8 @@ Side = Literal["a", "b"]
 #: Valve edges of each chamber: the one open for u > 0, then for u < 0.
 EDGES: dict[Side, tuple[str, str]] = {"a": ("c_pa", "c_at"), "b": ("c_bt", "c_pb")}
 INVERSE_BULK = "inverse_bulk_modulus"
+#: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
+OVER_BULK = "/bulk_modulus"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,20 @@ result outside physical bounds is rejected and said, never replaced.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from hydro_ident.estimate.bounds import DEVIATIONS
-from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber, WindowSettings, chambers_of
+from hydro_ident.estimate.bounds import DEVIATIONS, conditioned
+from hydro_ident.estimate.chambers import (
+    INVERSE_BULK,
+    OVER_BULK,
+    Chamber,
+    WindowSettings,
+    chambers_of,
+)
 from hydro_ident.estimate.closed_chain import HeldPart
 from hydro_ident.estimate.delay import FittedChamber, Solve, fit_delay
 from hydro_ident.estimate.flow_moments import ExtraColumns, FlowGatherer, Select
@@ -49,6 +55,25 @@ class ChamberFit:
 
 
 @dataclass(frozen=True, slots=True)
+class RefusedBulk:
+    """A bulk modulus as it was fitted, which is not to be used; the edges beside it are.
+
+    Attributes
+    ----------
+    inverse, std : float
+        Of 1 / modulus, 1/Pa.
+    reason : str
+    told : bool
+        The data tell it, and no oil has it.
+    """
+
+    inverse: float
+    std: float
+    reason: str
+    told: bool
+
+
+@dataclass(frozen=True, slots=True)
 class CylinderFit:
     """Hydraulic parameters of one cylinder, both chambers combined.
 
@@ -67,6 +92,8 @@ class CylinderFit:
         Degrees of freedom of the standard deviations.
     held : tuple of HeldPart
         Effects' parameters at a bound, by column, with their own values.
+    refused_bulk : RefusedBulk or None
+        Where the bulk modulus alone cannot be used: the given one stands in its place.
     """
 
     cylinder: str
@@ -79,6 +106,7 @@ class CylinderFit:
     chambers: tuple[ChamberFit, ...]
     dof: FloatArray = field(default_factory=lambda: np.zeros(0))
     held: tuple[HeldPart, ...] = ()
+    refused_bulk: RefusedBulk | None = None
 
     def value(self, name: str) -> tuple[float, float]:
         """A parameter and its standard deviation."""
@@ -203,18 +231,18 @@ def _combine(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
         for name, c, s, v in zip(order, collinear, std, theta, strict=True)
     )
     chamber = fits[0].chamber
-    values = dict(zip(order, theta.tolist(), strict=True))
-    return CylinderFit(
+    found = CylinderFit(
         chamber.cylinder.name,
         chamber.valve.name,
         tuple(order),
         np.asarray(theta, dtype=float),
         np.asarray(covariance, dtype=float),
         known,
-        _reason(values, dict(zip(order, known, strict=True)), len(fits)),
+        "only one of its two chambers was recorded" if len(fits) < 2 else "",
         tuple(fits),
         _combined_dof(fits, order),
     )
+    return found if found.rejected else _checked(found, chamber.cylinder.bulk_modulus_pa)
 
 
 def _combined_dof(fits: Sequence[ChamberFit], order: Sequence[str]) -> FloatArray:
@@ -233,20 +261,67 @@ def _essential(name: str) -> bool:
     return name == INVERSE_BULK or name.startswith("c_")
 
 
-def _reason(values: Mapping[str, float], known: Mapping[str, bool], chambers: int) -> str:
-    """Why a cylinder's hydraulics cannot be used; empty where they can."""
-    if chambers < 2:
-        return "only one of its two chambers was recorded"
-    edges = [name for name in values if name.startswith("c_")]
-    unknown = [name for name in (INVERSE_BULK, *edges) if not known[name]]
+def _checked(fit: CylinderFit, given_pa: float) -> CylinderFit:
+    """A fit with what cannot be used of it: all, or the bulk modulus alone."""
+    bulk = _bulk_reason(fit)
+    if bulk and not _edge_reason(fit) and _is_apart(fit):
+        held = _with_given_bulk(fit, 1.0 / given_pa, bulk)
+        if not _edge_reason(held):
+            return held
+    pairs = zip(fit.names, fit.identifiable, strict=True)
+    unknown = [name for name, known in pairs if _essential(name) and not known]
+    told = f"{', '.join(unknown)} cannot be told from these data" if unknown else ""
+    return replace(fit, rejected=told or _edge_reason(fit) or bulk)
+
+
+def _is_apart(fit: CylinderFit) -> bool:
+    """Whether the bulk modulus can be off by itself: compliance below none is of all columns.
+
+    And what is listed as a volume over it has no size without it.
+    """
+    inverse, std = fit.value(INVERSE_BULK)
+    return inverse > -DEVIATIONS * std and not any(n.endswith(OVER_BULK) for n in fit.names)
+
+
+def _with_given_bulk(fit: CylinderFit, inverse: float, reason: str) -> CylinderFit:
+    """The given modulus in the place of the fitted one, and the others as they are beside it.
+
+    Where the data contradict the given one, the others would have to make that good: they stay as
+    they were fitted.
+    """
+    at, (own, std) = fit.names.index(INVERSE_BULK), fit.value(INVERSE_BULK)
+    theta, covariance = fit.theta.copy(), fit.covariance.copy()
+    if abs(own - inverse) > DEVIATIONS * std:
+        theta[at], covariance[at], covariance[:, at] = inverse, 0.0, 0.0
+    else:
+        theta, covariance = conditioned(theta, covariance, {at: inverse})
+    return replace(
+        fit,
+        theta=theta,
+        covariance=covariance,
+        identifiable=tuple(known and k != at for k, known in enumerate(fit.identifiable)),
+        refused_bulk=RefusedBulk(own, std, reason, fit.identifiable[at]),
+    )
+
+
+def _edge_reason(fit: CylinderFit) -> str:
+    """Why a cylinder's edges cannot be used; empty where they can."""
+    edges = [name for name in fit.names if name.startswith("c_")]
+    unknown = [name for name in edges if not fit.identifiable[fit.names.index(name)]]
     if unknown:
         return f"{', '.join(unknown)} cannot be told from these data"
-    wrong = [f"{name} = {values[name]:.3g}" for name in edges if values[name] <= 0.0]
-    if wrong:
-        return f"expected edge coefficients above 0, found {', '.join(wrong)}"
+    values = {name: fit.value(name)[0] for name in edges}
+    wrong = [f"{name} = {value:.3g}" for name, value in values.items() if value <= 0.0]
+    return f"expected edge coefficients above 0, found {', '.join(wrong)}" if wrong else ""
+
+
+def _bulk_reason(fit: CylinderFit) -> str:
+    """Why a cylinder's bulk modulus cannot be used; empty where it can."""
+    if not fit.identifiable[fit.names.index(INVERSE_BULK)]:
+        return f"{INVERSE_BULK} cannot be told from these data"
     low, high = BULK_BOUNDS_PA
-    inverse = values[INVERSE_BULK]
-    if not 1.0 / high <= inverse <= 1.0 / low:
-        found = f"{1.0 / inverse:.3g}" if inverse > 0.0 else f"1 / ({inverse:.3g} 1/Pa)"
-        return f"expected a bulk modulus from {low:.0e} to {high:.0e} Pa, found {found}"
-    return ""
+    inverse = fit.value(INVERSE_BULK)[0]
+    if 1.0 / high <= inverse <= 1.0 / low:
+        return ""
+    found = f"{1.0 / inverse:.3g}" if inverse > 0.0 else f"1 / ({inverse:.3g} 1/Pa)"
+    return f"expected a bulk modulus from {low:.0e} to {high:.0e} Pa, found {found}"

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
+from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK, Chamber
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.held_effects import (
     corrected,
@@ -55,8 +55,6 @@ from hydro_model.signals import (
 )
 from hydro_model.valve import edge_flows
 
-#: A dead volume enters the balance as V0 / beta: fitted under this suffix, then divided.
-OVER_BULK = "/bulk_modulus"
 #: Steps of edges count so much beside a null bias': rails that follow them to 1e-4 are settled.
 _PER_EDGE = 1.0e-3
 EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
