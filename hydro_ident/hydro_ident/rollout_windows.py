@@ -182,9 +182,6 @@ def rolled_out(
     trace, lead = piece.trace, _lead(robot, piece)
     at = slice(piece.begin - lead, piece.end)
     rated = [robot.valve_of(c.name).rated_voltage_v for c in robot.cylinders]
-    torque = np.zeros((at.stop - at.start, robot.dof))
-    dry = list(robot.dry_joints)
-    torque[:, dry] = trace.joint_torque[at, dry]
     rolled = simulate(
         robot,
         trace.time_s[at],
@@ -192,7 +189,7 @@ def rolled_out(
         *_seen(piece, lead, start),
         supply=_measured(trace.supply[at], robot.supply_pressure_pa),
         tank=_measured(trace.tank[at], robot.tank_pressure_pa),
-        torque=torque,
+        torque=_driving_torque(robot, trace.joint_torque[at]),
         oil_c=None if trace.oil_c is None else trace.oil_c[at],
     )
     own = {f.name: getattr(rolled, f.name)[lead:] for f in fields(rolled) if f.name != "steps"}
@@ -221,6 +218,18 @@ def _seen(
     for own, first in zip(seen, start or (), strict=False):
         own[-1] = first
     return seen
+
+
+def _driving_torque(robot: Robot, seen: FloatArray) -> FloatArray:
+    """Joint torques (N, n) that hold over the intervals, from readings at the samples.
+
+    A reading that is held comes half an interval late, which feeds energy into a model that the
+    fits, to whose rows it belongs at its own instant, know nothing of.
+    """
+    torque, dry = np.zeros((len(seen), robot.dof)), list(robot.dry_joints)
+    torque[:, dry] = seen[:, dry]
+    torque[:-1] = 0.5 * (torque[:-1] + torque[1:])
+    return torque
 
 
 def _measured(pressure: FloatArray, constant_pa: float) -> FloatArray | None:
