@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -293,6 +294,10 @@ def test_samples_at_another_rate_than_the_robot_files_are_at_0_v(apart_ns: int, 
     for k in range(52):
         answer = core.answer(replace(first, stamp_ns=first.stamp_ns + k * apart_ns))
         assert answer is not None
+        # Fifty spacings are known once the 51st sample is answered.
+        assert bool(answer.output.fault) is (k == 51)
+    page = Path(__file__).parents[2] / "hydro_msgs_docs/safety_case.md"
+    assert "are at 0 V from the 52nd on" in page.read_text(encoding="utf-8")
     assert answer.output.fault.startswith(f"samples are {said} apart, expected 2 ms (rate_hz")
     assert not answer.output.voltage_v.any()
     with pytest.raises(ControlError, match="the controller stopped: samples are"):
