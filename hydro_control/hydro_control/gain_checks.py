@@ -56,7 +56,7 @@ def gain_warnings(robot: Robot, gains: Gains) -> list[str]:
             found.append(
                 f"one count of {joint}'s encoder asks for {share:.0%} of its valve's voltage,"
                 f" expected at most {MOST_PER_COUNT:.0%}: lower k_v, k_f_m2_ns and the filter"
-                " weights, or correct encoder_counts_per_rev of the robot file"
+                " weights, or correct counts_per_rev of the robot file (sensors, encoder)"
             )
     return found
 

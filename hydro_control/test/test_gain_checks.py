@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from hydro_control.gain_checks import count_shares, gain_warnings
 from hydro_control.gains import Gains
@@ -44,6 +46,15 @@ def test_what_a_count_asks_grows_with_it_and_with_the_rate() -> None:
 )
 def test_what_is_odd_is_said(robot: Robot, said: str) -> None:
     assert any(text.startswith(said) for text in gain_warnings(robot, Gains()))
+
+
+def test_what_is_to_be_corrected_is_named_as_the_robot_file_has_it() -> None:
+    (lift, _) = gain_warnings(with_sensors(encoder_counts_per_rev=2**14), Gains())
+    key = re.search(r"correct (\w+) of the robot file [(](\w+), (\w+)[)]", lift)
+    assert key is not None
+    assert ROBOT.source is not None
+    content = yaml.safe_load(ROBOT.source.read_text(encoding="utf-8"))
+    assert content[key[2]][key[3]][key[1]] == ROBOT.sensors.encoder_counts_per_rev
 
 
 def test_the_page_on_gains_has_these_numbers() -> None:

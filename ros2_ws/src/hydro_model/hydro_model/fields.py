@@ -66,6 +66,19 @@ class Fields:
             if meant:
                 raise RobotError(f"{self.where}: unknown key '{key}', did you mean '{meant[0]}'?")
 
+    def check_known(self) -> None:
+        """Refuse every key that nobody asked for; misspelt ones as `check_spelling` does.
+
+        For mappings in which nobody else has keys. To be called when all has been read.
+        """
+        self.check_spelling()
+        unknown = [key for key in self.keys() if key not in self._known]
+        if unknown:
+            raise RobotError(
+                f"{self.where}: unknown key '{unknown[0]}', expected"
+                f" {', '.join(sorted(self._known))}"
+            )
+
     def _get(self, key: str, default: Any, expected: str) -> Any:
         self._known.add(key)
         if key in self._data:

@@ -295,7 +295,7 @@ def _sensors(f: Fields) -> Sensors:
         pressure_resolution_pa=pressure.positive("resolution_pa", 1000.0),
     )
     for fields in (f, encoder, pressure):
-        fields.check_spelling()
+        fields.check_known()
     return sensors
 
 

@@ -26,6 +26,17 @@ def misspelt(*way: str | int, right: str, wrong: str) -> Change:
     return change
 
 
+def changed(folder: Path, change: Change) -> Path:
+    """The shipped robot's file with a change."""
+    source = shipped_robots()["xs031"]
+    shutil.copy(source.parent / "xs031.urdf", folder)
+    data = yaml.safe_load(source.read_text(encoding="utf-8"))
+    change(data)
+    file = folder / source.name
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return file
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -43,15 +54,28 @@ def test_a_key_that_is_another_one_misspelt_is_refused(
     tmp_path: Path, change: Change, expected: str | None
 ) -> None:
     """It would be left out, and the default stand in its place."""
-    source = shipped_robots()["xs031"]
-    shutil.copy(source.parent / "xs031.urdf", tmp_path)
-    data = yaml.safe_load(source.read_text(encoding="utf-8"))
-    change(data)
-    file = tmp_path / source.name
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    file = changed(tmp_path, change)
     if expected is None:  # nothing of the kind is lacking: somebody else's key
         assert load_robot(file)
         return
     with pytest.raises(RobotError) as caught:
         load_robot(file)
     assert f"did you mean '{expected}'?" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        (("sensors",), "expected encoder, pressure, rate_hz"),
+        (("sensors", "encoder"), "expected counts_per_rev"),
+        (("sensors", "pressure"), "expected range_pa, resolution_pa"),
+    ],
+)
+def test_nothing_else_stands_below_sensors(
+    tmp_path: Path, way: tuple[str, ...], said: str
+) -> None:
+    """What an encoder or transducer has, put a level too high, would count for nothing."""
+    unknown = misspelt(*way, right="none", wrong="encoder_counts_per_rev")
+    with pytest.raises(RobotError, match="unknown key 'encoder_counts_per_rev', ") as caught:
+        load_robot(changed(tmp_path, unknown))
+    assert str(caught.value).endswith(said)
