@@ -13,13 +13,16 @@ from hydro_hw_bridge import bridge_report
 from hydro_hw_bridge.bridge_loops import BridgeLoops
 from hydro_hw_bridge.bridge_start import (
     BridgeParts,
+    calibration_remarks,
     declared,
     gate_limits,
+    loaded_calibration,
     loaded_codec,
     not_quite_zero,
 )
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus, quiet_python_can
+from hydro_hw_bridge.calibration import unmeasured
 from hydro_hw_bridge.claims import CLAIM_PERIOD_S, Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
@@ -64,7 +67,9 @@ class CanBridge(LifecycleNode):
         self._reporting = threading.Lock()
         settings = declared(self)
         robot = load_robot(settings.robot)
-        codec, self._names = loaded_codec(settings, robot)
+        calibration = loaded_calibration(settings)
+        codec, self._names = loaded_codec(settings, robot, calibration)
+        self._unmeasured = unmeasured(codec.mapping, calibration) if calibration else ""
         limits = gate_limits(settings, robot)
         real_time = RealTime(settings.real_time, self.get_logger().warn)
         bus: Bus = open_bus(settings.can, (*codec.device_ids, *codec.bridge_ids))
@@ -73,7 +78,8 @@ class CanBridge(LifecycleNode):
         self.get_logger().info(
             f"{robot.name} on {bus.name}, {settings.clock}: {codec.layout.describe_load()}"
         )
-        for line in not_quite_zero(codec):
+        remarks = calibration_remarks(codec.mapping, calibration)
+        for line in (*remarks, *not_quite_zero(codec)):
             self.get_logger().warn(line)
         self._diagnostics = Diagnostics(self, f"{robot.name}@{bus.name}")
         self._topics: BridgePublishers | None = None
@@ -96,6 +102,8 @@ class CanBridge(LifecycleNode):
         self._loops.start(self._topics)
 
     def _activate(self) -> None:
+        if self._unmeasured:
+            raise BridgeError(self._unmeasured)
         self._loops.activate(self._refuse_at_the_end)
 
     def _refuse_at_the_end(self) -> None:

@@ -10,11 +10,12 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 from hydro_hw_bridge.bus import Bus
-from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.calibration import Calibration, load_calibration, unmeasured
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.gate_limits import GateLimits
+from hydro_hw_bridge.mapping import BusMapping
 from hydro_hw_bridge.parameters import LOCKSTEP, PARAMETERS, Settings, settings_from
 from hydro_model.robot import Robot
 from hydro_msgs_docs.real_time import RealTime
@@ -71,13 +72,31 @@ def declared(node: Node) -> Settings:
     return settings_from(values)
 
 
-def loaded_codec(settings: Settings, robot: Robot) -> tuple[Codec, dict[str, str]]:
+def loaded_calibration(settings: Settings) -> Calibration | None:
+    """The calibration that the parameters ask for; None where they ask for none.
+
+    Parameters
+    ----------
+    settings : Settings
+
+    Raises
+    ------
+    BridgeError
+        The file is missing or malformed.
+    """
+    return load_calibration(Path(settings.calibration)) if settings.calibration else None
+
+
+def loaded_codec(
+    settings: Settings, robot: Robot, calibration: Calibration | None
+) -> tuple[Codec, dict[str, str]]:
     """The codec that the parameters ask for, and the names to report it by.
 
     Parameters
     ----------
     settings : Settings
     robot : Robot
+    calibration : Calibration or None
 
     Returns
     -------
@@ -88,10 +107,9 @@ def loaded_codec(settings: Settings, robot: Robot) -> tuple[Codec, dict[str, str
     Raises
     ------
     BridgeError
-        A file is missing or malformed, or the supply's pressure is to be watched and not mapped.
+        A file is missing or malformed, the calibration is of another machine, or the supply's
+        pressure is to be watched and not mapped.
     """
-    path = settings.calibration
-    calibration = load_calibration(Path(path)) if path else None
     codec = Codec.load(settings.dbc or None, settings.mapping or None, robot, calibration)
     if settings.min_supply_pa > 0.0 and "supply" not in codec.pressure_names:
         raise BridgeError(
@@ -105,6 +123,32 @@ def loaded_codec(settings: Settings, robot: Robot) -> tuple[Codec, dict[str, str
         "calibration": calibration.name if calibration else "none",
     }
     return codec, names
+
+
+def calibration_remarks(mapping: BusMapping, calibration: Calibration | None) -> list[str]:
+    """What to say of a calibration that is used.
+
+    Parameters
+    ----------
+    mapping : BusMapping
+    calibration : Calibration or None
+
+    Returns
+    -------
+    list of str
+        A line each; that of what it lacks says that it is not driven with.
+    """
+    if calibration is None:
+        return []
+    remarks = []
+    if not calibration.channels:
+        remarks.append(
+            f"calibration {calibration.name} does not say with which channels of {mapping.source}"
+            " it was measured (no mapping_channels, a file of before): it is taken as one of these"
+        )
+    if lacking := unmeasured(mapping, calibration):
+        remarks.append(f"not driven with {lacking}")
+    return remarks
 
 
 def not_quite_zero(codec: Codec) -> list[str]:

@@ -18,6 +18,7 @@ from hydro_model.output import add_json, report
 if TYPE_CHECKING:
     from hydro_hw_bridge.calibration import Calibration
     from hydro_hw_bridge.calibration_session import Session
+    from hydro_hw_bridge.codec import Codec
     from hydro_model.robot import Robot
 
 NAME = "calibrate"
@@ -100,7 +101,7 @@ def _main(arguments: Sequence[str]) -> int:
             content, notes = _measure(session, robot, options, references, start)
         finally:
             session.stop()
-    file = _write(options.out, robot.name, codec.mapping.name, content, notes)
+    file = _write(options.out, codec, content, notes)
     data = {"schema": SCHEMA, "file": str(file), "robot": robot.name, "notes": notes}
     report(options.json, {**data, **content}, str(file))
     return 0
@@ -142,13 +143,13 @@ def _check_referenced(robot: Robot, referenced: set[str]) -> None:
         )
 
 
-def _start(path: Path | None, codec: Any) -> Calibration | None:
+def _start(path: Path | None, codec: Codec) -> Calibration | None:
     if path is None:
         return None
     from hydro_hw_bridge.calibration import calibrated_mapping, load_calibration
 
     calibration = load_calibration(path)
-    calibrated_mapping(codec.mapping, calibration)
+    calibrated_mapping(codec.mapping, calibration, codec.robot.name)
     return calibration
 
 
@@ -204,16 +205,16 @@ def _say_offsets(offsets: Mapping[str, float], robot: Robot) -> None:
         _say(f"  {name:20s} {offset:+12.6f} {unit}")
 
 
-def _write(
-    folder: Path, robot: str, mapping: str, content: Mapping[str, Any], notes: dict[str, Any]
-) -> Path:
+def _write(folder: Path, codec: Codec, content: Mapping[str, Any], notes: dict[str, Any]) -> Path:
     """Write the dated file whole or not at all; never over another one."""
-    from hydro_hw_bridge.calibration import Calibration, calibration_text
+    from hydro_hw_bridge.calibration import Calibration, calibration_text, channels_hash
 
+    robot, mapping = codec.robot.name, codec.mapping
     name = f"{time.strftime('%Y%m%d-%H%M%S')}_{robot}"
     path = folder / f"{name}.calibration.yaml"
     notes["date"] = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-    text = calibration_text(Calibration(name, robot, mapping, **content), notes)
+    of = {**content, "channels": channels_hash(mapping)}
+    text = calibration_text(Calibration(name, robot, mapping.name, **of), notes)
     part = path.with_name(path.name + ".part")
     try:
         part.write_text(text, encoding="utf-8")

@@ -132,7 +132,7 @@ class Codec:
         """
         mapping = load_mapping(Path(mapping_path or default_mapping(robot.name)), robot)
         if calibration is not None:
-            mapping = calibrated_mapping(mapping, calibration)
+            mapping = calibrated_mapping(mapping, calibration, robot.name)
         layout = load_layout(Path(dbc_path or mapping.dbc), mapping, robot)
         return cls(robot, mapping, layout)
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from hydro_hw_bridge.bus_open import open_bus
-from hydro_hw_bridge.calibration import load_calibration
+from hydro_hw_bridge.calibration import channels_hash, load_calibration
 from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame
@@ -113,6 +113,8 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     both = load_calibration(Path(data["file"]))
     kept = ("pressure_zero_pa", "position_offset", "valve_sign")
     assert {key: data[key] for key in kept} == {key: getattr(both, key) for key in kept}
+    wrong = Codec.load(codec.mapping.dbc, mapping, codec.robot).mapping
+    assert found.channels == both.channels == channels_hash(wrong) != channels_hash(codec.mapping)
     assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
     assert both.pressure_zero_pa == found.pressure_zero_pa
     assert both.position_offset == found.position_offset | {"tilt": pytest.approx(0.0, abs=1e-5)}

@@ -110,7 +110,7 @@ def test_calibration_shifts_zeros_and_turns_valves(robot: Robot, codec: Codec) -
         position_offset={"tilt": 0.25},
         valve_sign={"tilt_valve": -1},
     )
-    mapping = calibrated_mapping(codec.mapping, calibration)
+    mapping = calibrated_mapping(codec.mapping, calibration, robot.name)
     bridge = Codec(robot, mapping, load_layout(mapping.dbc, mapping, robot))
     device = Readings(7, Status(), (0.1, 0.2), (0.0,) * 4 + (19e6, 1e6), (0.5, 0.5), (), 20.0)
     got = received(bridge, codec.encode_cycle(device))

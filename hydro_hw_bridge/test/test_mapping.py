@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from hydro_hw_bridge.bridge_start import calibration_remarks
 from hydro_hw_bridge.calibration import (
     Calibration,
     calibrated_mapping,
     calibration_text,
+    channels_hash,
     load_calibration,
+    unmeasured,
 )
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
@@ -221,6 +225,9 @@ def test_calibration_file_round_trip(tmp_path: Path) -> None:
     path = tmp_path / "c.yaml"
     path.write_text(calibration_text(calibration(), {"date": "today"}), encoding="utf-8")
     assert load_calibration(path) == calibration()
+    hashed = replace(calibration(), channels="0123456789012345")  # all digits, and still a text
+    path.write_text(calibration_text(hashed, {}), encoding="utf-8")
+    assert load_calibration(path) == hashed
 
 
 @pytest.mark.parametrize(
@@ -244,7 +251,36 @@ def test_bad_calibration_file(tmp_path: Path, change: dict[str, Any], message: s
 def test_a_calibration_of_another_machine_is_refused(codec: Codec) -> None:
     other = Calibration("c", "xs031", "other", {}, {}, {})
     with pytest.raises(BridgeError, match="expected one of mapping 'xs031', found mapping"):
-        calibrated_mapping(codec.mapping, other)
+        calibrated_mapping(codec.mapping, other, "xs031")
     strange = Calibration("c", "xs031", "xs031", {}, {"wrist": 0.1}, {})
     with pytest.raises(BridgeError, match="no joint 'wrist'"):
-        calibrated_mapping(codec.mapping, strange)
+        calibrated_mapping(codec.mapping, strange, "xs031")
+    with pytest.raises(BridgeError, match="one of robot 'crane_B', found robot 'xs031'"):
+        calibrated_mapping(codec.mapping, calibration(), "crane_B")
+
+
+def test_a_calibration_of_a_mapping_that_was_changed_since_is_refused(codec: Codec) -> None:
+    """A sign that was mended in the mapping would be turned twice."""
+    mapping = codec.mapping
+    measured = replace(calibration(), channels=channels_hash(mapping))
+    calibrated_mapping(mapping, measured, "xs031")
+    lift = mapping.valves["lift_valve"]
+    mended = replace(lift, command=replace(lift.command, sign=-1))
+    changed = replace(mapping, valves={**mapping.valves, "lift_valve": mended})
+    with pytest.raises(BridgeError, match="offsets or signs have been changed since"):
+        calibrated_mapping(changed, measured, "xs031")
+    (remark, _) = calibration_remarks(mapping, calibration())
+    assert remark.startswith("calibration c does not say with which channels of ")
+
+
+def test_a_calibration_without_a_reference_or_sign_is_not_driven_with(codec: Codec) -> None:
+    said = unmeasured(codec.mapping, calibration())
+    assert "found no position_offset of tilt (--reference tilt=VALUE)" in said
+    assert "and no valve_sign of tilt_valve (--signs)" in said
+    zeros = Calibration("c", "xs031", "xs031", {"supply": 1e3}, {}, {})
+    assert "of lift, tilt (--reference lift=VALUE tilt=VALUE)" in unmeasured(codec.mapping, zeros)
+    assert calibration_remarks(codec.mapping, zeros)[-1].startswith("not driven with calibration")
+    signs = {"lift_valve": 1, "tilt_valve": 1}
+    whole = replace(zeros, position_offset={"lift": 0.0, "tilt": 0.0}, valve_sign=signs)
+    assert unmeasured(codec.mapping, whole) == ""
+    assert calibration_remarks(codec.mapping, None) == []

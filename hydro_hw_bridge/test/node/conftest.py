@@ -192,12 +192,16 @@ class Ros:
         self.until(future.done)
         return future.result()
 
-    def transition(self, number: int) -> None:
+    def tried(self, number: int) -> bool:
+        """Ask for a transition; whether it was made."""
         from lifecycle_msgs.srv import ChangeState
 
         request = ChangeState.Request()
         request.transition.id = number
-        assert self.call(self.change_state, request).success
+        return bool(self.call(self.change_state, request).success)
+
+    def transition(self, number: int) -> None:
+        assert self.tried(number)
 
     def clear(self) -> Any:
         from std_srvs.srv import Trigger

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hydro_hw_bridge.calibration import Calibration, calibration_text, channels_hash
 from hydro_hw_bridge.supervision import READ_LATE
 
 pytestmark = pytest.mark.ros
@@ -178,3 +180,24 @@ def test_a_signal_ends_driving_within_the_age_limit_of_device_time(
     assert not any(frame.enable for frame in device.commands(0.5))
     assert processes.wait(0) == 0
     assert "Traceback" not in processes.log.read_text(encoding="utf-8")
+
+
+def test_a_calibration_that_lacks_a_reference_is_read_with_and_not_driven_with(
+    ros: Any, device: Any, processes: Any, can_name: str, tmp_path: Path
+) -> None:
+    """Of the files that `calibrate` writes one after the other only the last one has it all."""
+    mapping = device.codec.mapping
+    signs = {"lift_valve": 1, "tilt_valve": 1}
+    first = Calibration(
+        "first", "xs031", "xs031", {}, {"lift": 0.0}, signs, channels_hash(mapping)
+    )
+    file = tmp_path / "first.calibration.yaml"
+    file.write_text(calibration_text(first, {}), encoding="utf-8")
+    ros.bring_up(processes, can_name, f"calibration:={file}")
+    ros.first_sample(device, 0)
+    assert not ros.tried(ACTIVATE)
+    log = processes.log.read_text(encoding="utf-8")
+    for line in ("activate: calibration first", "not driven with calibration first"):
+        assert f"{line}: expected an offset of every joint" in log
+    assert "found no position_offset of tilt (--reference tilt=VALUE): measure it" in log
+    assert ros.diagnosis()["message"] == "inactive: reading"
