@@ -12,7 +12,7 @@ from hydro_hw_bridge.calibration_session import Session
 from hydro_hw_bridge.errors import CalibrationError
 from hydro_hw_bridge.frames import Readings
 from hydro_model.cylinder import stroke
-from hydro_model.robot import FloatArray, Robot
+from hydro_model.robot import FloatArray, Robot, Valve
 
 #: Cycles to average: 0.5 s at 500 Hz.
 AVERAGED_CYCLES = 250
@@ -23,8 +23,12 @@ MAX_MOVEMENT = 2.0e-3
 #: Piston movement that settles a valve's sign, and the longest pulse to get it.
 SIGN_STROKE_M = 3.0e-3
 SIGN_CYCLES = 750
-#: Cycles with the valve at 0 V after each pulse: 0.4 s.
+#: Cycles with the valve at 0 V before each pulse: 0.4 s.
 REST_CYCLES = 200
+#: Of these the last ones tell whether the piston is at rest. What it would creep during the pulse
+#: may be so much of the stroke that settles the sign: a null bias makes some.
+CREEP_CYCLES = 100
+MOST_CREEP = 0.5
 #: A joint against its stop may read so much of its range beyond its limit.
 MARGIN = 0.01
 
@@ -182,6 +186,8 @@ def valve_signs(
 ) -> dict[str, int]:
     """1 where a positive voltage extends the valve's cylinder, -1 where it retracts it.
 
+    Each voltage is given both ways: a load that creeps goes the same way by either.
+
     Parameters
     ----------
     session : Session
@@ -190,7 +196,7 @@ def valve_signs(
     share : float
         Of the rated voltage, at most 0.05.
     say : callable
-        Told of each valve before it moves.
+        Told of each valve before it moves, and of what moved.
 
     Returns
     -------
@@ -199,44 +205,72 @@ def valve_signs(
     Raises
     ------
     CalibrationError
-        A joint reads beyond its limits; a valve does not move its cylinder, or moves another one;
-        an input went away.
+        A joint reads beyond its limits; a valve does not move its cylinder, moves another one, or
+        moves it the same way by either voltage; a cylinder moves at 0 V; an input went away.
     """
     joints = session.codec.joint_names
     shift = np.array([offsets.get(name, 0.0) for name in joints])
-    at_rest = np.asarray(_rest(session).positions) + shift
+    at_rest = np.asarray(_rest(session)[-1].positions) + shift
     _check_within(robot, dict(zip(joints, at_rest.tolist(), strict=True)))
 
     def strokes(readings: Readings) -> FloatArray:
         q = np.asarray(readings.positions) + shift
         return np.array([float(stroke(c, q[robot.joint_index(c.joint)])) for c in robot.cylinders])
 
-    names = [c.name for c in robot.cylinders]
     signs = {}
     for valve in robot.valves:
-        own = names.index(valve.cylinder)
         voltage = share * valve.rated_voltage_v
-        say(f"{valve.name}: {voltage:+.2f} V until {valve.cylinder} moves")
-        start = strokes(_rest(session))
-        moved = _pulse(session, valve.name, voltage, strokes, own, start)
-        found = ", ".join(f"{n} {1e3 * m:+.1f} mm" for n, m in zip(names, moved, strict=True))
-        most = int(np.argmax(np.abs(moved)))
-        if most != own or abs(moved[own]) < SIGN_STROKE_M:
+        say(f"{valve.name}: {voltage:+.2f} V until {valve.cylinder} moves, and back")
+        there, back = (
+            _moved_by(session, robot, valve, one, strokes, say) for one in (voltage, -voltage)
+        )
+        if there * back > 0.0:
             raise CalibrationError(
-                f"{valve.name} at {voltage:.2f} V should move {valve.cylinder} by"
-                f" {1e3 * SIGN_STROKE_M:g} mm and more than any other, found {found}"
+                f"{valve.name} should move {valve.cylinder} one way by {voltage:+.2f} V and the"
+                f" other way by {-voltage:+.2f} V, found {1e3 * there:+.1f} mm and"
+                f" {1e3 * back:+.1f} mm: the load moves it, hold it, or raise --percent"
             )
-        say(f"{valve.name}: {found}")
-        signs[valve.name] = 1 if moved[own] > 0.0 else -1
-        # Back again, so that a run leaves the machine about where it was.
-        _pulse(session, valve.name, -voltage, strokes, own, strokes(_rest(session)))
+        signs[valve.name] = 1 if there > 0.0 else -1
     return signs
 
 
-def _rest(session: Session) -> Readings:
-    """Some cycles at 0 V; the last one's readings."""
+def _moved_by(
+    session: Session,
+    robot: Robot,
+    valve: Valve,
+    voltage_v: float,
+    strokes: Callable[[Readings], FloatArray],
+    say: Callable[[str], None],
+) -> float:
+    """How far a voltage moves the valve's cylinder; refused where something else may have."""
+    names = [c.name for c in robot.cylinders]
+    own = names.index(valve.cylinder)
+    rest = _rest(session)
+    start = strokes(rest[-1])
+    crept = float((start - strokes(rest[-1 - CREEP_CYCLES]))[own])
+    moved, cycles = _pulse(session, valve.name, voltage_v, strokes, own, start)
+    found = ", ".join(f"{n} {1e3 * m:+.1f} mm" for n, m in zip(names, moved, strict=True))
+    most = int(np.argmax(np.abs(moved)))
+    if most != own or abs(moved[own]) < SIGN_STROKE_M:
+        raise CalibrationError(
+            f"{valve.name} at {voltage_v:.2f} V should move {valve.cylinder} by"
+            f" {1e3 * SIGN_STROKE_M:g} mm and more than any other, found {found}"
+        )
+    if abs(crept) * cycles / CREEP_CYCLES > MOST_CREEP * SIGN_STROKE_M:
+        speed = crept / CREEP_CYCLES * robot.sensors.rate_hz
+        raise CalibrationError(
+            f"{valve.cylinder} should be at rest at 0 V, found {1e3 * speed:+.2f} mm/s beside"
+            f" {1e3 * moved[own]:+.1f} mm in {cycles / robot.sensors.rate_hz:.2f} s by"
+            f" {voltage_v:+.2f} V of {valve.name}: hold the load, or raise --percent"
+        )
+    say(f"{valve.name}: {found}")
+    return float(moved[own])
+
+
+def _rest(session: Session) -> list[Readings]:
+    """The readings of some cycles at 0 V."""
     session.drive(None)
-    return list(islice(session.cycles(), REST_CYCLES))[-1]
+    return list(islice(session.cycles(), REST_CYCLES))
 
 
 def _pulse(
@@ -246,18 +280,18 @@ def _pulse(
     strokes: Callable[[Readings], FloatArray],
     own: int,
     start: FloatArray,
-) -> FloatArray:
+) -> tuple[FloatArray, int]:
     """Drive one valve until its cylinder moved enough, or for long enough; how all moved."""
-    moved = np.zeros_like(start)
+    moved, cycles = np.zeros_like(start), 0
     session.drive(valve, voltage_v)
     try:
         for readings in islice(session.cycles(), SIGN_CYCLES):
             missing = _missing(readings)
             if missing:
                 raise CalibrationError(f"{missing} while {valve} was driven")
-            moved = strokes(readings) - start
+            moved, cycles = strokes(readings) - start, cycles + 1
             if abs(moved[own]) >= SIGN_STROKE_M:
                 break
     finally:
         session.stop()
-    return moved
+    return moved, cycles

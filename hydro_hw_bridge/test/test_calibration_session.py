@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import count
 from typing import Any
 
 import pytest
@@ -128,6 +129,81 @@ def test_no_valve_is_driven_with_an_encoder_that_reads_beyond_the_joints_limits(
     session.stop()
     device.join()
     assert not any(frame.enable for frame in device.heard)
+
+
+class Creeping:
+    """A session with a machine whose first piston creeps at 0 V; speeds in m/s."""
+
+    def __init__(self, codec: Codec, robot: Robot, readings: Any) -> None:
+        self.codec, self._robot, self._readings = codec, robot, readings
+        self._q = [0.5 * (joint.lower + joint.upper) for joint in robot.joints]
+        self._driven: str | None = None
+        self._voltage_v = 0.0
+        self.creep = 0.0
+        self.per_volt = 0.03
+
+    def drive(self, valve: str | None, voltage_v: float = 0.0) -> None:
+        self._driven, self._voltage_v = valve, voltage_v
+
+    def stop(self) -> None:
+        self.drive(None)
+
+    def cycles(self) -> Iterator[Any]:
+        for counter in count():
+            yield self._readings(counter, positions=tuple(self._q))
+            for valve, cylinder in zip(self._robot.valves, self._robot.cylinders, strict=True):
+                pushed = self._voltage_v if valve.name == self._driven else 0.0
+                own = self.creep if cylinder is self._robot.cylinders[0] else 0.0
+                speed = self.per_volt * pushed + own
+                j = self._robot.joint_index(cylinder.joint)
+                rate_hz = self._robot.sensors.rate_hz
+                self._q[j] += speed / rate_hz / float(lever(cylinder, self._q[j]))
+
+
+def signs_of(session: Creeping, robot: Robot, share: float = 0.05) -> dict[str, int]:
+    offsets = dict.fromkeys(session.codec.joint_names, 0.0)
+    say = partial(print, end="")
+    return valve_signs(session, robot, offsets, share, say)  # type: ignore[arg-type]
+
+
+def test_a_null_bias_changes_no_sign(
+    codec: Codec, readings: Any, robot: Robot
+) -> None:
+    """A tenth of the pulse's speed is what 0.5 % of null bias makes beside 5 %."""
+    session = Creeping(codec, robot, readings)
+    session.creep = -0.0015
+    for per_volt, sign in ((0.03, 1), (-0.03, -1)):
+        session.per_volt = per_volt
+        found = signs_of(session, robot)
+        assert found == {"lift_valve": sign, "tilt_valve": sign}
+
+
+@pytest.mark.parametrize("creep", [-0.008, 0.008])
+def test_a_load_that_creeps_decides_no_sign(
+    codec: Codec, readings: Any, robot: Robot, creep: float
+) -> None:
+    """Faster than the pulse it goes the same way by either voltage."""
+    session = Creeping(codec, robot, readings)
+    session.creep, session.per_volt = creep, 0.01
+    with pytest.raises(CalibrationError, match="lift_cylinder should be at rest at 0 V, found"):
+        signs_of(session, robot)
+
+
+def test_an_opposite_voltage_has_to_move_the_other_way(
+    codec: Codec, readings: Any, robot: Robot
+) -> None:
+    session = Creeping(codec, robot, readings)
+    for shares, text in (((1.0, 1.0), "one way by"), ((1.0, 0.0), "should move lift_cylinder by")):
+        pulses = iter(shares)
+
+        def drive(valve: str | None, voltage_v: float = 0.0, pulses: Any = pulses) -> None:
+            """Whatever the voltage, the load goes out, or after the first pulse nowhere."""
+            voltage_v = abs(voltage_v) * next(pulses) if valve else 0.0
+            Creeping.drive(session, valve, voltage_v)
+
+        session.drive = drive  # type: ignore[method-assign]
+        with pytest.raises(CalibrationError, match=text):
+            signs_of(session, robot)
 
 
 def test_a_joint_against_its_stop_may_read_a_little_beyond_its_limit(robot: Robot) -> None:
