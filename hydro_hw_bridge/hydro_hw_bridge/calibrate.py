@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hydro_hw_bridge.endings import on_end
-from hydro_hw_bridge.errors import BridgeError
+from hydro_hw_bridge.errors import BridgeError, CalibrationError
 from hydro_model.command import run_command
 from hydro_model.output import add_json, report
 
@@ -61,6 +61,13 @@ def _parser() -> argparse.ArgumentParser:
         help="measure the valve signs; needs the joints' references, of now or --from FILE",
     )
     parser.add_argument(
+        "--turned",
+        nargs="+",
+        default=[],
+        metavar="VALVE",
+        help="these valves are known to be wired the other way round: --signs takes their -1",
+    )
+    parser.add_argument(
         "--percent", type=float, default=MAX_SHARE_PERCENT, help="of the rated voltage (5)"
     )
     parser.add_argument(
@@ -90,6 +97,12 @@ def _main(arguments: Sequence[str]) -> int:
     quiet_python_can()
     robot = load_robot(options.robot)
     references = _references(options.reference, robot)
+    for name in options.turned:
+        if name not in robot.valve_names:
+            raise BridgeError(
+                f"--turned should name valves of robot {robot.name}"
+                f" ({', '.join(robot.valve_names)}), found '{name}'"
+            )
     codec = Codec.load(options.dbc, options.mapping, robot)
     start = _start(options.start, codec)
     if options.signs:
@@ -186,10 +199,23 @@ def _measure(
         share = options.percent / 100.0
         turned = steps.valve_signs(session, robot, offsets, share, _say)
         _say("valve signs: " + ", ".join(f"{name} {sign:+d}" for name, sign in turned.items()))
+        _refuse_turned(turned, options.turned)
         signs |= turned
     content: dict[str, dict[str, Any]]
     content = {"pressure_zero_pa": zeros, "position_offset": offsets, "valve_sign": signs}
     return content, notes
+
+
+def _refuse_turned(signs: Mapping[str, int], known: Sequence[str]) -> None:
+    """A valve that is turned is one cause of a -1, and the only one that the file corrects."""
+    unknown = [name for name, sign in signs.items() if sign < 0 and name not in known]
+    if unknown:
+        raise CalibrationError(
+            f"expected a positive voltage to extend the cylinder, found it retracted by"
+            f" {', '.join(unknown)}: crossed hoses or swapped coils, or an encoder that counts the"
+            " other way (sign of the joint in the mapping), which no valve's sign corrects. Watch"
+            " the rod. Where it is the valve, and to stay so: --turned " + " ".join(unknown)
+        )
 
 
 def _say_zeros(zeros: Mapping[str, float], spread: Mapping[str, float]) -> None:

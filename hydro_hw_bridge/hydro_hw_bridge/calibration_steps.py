@@ -12,7 +12,7 @@ from hydro_hw_bridge.calibration_session import Session
 from hydro_hw_bridge.errors import CalibrationError
 from hydro_hw_bridge.frames import Readings
 from hydro_model.cylinder import stroke
-from hydro_model.robot import FloatArray, Robot, Valve
+from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
 #: Cycles to average: 0.5 s at 500 Hz.
 AVERAGED_CYCLES = 250
@@ -29,6 +29,7 @@ REST_CYCLES = 200
 #: may be so much of the stroke that settles the sign: a null bias makes some.
 CREEP_CYCLES = 100
 MOST_CREEP = 0.5
+_FORCE = "p_a A_a - p_b A_b"
 #: A joint against its stop may read so much of its range beyond its limit.
 MARGIN = 0.01
 
@@ -196,7 +197,7 @@ def valve_signs(
     share : float
         Of the rated voltage, at most 0.05.
     say : callable
-        Told of each valve before it moves, and of what moved.
+        Told of each valve before it moves, what moved and which force its cylinder held before.
 
     Returns
     -------
@@ -248,6 +249,7 @@ def _moved_by(
     rest = _rest(session)
     start = strokes(rest[-1])
     crept = float((start - strokes(rest[-1 - CREEP_CYCLES]))[own])
+    force = _force_n(session, robot.cylinders[own], rest[-1])
     moved, cycles = _pulse(session, valve.name, voltage_v, strokes, own, start)
     found = ", ".join(f"{n} {1e3 * m:+.1f} mm" for n, m in zip(names, moved, strict=True))
     most = int(np.argmax(np.abs(moved)))
@@ -263,8 +265,15 @@ def _moved_by(
             f" {1e3 * moved[own]:+.1f} mm in {cycles / robot.sensors.rate_hz:.2f} s by"
             f" {voltage_v:+.2f} V of {valve.name}: hold the load, or raise --percent"
         )
-    say(f"{valve.name}: {found}")
+    say(f"{valve.name}: {found}; before, {valve.cylinder} held {1e-3 * force:+.1f} kN ({_FORCE})")
     return float(moved[own])
+
+
+def _force_n(session: Session, cylinder: Cylinder, readings: Readings) -> float:
+    """Hydraulic force on a piston, N; above 0 where it pushes the rod out."""
+    pressures = dict(zip(session.codec.pressure_names, readings.pressures_pa, strict=True))
+    p_a, p_b = pressures[f"{cylinder.name}/a"], pressures[f"{cylinder.name}/b"]
+    return p_a * cylinder.area_a_m2 - p_b * cylinder.area_b_m2
 
 
 def _rest(session: Session) -> list[Readings]:

@@ -106,6 +106,7 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     assert (code, second) == (2, "")
     assert "expected tilt=VALUE after --reference, or --from a calibration that has it" in told
     asked += ("--reference", f"tilt={stands_at[1]:.6f}")
+    asked += ("--turned", "tilt_valve")
     code, second, told = calibrate(tmp_path, *files, *asked)
     assert code == 0, told
     data = json.loads(second)
@@ -118,6 +119,12 @@ def test_the_whole_calibration_of_a_machine_with_a_valve_wired_the_other_way(
     assert both.valve_sign == {"lift_valve": 1, "tilt_valve": -1}
     assert both.pressure_zero_pa == found.pressure_zero_pa
     assert both.position_offset == found.position_offset | {"tilt": pytest.approx(0.0, abs=1e-5)}
+
+    before = set(tmp_path.iterdir())
+    code, out, told = calibrate(tmp_path, *files, "--signs", "--from", data["file"])
+    assert (code, out) == (1, "")
+    assert "retracted by tilt_valve: crossed hoses or swapped coils, or an encoder" in told
+    assert set(tmp_path.iterdir()) == before
 
     code, out, told = calibrate(tmp_path, *files, "--zeros", "--wait", "0.5")
     assert (code, out) == (1, "")
@@ -192,6 +199,7 @@ def test_a_silent_bus_is_said(tmp_path: Path) -> None:
         (("--reference", "wrist=1"), "has no joint 'wrist'"),
         (("--reference", "lift=up"), "should be JOINT=VALUE with a number, found 'lift=up'"),
         (("--reference", "lift=9"), "should be within its limits"),
+        (("--signs", "--turned", "valve"), "(lift_valve, tilt_valve), found 'valve'"),
         (("--zeros", "--robot", "nowhere"), "no robot file 'nowhere'"),
         (("--zeros", "--mapping", "/nowhere"), "no mapping file '/nowhere'"),
         (("--zeros", "--from", "/nowhere"), "no calibration file '/nowhere'"),

@@ -160,13 +160,14 @@ class Creeping:
                 self._q[j] += speed / rate_hz / float(lever(cylinder, self._q[j]))
 
 
-def signs_of(session: Creeping, robot: Robot, share: float = 0.05) -> dict[str, int]:
+def signs_of(session: Creeping, robot: Robot, share: float = 0.05) -> tuple[dict[str, int], str]:
+    said: list[str] = []
     offsets = dict.fromkeys(session.codec.joint_names, 0.0)
-    say = partial(print, end="")
-    return valve_signs(session, robot, offsets, share, say)  # type: ignore[arg-type]
+    found = valve_signs(session, robot, offsets, share, said.append)  # type: ignore[arg-type]
+    return found, "\n".join(said)
 
 
-def test_a_null_bias_changes_no_sign(
+def test_a_null_bias_changes_no_sign_and_the_force_is_told(
     codec: Codec, readings: Any, robot: Robot
 ) -> None:
     """A tenth of the pulse's speed is what 0.5 % of null bias makes beside 5 %."""
@@ -174,8 +175,12 @@ def test_a_null_bias_changes_no_sign(
     session.creep = -0.0015
     for per_volt, sign in ((0.03, 1), (-0.03, -1)):
         session.per_volt = per_volt
-        found = signs_of(session, robot)
+        found, said = signs_of(session, robot)
         assert found == {"lift_valve": sign, "tilt_valve": sign}
+        lift = robot.cylinders[0]
+        # The readings' 50 and 20 bar.
+        force_kn = 1e-3 * (5.0e6 * lift.area_a_m2 - 2.0e6 * lift.area_b_m2)
+        assert f"lift_cylinder held {force_kn:+.1f} kN" in said
 
 
 @pytest.mark.parametrize("creep", [-0.008, 0.008])
