@@ -2,7 +2,8 @@
 # Brings the crane up: bridge and controller, until Ctrl-C, which ends with the valves at zero.
 #   scripts/bringup.sh --can can0 --robot xs031             read and publish only (bridge inactive)
 #   scripts/bringup.sh --can can0 --robot xs031 --calibration FILE --drive     drive the valves
-#   scripts/bringup.sh --sim [--drive]                      the simulated rig instead of a machine
+#   scripts/bringup.sh --sim [--drive]                      the simulated rig instead of a machine: the
+#                      reference crane, or a robot of another name exactly as its file says
 # Options:
 #   --robot ROBOT      shipped name, *.hydraulics.yaml or model.yaml (default xs031)
 #   --controller FILE  ROS parameters of the controller (gains; default: the package's gains.yaml)
@@ -17,7 +18,7 @@ set -euo pipefail
 shopt -s inherit_errexit
 
 here=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-usage() { sed -n '2,16s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
+usage() { sed -n '2,17s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; }
 bad() { printf 'bringup: %s\n' "$*" >&2; exit 2; }
 
 can= robot=xs031 controller= bridge= path= mapping= dbc= calibration= record= sim=false drive=false uncalibrated=false
@@ -55,7 +56,8 @@ source "$here/files.sh"
 # shellcheck source=scripts/processes.sh
 source "$here/processes.sh"
 
-[[ -z $bridge ]] || check_bridge_parameters "$bridge"
+[[ -z $bridge ]] || check_parameters hydro_hw_bridge "$bridge" robot can clock mapping dbc calibration
+[[ -z $controller ]] || check_parameters hydro_control "$controller" robot ${path:+path}
 parameters=(${bridge:+--params-file "$(realpath "$bridge")"})
 parameters+=(-p "robot:=$robot" -p "can:=$can" -p clock:=real_time)
 for name in mapping dbc calibration; do
@@ -68,7 +70,15 @@ if [[ -f $path ]]; then path=$(realpath "$path"); fi
 [[ -z $path ]] || control+=(-p "path:=$path")
 
 if $sim; then
-  start rig "$(hydro_exe hydro_hw_bridge sim_rig)" --robot xs031 --can "$can" --real-time
+  # Whatever model of the reference crane is driven, the rig is that crane as it truly is; of any other robot
+  # nothing is known but its file. It speaks the bus that the bridge is told of.
+  name=$(robot_name "$robot")
+  rig=(--robot xs031)
+  if [[ $name != xs031 ]]; then rig=(--robot "$robot" --truth ideal); fi
+  for name in mapping dbc; do
+    [[ -z ${!name} ]] || rig+=("--$name" "${!name}")
+  done
+  start rig "$(hydro_exe hydro_hw_bridge sim_rig)" "${rig[@]}" --can "$can" --real-time
   wait_for rig ready
 fi
 start bridge "$(hydro_exe hydro_hw_bridge can_bridge)" --ros-args "${parameters[@]}"

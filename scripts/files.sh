@@ -32,16 +32,18 @@ def seconds(arguments):
 sys.exit(run_command("path", seconds))' "$@"
 }
 
-# check_bridge_parameters FILE: refuse ROS parameters of the bridge that it would not take from there.
-check_bridge_parameters() {
+# check_parameters PACKAGE FILE [NAME ...]: refuse ROS parameters of a package's node that it would not
+# take from there, beside those named, which are given as options.
+check_parameters() {
   python -c 'import sys
+from importlib import import_module
 from pathlib import Path
-from hydro_hw_bridge.parameter_file import check_parameter_file
 from hydro_model.command import run_command
 
 def check(arguments):
-    check_parameter_file(Path(arguments[0]), arguments[1:])
+    package, file, *given = arguments
+    import_module(f"{package}.parameter_file").check_parameter_file(Path(file), given)
     return 0
 
-sys.exit(run_command("bringup", check))' "$1" robot can clock mapping dbc calibration
+sys.exit(run_command("bringup", check))' "$@"
 }

@@ -252,6 +252,32 @@ def test_bringup_gives_the_bridge_its_file(parameter: str, said: str, tmp_path: 
 
 
 @pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            "controller: {ros__parameters: {kv: 3.0e4}}",
+            "expected parameters of controller (robot,",
+        ),
+        (
+            "/**: {ros__parameters: {k_v: 3.0e4}}\ncontroller: {ros__parameters: {robot: emps}}",
+            "expected 'robot' by its option alone",
+        ),
+    ],
+)
+def test_bringup_looks_over_the_controllers_file(content: str, said: str, tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(content, encoding="utf-8")
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts/bringup.sh"), "--sim", "--controller", str(own)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+    )
+    assert_refused(result, said)
+
+
+@pytest.mark.parametrize(
     "script", ["bringup", "record", "replay", "identify", "demo", "rig_run", "setup", "test"]
 )
 def test_scripts_explain_themselves(script: str) -> None:
