@@ -19,6 +19,19 @@ except BridgeError:
     pass' "$1"
 }
 
+# robot_name ROBOT: the name that a robot's file says.
+robot_name() {
+  python -c 'import sys
+from hydro_model.command import run_command
+from hydro_model.robot_files import load_robot
+
+def name(arguments):
+    print(load_robot(arguments[0]).name)
+    return 0
+
+sys.exit(run_command("bringup", name))' "$1"
+}
+
 # path_seconds PATH EXTRA: how long a path takes, and EXTRA seconds.
 path_seconds() {
   python -c 'import sys

@@ -227,6 +227,28 @@ def test_bringup_says_why_it_cannot(arguments: list[str], word: str, tmp_path: P
 
 
 @pytest.mark.ros
+def test_bringup_simulates_the_robot_that_it_is_given(tmp_path: Path) -> None:
+    """No mapping is shipped for a robot of that name, which the rig is the first to say."""
+    source = shipped_robots()["xs031"]
+    shutil.copy(source.parent / "xs031.urdf", tmp_path)
+    text = source.read_text(encoding="utf-8")
+    assert "robot: xs031" in text
+    own = tmp_path / "mycrane.hydraulics.yaml"
+    own.write_text(text.replace("robot: xs031", "robot: mycrane"), encoding="utf-8")
+    bus = ["--sim", "--bus", "udp_multicast:239.74.163.2:43164"]
+    result = subprocess.run(
+        ["bash", str(ROOT / "scripts/bringup.sh"), *bus, "--robot", own.name],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=240,
+        cwd=tmp_path,
+        env={**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)},
+    )
+    assert_refused(result, "sim_rig: no mapping is shipped for robot 'mycrane'")
+
+
+@pytest.mark.ros
 @pytest.mark.parametrize(
     ("parameter", "said"),
     [
