@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from hydro_control.parameter_file import check_parameter_file as check_controller_file
 from hydro_hw_bridge.parameter_file import check_parameter_file
 from hydro_hw_bridge.parameters import PARAMETERS
 from hydro_ident.robot_check import check_robot
@@ -70,7 +71,7 @@ def fenced(page: str, language: str) -> list[str]:
 
 
 def test_first_motion_of_the_lab_guide_can_be_played(tmp_path: Path) -> None:
-    _, motion = fenced("lab_guide.md", "yaml")
+    _, _, motion = fenced("lab_guide.md", "yaml")
     file = tmp_path / "small.yaml"
     file.write_text(motion, encoding="utf-8")
     checked = check_path(load_robot("xs031"), load_path(file), margin=0.05)
@@ -78,7 +79,7 @@ def test_first_motion_of_the_lab_guide_can_be_played(tmp_path: Path) -> None:
 
 
 def test_limits_of_the_lab_guides_machine_are_taken_by_the_bridge(tmp_path: Path) -> None:
-    limits, _ = fenced("lab_guide.md", "yaml")
+    limits, _, _ = fenced("lab_guide.md", "yaml")
     file = tmp_path / "bridge.yaml"
     file.write_text(limits, encoding="utf-8")
     check_parameter_file(file, ("robot", "can", "clock", "mapping", "dbc", "calibration"))
@@ -87,6 +88,18 @@ def test_limits_of_the_lab_guides_machine_are_taken_by_the_bridge(tmp_path: Path
     for name, value in given.items():
         assert type(value) is type(rules[name].default)
         assert (rules[name].low or 0.0) <= value <= (rules[name].high or value)
+
+
+def test_the_lab_guides_controller_asks_for_no_more_than_its_gate_lets_through(
+    tmp_path: Path,
+) -> None:
+    limits, own, _ = fenced("lab_guide.md", "yaml")
+    file = tmp_path / "controller.yaml"
+    file.write_text(own, encoding="utf-8")
+    check_controller_file(file, ("robot", "path"))
+    gate = yaml.safe_load(limits)["can_bridge"]["ros__parameters"]
+    asked = yaml.safe_load(own)["controller"]["ros__parameters"]
+    assert 0.0 < asked["slew_limit_v_s"] <= gate["slew_limit_v_s"]
 
 
 def example_robot(folder: Path, *further: str) -> Robot:
