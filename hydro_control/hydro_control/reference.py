@@ -196,7 +196,7 @@ class ReferencePlayer:
             left = self._start_s + self._plan.path.duration_s - stamp_s
             raise ControlError(
                 f"a motion is being played for another {left:.2f} s: wait, or stop it with an"
-                " empty trajectory"
+                " empty trajectory (send_path --stop)"
             )
         now = self.sample(stamp_s)
         if now.space == space:

@@ -221,7 +221,7 @@ class ReferenceRun:
         if self.path_waits:
             raise ControlError(
                 "the controller's own path is being checked: wait, or stop it with an empty"
-                " trajectory"
+                " trajectory (send_path --stop)"
             )
         start_s = (start_ns - self.first_ns) / _SECOND_NS if start_ns else None
         wait_s = 0.0 if start_s is None else start_s - self.now_s

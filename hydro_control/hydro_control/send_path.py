@@ -1,4 +1,4 @@
-"""`send_path FILE`: ask a running controller to play a tip or joint path."""
+"""`send_path FILE`: ask a running controller to play a tip or joint path, or to stop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def main() -> int:
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Publish a path once as a trajectory message.
+    """Publish a path once as a trajectory message; to stop, one without points.
 
     Parameters
     ----------
@@ -45,34 +45,57 @@ def run(arguments: Sequence[str]) -> int:
 
     Raises
     ------
+    ControlError
+        Both a path and `--stop` are given, or neither.
     RobotError
         The path file cannot be used.
     SendError
         No controller listens within the timeout.
     """
     args = _parser().parse_args(arguments)
+    if args.stop == (args.path is not None):
+        found = "both" if args.stop else "neither"
+        raise ControlError(f"expected a path file or --stop, found {found}")
     from hydro_model.paths import TipPath, load_path
+    from hydro_msgs_docs import topics
 
+    if args.stop:
+        _send(topics.JOINT_TRAJECTORY, _stop_message(), args.timeout)
+        data = {"schema": SCHEMA, "kind": "stop", "topic": topics.JOINT_TRAJECTORY, "points": 0}
+        report(args.json, data, f"{topics.JOINT_TRAJECTORY}: stop")
+        return 0
     path = load_path(args.path)
+    tip = isinstance(path, TipPath)
+    topic = topics.TIP_TRAJECTORY if tip else topics.JOINT_TRAJECTORY
+    message = tip_message(path) if tip else joint_message(path)
+    _send(topic, message, args.timeout)
+    text = f"{topic}: {len(message.points)} points, {path.duration_s:.2f} s"
+    report(args.json, sent_dict(args.path, path, topic, len(message.points)), text)
+    return 0
+
+
+def _stop_message() -> Any:
+    """No points: whatever is played, of joints or of the tip, comes to rest on its way."""
+    from trajectory_msgs.msg import JointTrajectory
+
+    return JointTrajectory()
+
+
+def _send(topic: str, message: Any, timeout_s: float) -> None:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     from hydro_msgs_docs import topics
 
-    topic = topics.TIP_TRAJECTORY if isinstance(path, TipPath) else topics.JOINT_TRAJECTORY
-    message = tip_message(path) if isinstance(path, TipPath) else joint_message(path)
     prepare_middleware()
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("send_path", start_parameter_services=False)
     try:
         publisher = node.create_publisher(type(message), topic, topics.reliable())
-        _deliver(node, publisher, message, args.timeout)
+        _deliver(node, publisher, message, timeout_s)
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    text = f"{topic}: {len(message.points)} points, {path.duration_s:.2f} s"
-    report(args.json, sent_dict(args.path, path, topic, len(message.points)), text)
-    return 0
 
 
 def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
@@ -115,9 +138,14 @@ def sent_dict(name: str, path: Any, topic: str, points: int) -> dict[str, Any]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog=NAME, description="Ask a running controller to play a tip or joint path."
+        prog=NAME, description="Ask a running controller to play a tip or joint path, or to stop."
     )
-    parser.add_argument("path", metavar="FILE", help="path file, or a shipped path")
+    parser.add_argument("path", metavar="FILE", nargs="?", help="path file, or a shipped path")
+    parser.add_argument(
+        "--stop",
+        action="store_true",
+        help="in the place of a path: come to rest within 0.5 s on the way of what is played",
+    )
     parser.add_argument(
         "--timeout", type=float, default=5.0, metavar="S", help="seconds to wait (default 5)"
     )

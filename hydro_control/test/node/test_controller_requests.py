@@ -48,6 +48,48 @@ def test_a_sent_path_is_played_and_a_far_one_refused(
     assert process.poll() is None
 
 
+def test_a_sent_stop_ends_what_is_played(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    tmp_path: Path,
+    run_module: Callable[..., Any],
+    patience_s: float,
+) -> None:
+    process = controller()
+    for k in range(3):
+        machine.answer(k)
+    path = tmp_path / "long.yaml"
+    path.write_text(
+        "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.2], duration_s: 6.0}]\n"
+    )
+    assert run_module("send_path", str(path), "--timeout", "100").returncode == 0
+    assert tilt_reaches(0.05, machine, 3, patience_s)
+    cycle = len(machine.heard[topics.JOINT_REFERENCE])
+    sent = run_module("send_path", "--stop", "--timeout", "100", "--json", "-")
+    assert sent.returncode == 0, sent.stderr
+    told = json.loads(sent.stdout)
+    assert (told["kind"], told["topic"], told["points"]) == ("stop", topics.JOINT_TRAJECTORY, 0)
+    end, speeds = time.monotonic() + patience_s, [1.0]
+    while speeds[-1] > 0.0 and time.monotonic() < end:
+        machine.answer(cycle)
+        cycle += 1
+        speeds.append(abs(machine.heard[topics.JOINT_REFERENCE][-1].velocity[1]))
+    assert speeds[-1] == 0.0
+    # It slows down over up to half a second of samples, on its way: nothing is dropped at once.
+    assert 50 < len(speeds) < 350
+    assert -1.5 < machine.heard[topics.JOINT_REFERENCE][-1].position[1] < -1.25
+    assert process.poll() is None
+
+
+@pytest.mark.parametrize(("arguments", "found"), [((), "neither"), (("a.yaml", "--stop"), "both")])
+def test_a_path_or_a_stop_is_sent(
+    run_module: Callable[..., Any], arguments: tuple[str, ...], found: str
+) -> None:
+    done = run_module("send_path", *arguments)
+    assert done.returncode == 2
+    assert done.stderr == f"send_path: expected a path file or --stop, found {found}\n"
+
+
 def tilt_reaches(speed: float, machine: Any, cycle: int, patience_s: float) -> bool:
     """Cycles are answered until the tilt's reference is so fast."""
     end, found = time.monotonic() + patience_s, 0.0
