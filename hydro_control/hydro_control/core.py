@@ -60,7 +60,7 @@ class ControllerCore:
     adaptation : AdaptationSettings, optional
         Off by default.
     tip_speed_m_s : float
-        Faster tip paths are refused, faster required motion is slowed.
+        Paths beyond it are refused, faster required motion is slowed.
     runaway : RunawayLimits, optional
         What measured motion ends in 0 V until `restart`; by default the shipped limits.
     checks_beside : bool

@@ -16,9 +16,9 @@ from hydro_control.braking import DOWN, UP, braking_energies, speed_before_end
 from hydro_control.errors import ControlError
 from hydro_control.required_motion import JointMotion
 from hydro_model.cylinder import inside_stroke
-from hydro_model.kinematics import tip_state
-from hydro_model.paths import Path, TipPath
-from hydro_model.paths_check import check_times
+from hydro_model.kinematics import tip_jacobian, tip_state
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.paths_check import check_times, joint_motion
 from hydro_model.robot import FloatArray, Robot
 
 #: Points of a joint's range at which strokes are looked at.
@@ -168,29 +168,39 @@ def _before_the_ends(
     return replace(motion, qd_r=kept, qdd_r=qdd_r, notes=(*motion.notes, END_NOTE))
 
 
-def refuse_fast(path: Path, tip_speed_m_s: float) -> None:
-    """Refuse a path of the tip that is too fast.
+def refuse_fast(
+    robot: Robot,
+    path: TipPath | JointPath,
+    tip_speed_m_s: float,
+    near: FloatArray | None = None,
+) -> None:
+    """Refuse a path on which the tip is too fast: slowed, it would be another motion.
 
     Parameters
     ----------
-    path : Path
-        Paths of joints pass: their tip is slowed while they are played.
+    robot : Robot
+    path : TipPath or JointPath
     tip_speed_m_s : float
+    near : (n,) array, optional
+        Where joints stay that a path of joints does not name (by default mid-range).
 
     Raises
     ------
     ControlError
         Where and how fast it is.
     """
-    if not isinstance(path, TipPath):
-        return
     times = check_times(path, _STEP_S)
-    speeds = np.linalg.norm(path.sample_many(times)[1], axis=1)
+    if isinstance(path, TipPath):
+        velocities = path.sample_many(times)[1]
+    else:
+        q, qd, _ = joint_motion(robot, path, times, near)
+        velocities = np.einsum("tij,tj->ti", tip_jacobian(robot, q), qd)
+    speeds = np.linalg.norm(velocities, axis=1)
     worst = int(np.argmax(speeds))
     if not speeds[worst] <= tip_speed_m_s:
         raise ControlError(
             f"the tip reaches {speeds[worst]:.3f} m/s at {times[worst]:.4f} s of the path,"
-            f" expected at most {tip_speed_m_s:g} m/s"
+            f" expected at most {tip_speed_m_s:g} m/s (tip_speed_limit_m_s)"
         )
 
 

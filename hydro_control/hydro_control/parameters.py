@@ -96,7 +96,7 @@ PARAMETERS = (
         "tip_speed_limit_m_s",
         TIP_SPEED_M_S,
         "m/s",
-        "greatest tip speed: faster tip paths are refused, faster required motion is slowed",
+        "greatest tip speed: paths beyond it are refused, faster required motion is slowed",
         0.01,
         20,
     ),

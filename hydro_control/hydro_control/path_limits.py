@@ -35,7 +35,6 @@ def refuse_beyond(
     robot : Robot
     path : TipPath or JointPath
     tip_speed_m_s : float
-        Of paths of the tip.
     near : (n,) array, optional
         Joint positions at the start.
     step_s : float
@@ -62,7 +61,7 @@ def refuse_beyond(
             f"joint '{robot.joints[worst].name}' reaches an acceleration of {found:.4g} at"
             f" {when_s:.3f} s, expected at most {most[worst]:.4g}{hint}"
         )
-    refuse_fast(path, tip_speed_m_s)
+    refuse_fast(robot, path, tip_speed_m_s, near)
     return check
 
 

@@ -53,7 +53,7 @@ class ReferencePlayer:
     q : (n,) array
         Joint positions to hold first.
     tip_speed_m_s : float
-        Faster tip paths are refused.
+        Paths on which the tip is faster are refused.
     """
 
     def __init__(self, robot: Robot, q: FloatArray, tip_speed_m_s: float = TIP_SPEED_M_S) -> None:

@@ -105,7 +105,7 @@ class ReferenceRun:
         robot : Robot
         sample : Sample
         tip_speed_m_s : float
-            Faster tip paths are refused.
+            Paths on which the tip is faster are refused.
         """
         player = ReferencePlayer(robot, sample.q, tip_speed_m_s)
         return cls(sample.stamp_ns, player, 0.0, sample.q)

@@ -31,7 +31,8 @@ from hydro_control.motion_limits import MotionLimits, limited, limits_of, refuse
 from hydro_control.required_motion import JointMotion, Reference, required_motion
 from hydro_model.cylinder import stroke
 from hydro_model.kinematics import tip_position, tip_state
-from hydro_model.paths import TipPath
+from hydro_model.paths import JointPath, TipPath
+from hydro_model.paths_segments import Quintic
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.robot_files import load_robot
@@ -254,13 +255,31 @@ def test_a_tip_path_that_is_too_fast_is_refused(robot: Robot) -> None:
         ControllerCore(robot, Gains(), path, tip_speed_m_s=0.6)
 
 
-def test_a_leg_of_a_few_milliseconds_is_no_way_around_the_tip_speed() -> None:
+def test_a_joint_path_whose_tip_is_too_fast_is_refused(robot: Robot) -> None:
+    """Slowed while it is played it would be another motion than the one that was asked for."""
+    start, end = [0.2, -0.9], [1.1, -0.9]
+    path = JointPath((Quintic.at_rest(start, end, 2.0),), joints=robot.joint_names)
+    times = np.linspace(0.0, 2.0, 2001)
+    tips = tip_position(robot, path.sample_many(times)[0])
+    fastest = float(np.linalg.norm(np.gradient(tips, times, axis=0), axis=1).max())
+    ControllerCore(robot, Gains(), path, tip_speed_m_s=1.01 * fastest)
+    with pytest.raises(ControlError, match=rf"reaches {fastest:.2f}\d m/s at 1\.0000 s"):
+        ControllerCore(robot, Gains(), path, tip_speed_m_s=0.99 * fastest)
+    # Of the joints that it does not name it is asked where they stand: a bent arm is slower.
+    lift = JointPath((Quintic.at_rest([0.2], [1.1], 2.0),), joints=("lift",))
+    bent = np.array([0.2, -2.4])
+    refuse_fast(robot, lift, 0.99 * fastest, bent)
+    with pytest.raises(ControlError, match="the tip reaches"):
+        refuse_fast(robot, lift, 0.99 * fastest, np.array(start))
+
+
+def test_a_leg_of_a_few_milliseconds_is_no_way_around_the_tip_speed(robot: Robot) -> None:
     """A quintic from rest to rest is fastest in its middle, 15/8 of its mean speed."""
     corners = [[2.0, 0.0, -1.2], [2.012, 0.0, -1.2], [3.0, 0.0, -1.2]]
     path = TipPath.through(corners, [0.004, 5.0], start_delay_s=0.003)
-    refuse_fast(path, 5.63)
+    refuse_fast(robot, path, 5.63)
     with pytest.raises(ControlError, match=r"reaches 5\.625 m/s at 0\.0050 s"):
-        refuse_fast(path, 5.62)
+        refuse_fast(robot, path, 5.62)
 
 
 @pytest.mark.parametrize("distance", [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 0.0])

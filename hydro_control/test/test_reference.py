@@ -278,7 +278,7 @@ def test_a_path_that_is_no_number_is_refused() -> None:
         with pytest.raises(ControlError, match="expected a motion of finite numbers"):
             ReferencePlayer(ROBOT, POSE).plan_path(path, 0.0, POSE)
         with pytest.raises(ControlError, match="the tip reaches nan m/s"):
-            refuse_fast(TipPath.through([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0]], [1.0]), 3.0)
+            refuse_fast(ROBOT, TipPath.through([[2.0, 0.0, 0.0], [np.nan, 0.0, 0.0]], [1.0]), 3.0)
 
 
 def test_a_trajectory_begins_at_its_stamp() -> None:
