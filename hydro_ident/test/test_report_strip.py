@@ -26,8 +26,9 @@ from hydro_ident.mismatch.outcome import (
 from hydro_ident.mismatch.state_space import UNITS
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows
-from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
+from hydro_ident.report.diagnosis_verdict import _next, diagnosis_verdict
 from hydro_ident.report.unnamed_words import in_words, unnamed_part
+from hydro_ident.report.verdict_words import DRIVE
 from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot_files import load_robot
 
@@ -161,6 +162,22 @@ def test_a_bag_of_another_robot_is_told_before_all_else_that_is_sure() -> None:
     first, *rest = card(diagnosis(UNKNOWN, unnamed(), notes=("any", said)), "How sure")
     assert first.startswith("Run was recorded as robot 'mh26', not xs031: ")
     assert rest == list(card(diagnosis(UNKNOWN, unnamed()), "How sure"))
+
+
+def test_a_model_found_in_another_robots_bag_is_not_to_be_driven(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told = {"names": ["coulomb_friction"], "probability": [0.99]}
+    monkeypatch.setattr(
+        "hydro_ident.report.diagnosis_verdict.finding_dict", lambda *_finding: told
+    )
+    term = SimpleNamespace(effect=SimpleNamespace(name="coulomb_friction"))
+    robot, finding = load_robot("xs031"), SimpleNamespace(named=SimpleNamespace(term=term))
+    other = SimpleNamespace(path=Path("run"), robot=robot, other_robot="mh26")
+    notes = tuple(recorded_as_others([other]))  # type: ignore[list-item]
+    for said, driven in (((), True), (notes, False)):
+        found = diagnosis(EXPLAINED, findings=(finding,), notes=said)
+        assert (DRIVE in _next(found)) == driven
 
 
 def test_the_formula_of_the_terminal_stays_the_packages_own() -> None:

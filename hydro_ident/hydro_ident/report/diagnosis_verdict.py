@@ -23,6 +23,7 @@ from hydro_ident.report.found_words import law_in_model, not_shown
 from hydro_ident.report.page import Verdict, also, number, percent
 from hydro_ident.report.unnamed_words import in_words
 from hydro_ident.report.verdict_words import (
+    DRIVE,
     NEAR_NOISE,
     error_line,
     free_run_line,
@@ -231,11 +232,8 @@ def _next(found: Diagnosis) -> list[str]:
             f"Look at {shortened(where)} under 'Residuals against what matters': what is it that"
             " follows this variable? Do not trust the model there."
         )
-    if found.findings:
-        lines.append(
-            "Drive a path with controller.yaml and model.yaml, which stand beside this report, and"
-            " compare its control table with the old one."
-        )
+    if found.findings and not any(RECORDED_AS in note for note in found.notes):
+        lines.append(DRIVE)
     if found.verdict in (MATCHES, NO_IMPROVEMENT):
         lines.append("Keep the model.")
     if not_shown(found):

@@ -14,6 +14,7 @@ from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import Verdict, also, number, percent
 from hydro_ident.report.parameter_section import compared_with, identified_row
 from hydro_ident.report.verdict_words import (
+    DRIVE,
     error_line,
     free_run_line,
     health_line,
@@ -22,7 +23,7 @@ from hydro_ident.report.verdict_words import (
     plain,
     shortened,
 )
-from hydro_ident.verdict import IDENTIFIED, NOT_ENOUGH
+from hydro_ident.verdict import IDENTIFIED, NOT_ENOUGH, RECORDED_AS
 
 #: Parameters that are named as differing.
 _NAMED = 4
@@ -154,6 +155,18 @@ def _sure(
     return lines or ["Not at all."]
 
 
+def _to_be_driven(found: Identification) -> bool:
+    """Whether there is a model, of this machine, whose forces are those of one that can be."""
+    forces = () if found.inertial is None else found.inertial.model.channels
+    rejected = rejected_channels(found.given, found.inertial, found.hydraulic)
+    return (
+        found.robot is not None
+        and not impossible(found.physical)
+        and not any(RECORDED_AS in text for text in found.problems)
+        and rejected.isdisjoint(forces)
+    )
+
+
 def _next(found: Identification, weak: Collection[str], physics: dict[str, float]) -> list[str]:
     if found.verdict == NOT_ENOUGH and found.problems:
         return [f"{text[0].upper()}{text[1:]}." for text in found.problems]
@@ -165,9 +178,6 @@ def _next(found: Identification, weak: Collection[str], physics: dict[str, float
             "For what is greyed, record a designed experiment (`excite`) and identify again with"
             " both bags."
         )
-    if found.robot is not None:
-        lines.append(
-            "Drive a path with controller.yaml and model.yaml, which stand beside this report, and"
-            " compare its control table with the old one."
-        )
+    if _to_be_driven(found):
+        lines.append(DRIVE)
     return lines

@@ -16,6 +16,13 @@ NEAR_NOISE = 2.0
 #: Lines of a card before the rest is counted.
 _LINES = 4
 
+#: What to do with a model that can be driven.
+DRIVE = (
+    "Drive a path with model.yaml, which stands beside this report, and the gains that this"
+    " machine was driven with (those in controller.yaml are the package's), slowly first, and"
+    " compare its control table with the old one."
+)
+
 
 def plain(name: str) -> str:
     """An identifier in words."""

@@ -18,6 +18,7 @@ from hydro_ident.identification import Identification
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.report.correlation import Correlogram
 from hydro_ident.report.figure import Figure
+from hydro_ident.report.identification_verdict import identification_verdict
 from hydro_ident.report.page import number
 from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import (
@@ -26,6 +27,7 @@ from hydro_ident.report.parameter_section import (
     parameter_table,
 )
 from hydro_ident.report.recording_sections import health_section
+from hydro_ident.report.verdict_words import DRIVE
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_ident.verdict import NOT_ENOUGH
@@ -285,6 +287,37 @@ def test_what_is_not_enough_is_no_improvement(found: Identification, page_of: Pa
     do_next = strip.partition("What to do next")[2]
     assert "The encoder&#x27;s zero is off: calibrate." in do_next
     assert "excite" not in do_next
+
+
+def test_a_model_is_to_be_driven_with_the_machines_own_gains_and_slowly_first(
+    found: Identification,
+) -> None:
+    assert "gains that this machine was driven with" in DRIVE
+    assert "slowly first" in DRIVE
+    assert DRIVE in what_to_do(found)
+
+
+def test_a_model_that_no_machine_can_have_is_not_to_be_driven(
+    found: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert found.inertial is not None
+    said = (
+        "run was recorded as robot 'mh26', not xs031: every parameter is that of another machine"
+    )
+    assert DRIVE not in what_to_do(replace(found, problems=(said,)))
+    assert DRIVE not in what_to_do(replace(found, robot=None))
+    module = "hydro_ident.report.identification_verdict"
+    with monkeypatch.context() as patch:
+        patch.setattr(f"{module}.impossible", lambda _result: "no bodies have them")
+        assert DRIVE not in what_to_do(found)
+    for channel in (found.inertial.model.channels[0], "lift/flow_a"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"{module}.rejected_channels", lambda *_fits, c=channel: {c})
+            assert (DRIVE in what_to_do(found)) == (channel == "lift/flow_a")
+
+
+def what_to_do(found: Identification) -> tuple[str, ...]:
+    return dict(identification_verdict(found, []).cards)["What to do next"]
 
 
 def test_an_identification_that_nothing_was_scored_on_is_not_called_good(
