@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from hydro_control.errors import ControlError
+from hydro_control.motion_limits import refuse_fast
 from hydro_ident import experiment
 from hydro_ident.commands.excite import main, run
 from hydro_ident.design.information import ForceInformation, Residual
@@ -17,7 +19,13 @@ from hydro_ident.design.limits import limit_ratios
 from hydro_ident.design.poses import static_poses
 from hydro_ident.design.prediction import predict
 from hydro_ident.errors import IdentError
-from hydro_ident.experiment import LIMITS, Design, design_excitation, start_pose
+from hydro_ident.experiment import (
+    LIMITS,
+    Design,
+    design_excitation,
+    design_validation,
+    start_pose,
+)
 from hydro_ident.study.excitation import least_at_rest, repeated
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, load_path
@@ -270,3 +278,26 @@ def test_a_robot_that_cannot_carry_itself_has_no_experiment(robot: Robot, tmp_pa
     starved = replace(robot, supply_pressure_pa=4.0e6)
     with pytest.raises(IdentError, match="no motion fits"):
         design_excitation(starved, start_pose(robot), 64.0, tmp_path)
+
+
+def test_the_tip_keeps_to_what_the_controller_lets_through(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A path on which it is faster is refused there, and slowed it would be another motion."""
+    path = design_validation(robot, np.array(START), 32.0, tmp_path).path
+    usual = fastest_tip(robot, path)
+    monkeypatch.setattr(
+        "hydro_ident.experiment.LIMITS", replace(LIMITS, tip_speed_m_s=0.5 * usual)
+    )
+    slow = design_validation(robot, np.array(START), 32.0, tmp_path).path
+    assert 0.2 * usual < fastest_tip(robot, slow) <= 0.5 * usual
+    refuse_fast(robot, slow, 0.5 * usual)
+    with pytest.raises(ControlError, match="the tip reaches"):
+        refuse_fast(robot, path, 0.5 * usual)
+
+
+def fastest_tip(robot: Robot, path: JointPath) -> float:
+    """By differences of positions."""
+    times = np.arange(0.0, path.duration_s, 0.005)
+    places = tip_position(robot, joint_motion(robot, path, times)[0])
+    return float(np.linalg.norm(np.gradient(places, times, axis=0), axis=1).max())

@@ -183,7 +183,16 @@ def _text(robot: Robot, design: Design, file: Path) -> str:
         )
     for i, cylinder in enumerate(robot.cylinders):
         lines.append(f"  {cylinder.name}: {_cylinder_text(check.flow_share, design, i)}")
+    lines.append(f"  {robot.tip_link}: up to {_fastest_tip(robot, design):.3f} m/s")
     return "\n".join(lines)
+
+
+def _fastest_tip(robot: Robot, design: Design) -> float:
+    from hydro_ident.design.limits import tip_speeds
+    from hydro_model.paths_check import check_times, joint_motion
+
+    q, qd, _ = joint_motion(robot, design.path, check_times(design.path, 0.02))
+    return float(tip_speeds(robot, q, qd).max())
 
 
 def _cylinder_text(share: FloatArray, design: Design, i: int) -> str:

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_model.cylinder import lever, stroke
 from hydro_model.joint_ranges import limits as joint_limits
 from hydro_model.joint_ranges import middle
+from hydro_model.kinematics import tip_jacobian
 from hydro_model.rigid_body import inverse_dynamics, mass_matrix
 from hydro_model.robot import Cylinder, FloatArray, Robot, Valve
 
@@ -29,7 +31,9 @@ class Limits:
         Distance of a piston from either end, over its stroke: a small chamber is stiff, and a
         controller tuned elsewhere rings on it.
     speed : float
-        Share of the joints' velocity limits.
+        Share of the joints' velocity limits, and of `tip_speed_m_s`.
+    tip_speed_m_s : float
+        At which the controller refuses a path, unless it was told another limit.
     flow : float
         Share of the piston speed that the fully open valve gives against the load.
     force : float
@@ -47,6 +51,7 @@ class Limits:
     margin: float = 0.05
     stroke_margin: float = 0.15
     speed: float = 0.9
+    tip_speed_m_s: float = TIP_SPEED_M_S
     flow: float = 0.54
     force: float = 0.9
     swing: float = 0.18
@@ -68,7 +73,7 @@ def limit_ratios(
     -------
     (N, c) array
         At most 1 where a limit holds: position, speed and torque of every joint; stroke and mode
-        of every cylinder, and with a supply swing, force and (with a valve) flow.
+        of every cylinder, and with a supply swing, force and (with a valve) flow; the tip's speed.
     """
     torque = np.asarray(inverse_dynamics(robot, q, qd, qdd))
     inertia = np.asarray(mass_matrix(robot, q))
@@ -97,7 +102,14 @@ def limit_ratios(
         columns += _hydraulic_ratios(
             robot, limits, cylinder, valves.get(cylinder.name), speed, force
         )
+    columns.append(tip_speeds(robot, q, qd) / (limits.speed * limits.tip_speed_m_s))
     return np.column_stack(columns)
+
+
+def tip_speeds(robot: Robot, q: FloatArray, qd: FloatArray) -> FloatArray:
+    """How fast the tip is, m/s, (N,), at joint positions and velocities, (N, n) each."""
+    velocities = np.einsum("tij,tj->ti", np.asarray(tip_jacobian(robot, q)), qd)
+    return np.asarray(np.linalg.norm(velocities, axis=1))
 
 
 def half_range(robot: Robot) -> FloatArray:

@@ -166,7 +166,7 @@ def limit_names(robot: Robot) -> list[str]:
         if robot.supply_pressure_pa > 0.0:
             names += [f"the {what} of '{cylinder.name}'" for what in ("swing", "force")]
             names += [f"the flow of '{cylinder.name}'"] * (cylinder.name in fed)
-    return names
+    return [*names, "the speed of the tip"]
 
 
 def _beyond(robot: Robot, limits: Limits, at: FloatArray, ratio: FloatArray) -> str:
