@@ -14,7 +14,7 @@ from hydro_ident.estimate.chambers import WindowSettings, chambers_of
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.inertial import force_model
 from hydro_ident.estimate.noise import encoder_noise, flow_noise, force_noise
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.traces import traces_of
 from hydro_ident.mismatch.shots import sensor_noise
 from hydro_ident.survey import still_joints_of
@@ -83,10 +83,26 @@ def test_floors_are_the_same_whichever_recording_comes_first(robot: Robot, crane
 
     def floors(*recordings: Any) -> np.ndarray:
         seen = SignalSurvey.of(robot, traces_of(recordings))
-        flow = flow_noise(robot, chamber, seen, WindowSettings(), 1e-9)
+        # Whole cycles of 20 ms fill 40 ms of it, of 2 ms all.
+        flow = flow_noise(robot, chamber, seen, WindowSettings(length_s=0.05), 1e-9)
         return np.array([*force_noise(force_model(robot), seen, filters), flow])
 
     one, other = floors(quick, slow), floors(slow, quick)
     assert other == pytest.approx(one, rel=1e-12)
     twice = floors(quick, slow, replace(slow, path=Path("more")))
     assert (abs(twice - floors(slow)) < abs(one - floors(slow))).all()
+
+
+@pytest.mark.parametrize("every", [1, 5, 10])
+@pytest.mark.parametrize("spread_rad", [0.0, 2.0e-5])
+def test_a_ringing_arm_is_no_noise_of_its_encoder(every: int, spread_rad: float) -> None:
+    """At 50 samples per second third differences hold the motion, not what the encoder adds."""
+    count, time = 2.0 * math.pi / 2**20, 1.0e-3 * np.arange(60_000)
+    swing = 24.0e-3 * np.sin(2.0 * math.pi * 3.0 * time) * np.abs(np.cos(0.4 * time))
+    swing = (swing + 0.3 * np.sin(0.5 * time))[:: 2 * every]
+    random = np.random.default_rng(3).normal(size=swing.size)
+    read = count * np.round((swing + spread_rad * random) / count)
+    sensor = Sensor()
+    sensor.add(read, slice(0, read.size), 2.0e-3 * every)
+    true = math.hypot(spread_rad, count / math.sqrt(12.0))
+    assert sensor.noise(count) == pytest.approx(true, rel=0.3)
