@@ -1,6 +1,7 @@
 """Outliers and short dropouts of sensors, found in the samples before any filter smears them.
 
-A spike is replaced by a line between its neighbours. A dropout (a reading that jumps and
+A spike is replaced by a line between its neighbours, a lone one by a cubic through the nearest
+four. A dropout (a reading that jumps and
 then stands still to the last bit) is made a gap, so that no equation uses it. Both are counted
 and said. The robust estimator does this, and the diagnosis for what is gross.
 """
@@ -16,7 +17,8 @@ import numpy as np
 from hydro_ident.bag.grid import runs
 from hydro_ident.bag.recorded_run import BoolArray, Recording
 from hydro_ident.bag.streaming import Piece
-from hydro_ident.estimate.signal_survey import SHORTEST, SignalSurvey, spike_sizes
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.spikes import SHORTEST, spike_sizes
 from hydro_ident.estimate.watched import SPIKE_SIGMAS, watched_sensors
 from hydro_model.robot import FloatArray, Robot
 
@@ -26,6 +28,8 @@ _LEAP_SIGMAS = 40.0
 #: Dropouts are rare. More than these and this share of a stretch are how the sensor reads: held
 #: from reading to reading, or coarse.
 _FEW, _MOST = 3, 0.02
+#: Spikes are rare, too: where more than this share of a sensor stands out, that is how it reads.
+_MOST_SPIKES = 0.05
 #: Readings of the whole machine, without which no edge's flow is known.
 _RAILS = ("supply", "tank")
 
@@ -59,9 +63,17 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Cleaner:
-    """Limits of every sensor, against which outliers are seen."""
+    """Limits of every sensor, against which outliers are seen.
+
+    Attributes
+    ----------
+    limits : tuple of Limit
+    notes : tuple of str
+        Sensors that are left as they are although much of them stands out.
+    """
 
     limits: tuple[Limit, ...]
+    notes: tuple[str, ...] = ()
 
     @staticmethod
     def of(robot: Robot, signals: SignalSurvey, gross: float = 0.0) -> Cleaner:
@@ -74,20 +86,18 @@ class Cleaner:
         gross : float
             Share of a sensor's usual size below which nothing is a spike.
         """
-        return Cleaner(
-            tuple(
-                Limit(
-                    s.name,
-                    s.field,
-                    s.column,
-                    s.noise,
-                    max(s.floor, gross * s.sensor.usual_size),
-                    s.sensor.lone,
+        limits, notes = [], []
+        for s in watched_sensors(robot, signals):
+            floor = max(s.floor, gross * s.sensor.usual_size)
+            share = s.sensor.deviations.share_above(SPIKE_SIGMAS * s.noise + floor)
+            if share > _MOST_SPIKES:
+                notes.append(
+                    f"{share:.0%} of the samples of {s.name} stand out from their neighbours: that"
+                    " is how it reads, none is taken for an outlier"
                 )
-                for s in watched_sensors(robot, signals)
-                if s.noise > 0.0
-            )
-        )
+            elif s.noise > 0.0:
+                limits.append(Limit(s.name, s.field, s.column, s.noise, floor, s.sensor.lone))
+        return Cleaner(tuple(limits), tuple(notes))
 
     def cleaned(self, piece: Piece, counts: dict[str, int]) -> Piece:
         """The piece without its outliers, which are added to `counts` by sensor."""
@@ -183,6 +193,11 @@ def _clean_run(
     if not good.any():
         return values, np.zeros(values.size, dtype=bool)
     cleaned = np.interp(index, index[good], values[good])
+    # Between samples of a slow log the hydraulic mode does not run straight.
+    for at in np.flatnonzero(spikes):
+        if 2 <= at < values.size - 2 and good[at - 2 : at + 3].sum() == 4:
+            near = cleaned[at - 2 : at + 3]
+            cleaned[at] = (4.0 * (near[1] + near[3]) - near[0] - near[4]) / 6.0
     return np.where(dropped, np.nan, cleaned), dropped | spikes
 
 

@@ -97,6 +97,7 @@ class Estimation:
         cleaner = Cleaner.of(self.plan.robot, signals) if first.name == "robust" else None
         self.plan = replace(self.plan, instruments=instruments, cleaner=cleaner)
         gathered = self._gather(self.plan)
+        self.notes += [] if cleaner is None else cleaner.notes
         self.notes += cleaned_notes({g.name: g.cleaned for g in gathered})
         self.notes += [
             f"{g.name}: {g.stopped_s:.1f} s left out of the forces, in which a joint rests at an"

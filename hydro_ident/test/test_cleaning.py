@@ -10,13 +10,16 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
 from hydro_ident.cleaning import Cleaner, without_outliers
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.estimate.watched import watched_sensors
-from hydro_ident.estimator_choice import worst_sensor
+from hydro_ident.estimate.watched import SPIKE_SIGMAS, watched_sensors
+from hydro_ident.estimator_choice import SPIKE_SHARE, worst_sensor
 from hydro_ident.identification import identify
 from hydro_ident.study.synthetic import synthetic_recording, with_outliers
 from hydro_model.robot import Robot
+
+#: rad, of an encoder of 20 bits.
+COUNT = 2.0 * np.pi / 2**20
 
 
 def test_spikes_are_replaced_and_dropouts_become_gaps() -> None:
@@ -174,3 +177,64 @@ def test_readings_that_are_held_are_no_dropouts() -> None:
     spoilt = wave[:500].copy()
     spoilt[200:220] = 5.0
     assert np.flatnonzero(without_outliers(spoilt, 1e-3)[1]).tolist() == [*range(200, 220)]
+
+
+def _ringing(rate_hz: float, mode_hz: float) -> np.ndarray:
+    """Joint that velocity steps leave ringing, read by an encoder of 20 bits without noise."""
+    random, h = np.random.default_rng(0), 1.0e-3
+    asked = 0.1 * np.repeat(random.choice([-1.0, -0.5, 0.0, 0.5, 1.0], 60), 1000)
+    stiff, drag = (2.0 * np.pi * mode_hz) ** 2, 2.0 * 0.05 * 2.0 * np.pi * mode_hz
+    q = speed = rate = 0.0
+    read = np.empty(asked.size)
+    for k, wanted in enumerate(asked):
+        rate += h * (stiff * (wanted - speed) - drag * rate)
+        speed += h * rate
+        q += h * speed
+        read[k] = COUNT * round(q / COUNT)
+    return read[:: round(1.0 / (h * rate_hz))]
+
+
+@pytest.mark.parametrize(("rate_hz", "mode_hz"), [(50, 1.6), (50, 3.0), (50, 4.4), (100, 4.4)])
+def test_an_arm_that_rings_in_a_slow_log_has_no_spikes(rate_hz: float, mode_hz: float) -> None:
+    read = _ringing(rate_hz, mode_hz)
+    sensor = Sensor()
+    sensor.add(read, slice(0, read.size), 1.0 / rate_hz)
+    limit = SPIKE_SIGMAS * max(sensor.noise(COUNT), COUNT)
+    assert sensor.deviations.share_above(limit) < SPIKE_SHARE
+    cleaned, bad = without_outliers(read, COUNT)
+    assert bad.sum() <= 1
+    assert np.max(np.abs(cleaned - read)) < 0.1e-3
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("size_rad", [2.0e-3, 2.0e-2, 0.5])
+def test_lone_spikes_in_a_ringing_arm_are_found_and_filled_in(
+    rate_hz: float, size_rad: float
+) -> None:
+    """Linear interpolation between samples 20 ms apart would miss the mode by milliradians."""
+    random, good = np.random.default_rng(5), _ringing(rate_hz, 3.0)
+    good = good + COUNT * random.normal(size=good.size)
+    bad_at = 40 * random.choice(good.size // 40 - 1, good.size // 250, replace=False) + 20
+    read = good.copy()
+    read[bad_at] += size_rad * random.choice([-1.0, 1.0], bad_at.size)
+    cleaned, bad = without_outliers(read, 1.5 * COUNT)
+    assert bad[bad_at].all()
+    assert bad.sum() <= 3 * bad_at.size
+    assert np.max(np.abs(cleaned - good)) < 1.0e-3
+    assert np.median(np.abs(cleaned - good)[bad_at]) < 0.1e-3
+
+
+def test_a_sensor_of_which_much_stands_out_is_left_as_it_is_and_said(robot: Robot) -> None:
+    recording = with_outliers(synthetic_recording(robot, 30.0, 1), 5, share=0.01, dropouts=0)
+    q = recording.q.copy()
+    at = np.random.default_rng(2).random(len(q)) < 0.07
+    q[at, 0] += 0.05
+    torn = replace(recording, q=q)
+    cleaner = Cleaner.of(robot, SignalSurvey.of(robot, traces_of([torn])))
+    [note] = cleaner.notes
+    assert f"samples of {robot.joints[0].name} stand out" in note
+    counts: dict[str, int] = {}
+    fresh = cleaner.cleaned(Piece.whole(torn), counts).recording
+    assert robot.joints[0].name not in counts
+    assert robot.joints[1].name in counts
+    np.testing.assert_array_equal(fresh.q[:, 0], q[:, 0])

@@ -10,6 +10,7 @@ import numpy as np
 
 from hydro_ident.bag.grid import runs
 from hydro_ident.estimate.histogram import Histogram
+from hydro_ident.estimate.spikes import SHORTEST, spike_sizes
 from hydro_ident.estimate.traces import Trace
 from hydro_model.cylinder import chamber_volumes, lever
 from hydro_model.robot import FloatArray, Robot
@@ -24,8 +25,6 @@ _ORDERS = (3, 4, 5, 6)
 _QUICK_S = 0.0055
 #: The third difference of white noise has 1 + 9 + 9 + 1 times its variance.
 _THIRD = math.sqrt(20.0)
-#: Samples to either side from which a sample is predicted, and the fewest for it.
-_REACH, SHORTEST = 6, 16
 #: A reading's usual size: few outliers are among the readings below it.
 _USUAL = 0.95
 
@@ -129,55 +128,6 @@ def _differences(values: FloatArray, order: int) -> FloatArray:
     # The n-th difference of white noise has (2n over n) times its variance.
     gain = math.sqrt(math.comb(2 * order, order)) / _THIRD
     return np.asarray(np.abs(np.diff(values, order)) / gain)
-
-
-def spike_sizes(values: FloatArray, lone: bool = False) -> FloatArray:
-    """How far each sample lies from where its neighbours put it.
-
-    Speed and curvature are medians over a dozen samples; each of three neighbours on either side
-    then predicts the sample, and the median of the six predictions is taken. A motion bends none
-    of it, and it takes several spikes within a dozen samples to mislead it.
-
-    Parameters
-    ----------
-    values : (N,) array
-        N >= 16.
-    lone : bool
-        How far beyond both sides' predictions, each the median of its three: a step, which one
-        side agrees with, is no spike.
-
-    Returns
-    -------
-    (N,) array
-        In the unit of the values.
-    """
-    mirrored = 2.0 * _end(values) - values[_REACH:0:-1]
-    beyond = 2.0 * _end(values[::-1]) - values[-2 : -_REACH - 2 : -1]
-    padded = np.concatenate([mirrored, values, beyond])
-    first, second = np.diff(padded), np.diff(padded, 2)
-    windows = np.lib.stride_tricks.sliding_window_view
-    # Differences from t - REACH to t + REACH around every sample t.
-    speed = np.median(windows(first, 2 * _REACH), axis=1)
-    bend = np.median(windows(second, 2 * _REACH - 1), axis=1)
-    predictions = [
-        padded[_REACH + j : _REACH + j + values.size] - j * speed - 0.5 * j * j * bend
-        for j in (-3, -2, -1, 1, 2, 3)
-    ]
-    if not lone:
-        return np.asarray(np.abs(values - np.median(predictions, axis=0)))
-    sides = np.median(np.reshape(predictions, (2, 3, values.size)), axis=1)
-    above, below = values - sides.max(axis=0), sides.min(axis=0) - values
-    return np.asarray(np.maximum(np.maximum(above, below), 0.0))
-
-
-def _end(values: FloatArray) -> float:
-    """The first value as those behind it put it: it may be a spike itself."""
-    near = values[1 : 2 * _REACH + 1]
-    speed, bend = np.median(np.diff(near)[:_REACH]), np.median(np.diff(near, 2))
-    # The speed is that of the middle of its samples.
-    ahead = np.arange(1.0, 4.0)
-    middle = 0.5 * (_REACH + 2.0)
-    return float(np.median(near[:3] - ahead * speed - 0.5 * ahead * (ahead - 2.0 * middle) * bend))
 
 
 @dataclass(slots=True)

@@ -201,8 +201,8 @@ def residuals(
     if not _enough(material, fit_rows & moving, len(predictor.names)):
         return None
     training, base = _refitted(robot, predictor, fit_rows & moving, settings)
-    notes = _notes(surveys, choices, cleaned) + partly("fitted", whole, traces)
-    notes += tuple(update_notes((*sources, *others)))
+    notes = (*cleaner.notes, *_notes(surveys, choices, cleaned))
+    notes += partly("fitted", whole, traces) + tuple(update_notes((*sources, *others)))
     notes += open_notes(predictor, robot) if settings.fixed_base else ()
     scan = training
     if looked_at is not whole:
