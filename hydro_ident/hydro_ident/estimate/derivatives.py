@@ -25,6 +25,8 @@ from hydro_ident.bag.rails import between_readings
 from hydro_ident.errors import IdentError
 from hydro_model.robot import FloatArray
 
+#: Samples that a central difference takes.
+_POINTS = 5
 #: Quickest differentiation as a share of the sampling rate.
 QUICKEST = 0.4
 
@@ -159,7 +161,8 @@ def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, Fl
     Parameters
     ----------
     data : (N, ...) array
-        N >= 5.
+        N >= 1. Of fewer than five samples, which no filter settles in, slopes are those from
+        neighbour to neighbour, and bends 0.
     step_s : float
 
     Returns
@@ -167,7 +170,12 @@ def central_differences(data: FloatArray, step_s: float) -> tuple[FloatArray, Fl
     first, second : array
         Same shape; the two samples at either end repeat their inner neighbour.
     """
-    far_low, low, mid, high, far_high = (data[k : data.shape[0] - 4 + k] for k in range(5))
+    if data.shape[0] < _POINTS:
+        some = np.gradient(data, step_s, axis=0) if data.shape[0] > 1 else np.zeros_like(data)
+        return np.asarray(some), np.zeros_like(some)
+    far_low, low, mid, high, far_high = (
+        data[k : data.shape[0] - _POINTS + 1 + k] for k in range(_POINTS)
+    )
     first = (far_low - 8.0 * low + 8.0 * high - far_high) / (12.0 * step_s)
     second = (-far_low + 16.0 * low - 30.0 * mid + 16.0 * high - far_high) / (12.0 * step_s**2)
     pad = [(2, 2)] + [(0, 0)] * (data.ndim - 1)
@@ -238,8 +246,6 @@ def smooth_rates(values: FloatArray, step_s: float, settings: FilterSettings) ->
     step_s : float
     settings : FilterSettings
     """
-    if len(values) < 2:
-        return np.zeros_like(values)
     if not np.isfinite(values).all():
         values = np.array(values, dtype=float)
         at = np.arange(len(values))
@@ -247,7 +253,7 @@ def smooth_rates(values: FloatArray, step_s: float, settings: FilterSettings) ->
         for own in values.reshape(len(values), -1).T:
             own[:] = between_readings(own, at) if np.isfinite(own).any() else 0.0
     smooth = low_pass(values, step_s, settings.differentiation_hz, settings.order)
-    return np.asarray(np.gradient(smooth, step_s, axis=0))
+    return central_differences(smooth, step_s)[0]
 
 
 def parallel_filter(

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.derivatives import FilterSettings, smooth_rates
+from hydro_ident.estimate.derivatives import (
+    FilterSettings,
+    central_differences,
+    motion,
+    smooth_rates,
+)
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
@@ -72,9 +77,28 @@ def test_rates_of_pressures_are_their_slopes() -> None:
     time = STEP_S * np.arange(4000)
     rate = smooth_rates(5.0e6 * np.sin(9.0 * time), STEP_S, FilterSettings())
     inner = slice(100, -100)
-    # Central differences of a sine are short of its slope by (9 x 0.002)^2 / 6.
-    assert rate[inner] == pytest.approx(4.5e7 * np.cos(9.0 * time)[inner], abs=1e-4 * 4.5e7)
+    assert rate[inner] == pytest.approx(4.5e7 * np.cos(9.0 * time)[inner], abs=1e-5 * 4.5e7)
     assert not smooth_rates(np.ones(1), STEP_S, FilterSettings()).any()
+
+
+def test_rates_in_a_slow_log_are_slopes_as_those_of_positions_are() -> None:
+    """Three points err by (2 pi f h)^2 / 6: at 5 Hz and 50 samples per second by 6.6 %."""
+    time, turn = 0.02 * np.arange(500), 2.0 * np.pi * 5.0
+    rate = smooth_rates(np.sin(turn * time), 0.02, FilterSettings().borne_at(0.02))
+    inner = slice(100, -100)
+    assert rate[inner] == pytest.approx(turn * np.cos(turn * time)[inner], abs=0.01 * turn)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_stretches_of_a_few_samples_have_slopes_and_no_bends(count: int) -> None:
+    ramp = 0.5 + 0.3 * STEP_S * np.arange(count)[:, None]
+    slope, bend = central_differences(ramp, STEP_S)
+    assert slope == pytest.approx(np.full_like(ramp, 0.3 if count > 1 else 0.0))
+    assert not bend.any()
+    # No filter settles in so few.
+    for moved in motion(ramp, STEP_S, FilterSettings()):
+        assert moved.shape == ramp.shape
+        assert np.isfinite(moved).all()
 
 
 def test_holes_of_a_pressure_are_no_steps_of_it(
