@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from hydro_ident.bag.recording import read_recording
+from hydro_ident.bag.streaming import stream_recordings
+from hydro_ident.bag.turns import without_turns
 from hydro_ident.commands.identify import run
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
@@ -59,6 +61,65 @@ def _arm_run(robot: Robot) -> dict[str, tuple[tuple[str, ...], dict[str, np.ndar
     count = 2.0 * np.pi / 2**19
     position = count * np.round(q / count)
     return {"/joint_states": (robot.joint_names, {"position": position, "effort": torque})}
+
+
+def _within_a_turn(angles: np.ndarray) -> np.ndarray:
+    return np.remainder(angles + np.pi, 2.0 * np.pi) - np.pi
+
+
+@pytest.mark.needs("clarabel", "plotly")
+def test_an_endless_joint_that_is_read_within_a_turn_runs_on(
+    write_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    (tmp_path / "arm.urdf").write_text(_ARM)
+    file = tmp_path / "arm.hydraulics.yaml"
+    file.write_text(_FILE)
+    robot = load_robot(str(file))
+    columns = _arm_run(robot)
+    names, fields = columns["/joint_states"]
+    angles = fields["position"].copy()
+    fields["position"] = _within_a_turn(angles)
+    # The reference is a degree ahead, and passes the end of the turn before the joint.
+    reference = {"/joint_reference": (names, {"position": _within_a_turn(angles + 0.017)})}
+    # A piece knows what stands in the file before its cycles.
+    bag, out = write_bag(reference | columns), tmp_path / "out"
+    whole = read_recording(bag, robot)
+    np.testing.assert_allclose(whole.q, angles, atol=1e-9)
+    assert whole.q_ref is not None
+    np.testing.assert_allclose(whole.q_ref - whole.q, 0.017, atol=1e-9)
+    [note] = [n for n in whole.notes if "within a turn" in n]
+    assert note == f"slew was recorded within a turn: {len(whole.turns['slew'])} leaps by 2 pi" + (
+        " taken out"
+    )
+    for piece in stream_recordings(bag, robot, piece_s=3.0, overlap_s=0.5):
+        rows = np.searchsorted(whole.stamp_ns, piece.recording.stamp_ns)
+        np.testing.assert_array_equal(piece.recording.q, whole.q[rows])
+        np.testing.assert_array_equal(piece.recording.q_ref, whole.q_ref[rows])
+    assert note in piece.recording.notes
+    assert run([str(bag), "--robot", str(file), "--out", str(out)]) == 0
+    result = json.loads((out / "result.json").read_text())
+    found = {p["name"]: p["value"] for p in result["parameters"]}
+    for joint, truth in zip(("slew", "boom"), FRICTION, strict=True):
+        assert found[f"{joint}.viscous_friction"] == pytest.approx(truth, rel=0.05)
+
+
+def test_a_turn_that_nobody_saw_is_not_undone(robot: Robot) -> None:
+    """Neither is a leap of a slide, or of half a turn."""
+    lift, tilt = robot.joints
+    stamps = 2_000_000 * np.arange(600)
+    stamps[400:] += 1_000_000_000
+    angles = 2.0 + 0.01 * np.arange(600)
+    q = np.stack([_within_a_turn(angles), angles], axis=1)
+    q[400:, 0] -= np.pi
+    q[300:, 1] += 2.0 * np.pi
+    slide = replace(robot, joints=(lift, replace(tilt, prismatic=True)))
+    known, turns = without_turns(slide, stamps, q, {})
+    assert list(turns) == ["lift"]
+    assert turns["lift"].tolist() == [[int(stamps[115]), 1]]
+    np.testing.assert_allclose(known[:400, 0], angles[:400], atol=1e-12)
+    np.testing.assert_array_equal(known[:, 1], q[:, 1])
+    # Across the hole it stays as read, by the turns before it.
+    np.testing.assert_allclose(known[400:, 0], q[400:, 0] + 2.0 * np.pi)
 
 
 @pytest.mark.needs("clarabel", "plotly")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hydro_ident.bag.channels import Loss
 from hydro_ident.bag.gaps import Gap, contiguous
 from hydro_ident.bag.grid import runs
+from hydro_ident.bag.turns import Turns
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
@@ -49,7 +50,7 @@ class Recording:
     period_s : float
         Median interval.
     q : (N, n) array
-        rad or m.
+        rad or m; without the leaps of angles that were recorded within a turn.
     stroke : (N, m) array or None
         Measured strokes, m.
     effort : (N, n) array or None
@@ -90,6 +91,9 @@ class Recording:
         `<cylinder>/a`), and their readings; their columns are NaN.
     updated_between : bool
         Whether commands changed between the cycles, too, and not with each of them alone.
+    turns : mapping of str to (K, 2) int array
+        By joint that was recorded within a turn: stamps from which on a turn was put to it, and
+        how many (1 or -1).
     """
 
     path: Path
@@ -121,6 +125,7 @@ class Recording:
     metadata: Mapping[str, str]
     dead: Mapping[str, float] = field(default_factory=dict)
     updated_between: bool = False
+    turns: Turns = field(default_factory=dict)
 
     @property
     def other_robot(self) -> str:

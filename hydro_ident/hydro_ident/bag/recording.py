@@ -30,6 +30,7 @@ from hydro_ident.bag.latches import latched_cycles
 from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
+from hydro_ident.bag.turns import Turns, nearest_turn, turn_notes, without_turns
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE
@@ -71,16 +72,18 @@ class Earlier:
     rails : frozenset of str
         Supply and tank, where they were recorded: no constant takes their place from then on.
     dead : mapping of str to float
+    turns : mapping of str to (K, 2) int array
         As of `Recording`.
     """
 
     rails: frozenset[str] = frozenset()
     dead: Mapping[str, float] = field(default_factory=dict)
+    turns: Turns = field(default_factory=dict)
 
     def after(self, recording: Recording) -> Earlier:
         """With what one more piece told."""
         told = {rail for rail in ("supply", "tank") if getattr(recording, rail) is not None}
-        return Earlier(self.rails | told, recording.dead)
+        return Earlier(self.rails | told, recording.dead, recording.turns)
 
 
 def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Recording:
@@ -95,6 +98,8 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     period_s = _period_s(grid, robot)
     temperature = topics.get(OIL_TEMPERATURE)
     columns = columns_of(grid, topics, robot)
+    columns["q"], turns = without_turns(robot, grid, columns["q"], earlier.turns)
+    columns["q_ref"] = nearest_turn(robot, columns["q"], columns["q_ref"], turns)
     filled = fill_angles(columns, robot)
     latched = latched_cycles(len(grid), columns.pop("state_v"), columns["command_v"])
     recording = Recording(
@@ -114,8 +119,10 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
             *bag.unchecked,
             *irregular({n: t.disordered for n, t in topics.items()}),
             *filled_notes(robot, filled),
+            *turn_notes(turns),
         ),
         metadata=bag.metadata,
+        turns=turns,
     )
     silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
     lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}
