@@ -22,6 +22,7 @@ from hydro_ident.bag.mcap_types import unchecked
 from hydro_ident.bag.recorded_run import other_robot
 from hydro_ident.bag.stretch_cycles import Known
 from hydro_ident.bag.stretches import LATE_S, ROWS, Passage, Stretch, look_through
+from hydro_ident.bag.valve_columns import commanded_notes
 from hydro_ident.errors import BagError
 from hydro_ident.health import Finding, irregularities
 from hydro_ident.inspection import Inspection, TopicSummary, ranges_in
@@ -197,6 +198,7 @@ def _damage(passage: Passage, look: SignalLook | None, error: BagError | None) -
         *(note for note in damage if note not in bare),
         *irregular({name: window.disordered for name, window in there.items()}),
         *filled_notes(look.robot, passage.maker.filled.values()),
+        *commanded_notes(passage.maker.commanded),
     ]
 
 

@@ -163,8 +163,11 @@ class SignalLook:
 
     def add_latches(self, recording: Recording) -> None:
         """Find latches of cycles that were added, in the order of the recording."""
-        nothing = np.full((len(recording), len(self.robot.valves)), np.nan)
-        applied, command = recording.valve_v, recording.command_v
+        told = recording.told
+        nothing = np.full((len(recording), len(told)), np.nan)
+        applied, command = (
+            None if v is None else v[:, told] for v in (recording.valve_v, recording.command_v)
+        )
         if applied is None or recording.valve_source != VALVE_STATE:
             applied = nothing
         stamps = np.concatenate([self._recent, recording.stamp_ns])

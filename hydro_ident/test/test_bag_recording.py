@@ -332,6 +332,34 @@ def test_latched_spans_are_left_out(write_bag, run_columns, robot) -> None:
     assert r.usable_segments(valves=True) == (slice(0, 120), slice(160, N))
 
 
+def test_a_valve_that_the_state_does_not_tell_has_its_command(
+    write_bag, run_columns, robot
+) -> None:
+    """The one that is told says when the gate held both."""
+    columns = run_columns(N)
+    volts = columns["/valve_state"][1]["effort"]
+    volts = np.where(volts == 0.0, 0.1, volts)
+    columns["/valve_command"] = (robot.valve_names, {"effort": volts})
+    applied = volts[:, :1].copy()
+    applied[120:160] = 0.0
+    columns["/valve_state"] = (robot.valve_names[:1], {"effort": applied})
+    r = read_recording(write_bag(columns), robot)
+    np.testing.assert_array_equal(r.valve_v, np.hstack([applied, volts[:, 1:]]))
+    np.testing.assert_array_equal(np.flatnonzero(r.latched), np.arange(120, 160))
+    assert r.commanded == robot.valve_names[1:]
+    lost = {loss.channel for loss in r.losses}
+    assert not {"tilt/flow_a", "tilt/flow_b"} & lost
+    said = f"no {robot.valve_names[1]} in /valve_state: its voltage is what /valve_command tells"
+    assert said in r.notes
+    # Rest of the told one is no latch although the other moves.
+    volts[200:260, 0] = 0.0
+    applied[200:260] = 0.0
+    columns["/valve_command"] = (robot.valve_names, {"effort": volts})
+    columns["/valve_state"] = (robot.valve_names[:1], {"effort": applied})
+    again = read_recording(write_bag(columns, name="again"), robot)
+    np.testing.assert_array_equal(np.flatnonzero(again.latched), np.arange(120, 160))
+
+
 def test_zero_volts_asked_for_or_delayed_are_no_latch() -> None:
     command = np.zeros((100, 2))
     command[50:] = 1.0

@@ -86,6 +86,16 @@ def _late_valves(columns: Columns) -> None:
     columns[VALVE_STATE][1]["effort"][:450] = np.nan
 
 
+def _one_valve(columns: Columns) -> None:
+    """The other one's command stands for it."""
+    _latched(columns)
+    columns[VALVE_STATE][1]["effort"][:, 1] = np.nan
+
+
+def _late_valve(columns: Columns) -> None:
+    columns[VALVE_STATE][1]["effort"][:450, 1] = np.nan
+
+
 def _strokes(columns: Columns) -> None:
     """Stroke sensors alone."""
     names = ("lift_cylinder", "tilt_cylinder")
@@ -122,7 +132,7 @@ def _other_stamps(columns: Columns) -> None:
 
 CHANGES = [
     _plain, _stuck_and_dead, _gapped, _latched, _late_pressures, _late_joints, _late_valves,
-    _strokes, _held, _interpolated, _not_finite, _other_stamps,
+    _one_valve, _late_valve, _strokes, _held, _interpolated, _not_finite, _other_stamps,
 ]  # fmt: skip
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from hydro_ident.bag.grid import Topic, join
 from hydro_ident.bag.reader import TopicInfo
 from hydro_ident.bag.series import Series
+from hydro_ident.bag.valve_columns import valve_columns
 from hydro_ident.errors import BagError
 from hydro_model.cylinder import joint_position
 from hydro_model.robot import Robot
@@ -172,7 +173,7 @@ def columns_of(grid: IntArray, topics: Mapping[str, Topic], robot: Robot) -> dic
     return {
         **_joint_columns(grid, topics, robot),
         **_pressure_columns(grid, topics.get(CHAMBER_PRESSURES), robot),
-        **_valve_columns(grid, topics.get(VALVE_STATE), topics.get(VALVE_COMMAND), robot),
+        **valve_columns(grid, topics.get(VALVE_STATE), topics.get(VALVE_COMMAND), robot),
         **_reference_columns(grid, topics, robot),
     }
 
@@ -245,21 +246,6 @@ def _pressure_columns(grid: IntArray, pressures: Topic | None, robot: Robot) -> 
         "p_b": gauge([f"{c.name}/b" for c in robot.cylinders]),
         "supply": None if supply is None else supply[:, 0],
         "tank": None if tank is None else tank[:, 0],
-    }
-
-
-def _valve_columns(
-    grid: IntArray, state: Topic | None, command: Topic | None, robot: Robot
-) -> dict[str, Any]:
-    state_v, command_v = (join(grid, t, robot.valve_names, "effort") for t in (state, command))
-    applied = state_v if state_v is not None else command_v
-    source = VALVE_STATE if state_v is not None else VALVE_COMMAND
-    return {
-        "valve_v": applied,
-        "valve_source": source if applied is not None else "",
-        "command_v": command_v,
-        "spool": join(grid, state, robot.valve_names, "position"),
-        "state_v": state_v,
     }
 
 

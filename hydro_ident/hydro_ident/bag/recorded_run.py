@@ -60,7 +60,8 @@ class Recording:
     supply, tank : (N,) array or None
         Pa gauge; None: the robot file's constants hold.
     valve_v : (N, m) array or None
-        V at the valves: from `/valve_state`, else from `/valve_command`.
+        V at the valves: from `/valve_state`, else (or of a valve that it does not tell) from
+        `/valve_command`.
     valve_source : str
         The topic that `valve_v` is from, or empty.
     command_v : (N, m) array or None
@@ -94,6 +95,8 @@ class Recording:
     turns : mapping of str to (K, 2) int array
         By joint that was recorded within a turn: stamps from which on a turn was put to it, and
         how many (1 or -1).
+    commanded : tuple of str
+        Valves that `/valve_state` does not tell although it tells others.
     """
 
     path: Path
@@ -126,11 +129,18 @@ class Recording:
     dead: Mapping[str, float] = field(default_factory=dict)
     updated_between: bool = False
     turns: Turns = field(default_factory=dict)
+    commanded: tuple[str, ...] = ()
 
     @property
     def other_robot(self) -> str:
         """The robot that the bag says it was recorded of, where it is another one; else empty."""
         return other_robot(self.metadata, self.robot)
+
+    @property
+    def told(self) -> list[int]:
+        """Columns of the valves whose voltages are not their commands in place of them."""
+        names = self.robot.valve_names
+        return [k for k, name in enumerate(names) if name not in self.commanded]
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

@@ -31,9 +31,10 @@ from hydro_ident.bag.rails import Silence
 from hydro_ident.bag.reader import Bag, read_bag
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.turns import Turns, nearest_turn, turn_notes, without_turns
+from hydro_ident.bag.valve_columns import commanded_notes, fill_voltages, told_valves
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import FloatArray, IntArray
-from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE
+from hydro_msgs_docs.topics import DIAGNOSTICS, OIL_TEMPERATURE, VALVE_STATE
 
 #: What `read_bag` has to decode for `recording_of`.
 RECORDING_TOPICS = (*TYPES, DIAGNOSTICS)
@@ -74,16 +75,22 @@ class Earlier:
     dead : mapping of str to float
     turns : mapping of str to (K, 2) int array
         As of `Recording`.
+    valves : frozenset of str
+        Those that `/valve_state` told: no command takes its place from then on.
     """
 
     rails: frozenset[str] = frozenset()
     dead: Mapping[str, float] = field(default_factory=dict)
     turns: Turns = field(default_factory=dict)
+    valves: frozenset[str] = frozenset()
 
     def after(self, recording: Recording) -> Earlier:
         """With what one more piece told."""
         told = {rail for rail in ("supply", "tank") if getattr(recording, rail) is not None}
-        return Earlier(self.rails | told, recording.dead, recording.turns)
+        valves = frozenset(recording.robot.valve_names[k] for k in recording.told)
+        if recording.valve_source != VALVE_STATE:
+            valves = self.valves
+        return Earlier(self.rails | told, recording.dead, recording.turns, valves)
 
 
 def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Recording:
@@ -101,7 +108,10 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
     columns["q"], turns = without_turns(robot, grid, columns["q"], earlier.turns)
     columns["q_ref"] = nearest_turn(robot, columns["q"], columns["q_ref"], turns)
     filled = fill_angles(columns, robot)
-    latched = latched_cycles(len(grid), columns.pop("state_v"), columns["command_v"])
+    state_v = columns.pop("state_v")
+    commanded = fill_voltages(columns, robot, earlier.valves | told_valves(robot, state_v))
+    told = [k for k, name in enumerate(robot.valve_names) if name not in commanded]
+    latched = latched_cycles(len(grid), *(_some(v, told) for v in (state_v, columns["command_v"])))
     recording = Recording(
         path=bag.path,
         robot=robot,
@@ -120,9 +130,11 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
             *irregular({n: t.disordered for n, t in topics.items()}),
             *filled_notes(robot, filled),
             *turn_notes(turns),
+            *commanded_notes(commanded),
         ),
         metadata=bag.metadata,
         turns=turns,
+        commanded=commanded,
     )
     silent = [rail for rail in earlier.rails if getattr(recording, rail) is None]
     lost: dict[str, Any] = {rail: np.full(len(grid), np.nan) for rail in silent}
@@ -133,6 +145,10 @@ def recording_of(bag: Bag, robot: Robot, earlier: Earlier | None = None) -> Reco
         met.add(grid, topics[valves].stamp_ns)
         stamps = met.wrong(valves, len(grid))
     return _with_losses(without_dead(replace(recording, **lost), earlier.dead), valves, stamps)
+
+
+def _some(values: FloatArray | None, columns: list[int]) -> FloatArray | None:
+    return None if values is None else values[:, columns]
 
 
 def _with_losses(recording: Recording, valve_there: str, valve_stamps: str) -> Recording:

@@ -266,7 +266,8 @@ def _still_latched(part: Recording) -> BoolArray:
     """The latch of the piece before holds to the end of its stretch of zeros."""
     latched = part.latched.copy()
     if part.valve_v is not None:
-        still = (np.nan_to_num(part.valve_v, nan=1.0) == 0.0).all(axis=1)
+        told = part.valve_v[:, part.told]
+        still = (np.nan_to_num(told, nan=1.0) == 0.0).all(axis=1)
         for begin, end in runs(still)[:1]:
             if begin == 0:
                 latched[:end] = True

@@ -9,10 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.bag.aligned import TYPES, columns_of, fill_angles, grid_of, own_joints, own_names
+from hydro_ident.bag.aligned import (
+    TYPES,
+    columns_of,
+    fill_angles,
+    grid_of,
+    own_joints,
+    own_names,
+)
 from hydro_ident.bag.grid import Topic
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.series import Series
+from hydro_ident.bag.valve_columns import fill_voltages, told_valves
 from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 from hydro_msgs_docs.topics import (
@@ -42,6 +50,8 @@ class Known:
         Joints that have a position of their own in some cycle.
     valve_state : bool
         `/valve_state` tells voltages in some cycle.
+    valves : frozenset of str
+        Valves whose voltage it tells in some cycle.
     """
 
     robot: str | None = None
@@ -50,6 +60,7 @@ class Known:
     told: bool = False
     read: frozenset[str] = frozenset()
     valve_state: bool = False
+    valves: frozenset[str] = frozenset()
 
 
 class LearntError(BagError):
@@ -85,6 +96,8 @@ class CycleMaker:
         The topic that voltages are from so far, or empty.
     bare : bool
         Some cycles were made without `/chamber_pressures`.
+    commanded : tuple of str
+        As of `Recording`.
     """
 
     path: Path
@@ -93,6 +106,8 @@ class CycleMaker:
     filled: dict[str, int] = field(default_factory=dict)
     valve_source: str = ""
     bare: bool = False
+    commanded: tuple[str, ...] = ()
+    _valves: frozenset[str] = frozenset()
     _read: set[str] = field(default_factory=set)
     #: Some message told of the robot; messages that did not were taken for its cycles.
     _told: bool = False
@@ -141,6 +156,7 @@ class CycleMaker:
             duplicates={},
             notes=(),
             metadata={},
+            commanded=self.commanded,
         )
 
     def _own(self, series: Series) -> Series:
@@ -166,6 +182,10 @@ class CycleMaker:
         columns["valve_v"] = columns["command_v"]
         if self.valve_source == VALVE_STATE:
             columns["valve_v"] = state_v
+        self._valves |= told_valves(self.robot, state_v)
+        if wrong := self._valves & set(self.commanded):
+            raise LearntError(replace(self.known, valves=self.known.valves | wrong))
+        self.commanded = fill_voltages(columns, self.robot, self.known.valves | self._valves)
 
     def _fill(self, columns: dict[str, Any]) -> None:
         """Angles from strokes, of joints that have no position in the whole recording."""
