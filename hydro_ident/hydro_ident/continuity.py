@@ -10,7 +10,8 @@ import numpy as np
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.streaming import Piece, cut_recording
 from hydro_ident.estimate.bridging import LONGEST_HOLE_S
-from hydro_ident.estimate.traces import LONG_LOSS, Trace
+from hydro_ident.estimate.parting import LONG_LOSS
+from hydro_ident.estimate.traces import Trace
 from hydro_model.robot import FloatArray
 
 
@@ -97,6 +98,30 @@ def partly_read(continuities: Sequence[Continuity]) -> tuple[str, str] | None:
         f"sensors are missing in part of the cycles ({told})",
         "record every sensor of a topic in each of its messages, with one stamp for a cycle",
     )
+
+
+def partial_notes(names: Iterable[str], continuities: Iterable[Continuity]) -> list[str]:
+    """Which sensors some recordings lack in a large part of their cycles.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Of the recordings.
+    continuities : iterable of Continuity
+        Theirs.
+
+    Returns
+    -------
+    list of str
+        A sentence for each that lacks any.
+    """
+    return [
+        f"{name}: {', '.join(f'{sensor} in {share:.0%}' for sensor, share in one.partial.items())}"
+        " of the cycles without a reading: equations that need it are of the rest, as far as it is"
+        " there for seconds on end"
+        for name, one in zip(names, continuities, strict=True)
+        if one.partial
+    ]
 
 
 def broken_up(continuities: Sequence[Continuity], total_s: float) -> str:

@@ -10,7 +10,7 @@ from functools import partial
 from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.command_updates import update_notes, with_updates
-from hydro_ident.continuity import bridged_notes
+from hydro_ident.continuity import bridged_notes, partial_notes
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.flow_moments import NEARLY
@@ -122,7 +122,8 @@ class Job:
             notes += [f"{recording.path.name}: {note}" for note in recording.notes]
             if recording.gaps:
                 notes.append(f"{recording.path.name}: {len(recording.gaps)} gaps in the cycles")
-        notes += bridged_notes([s.name for s in self.seen], [s.continuity for s in self.seen])
+        names, continuities = [s.name for s in self.seen], [s.continuity for s in self.seen]
+        notes += bridged_notes(names, continuities) + partial_notes(names, continuities)
         held = self.plan.effects.held
         notes += [f"effect {name} taken as listed, not fitted" for name in held]
         notes += [

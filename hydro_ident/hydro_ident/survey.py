@@ -10,7 +10,7 @@ import numpy as np
 from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import recorded_apart
-from hydro_ident.continuity import Continuity, bridged_notes
+from hydro_ident.continuity import Continuity, bridged_notes, partial_notes
 from hydro_ident.estimate.inertial import least_travel
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
@@ -89,7 +89,8 @@ def recorded_notes(surveys: Iterable[Survey]) -> tuple[str, ...]:
     """What is to be said of recordings themselves, each time with the recording's name."""
     looked_at = list(surveys)
     others = recorded_as_others(s.recording for s in looked_at)
-    bridged = bridged_notes([s.name for s in looked_at], [s.continuity for s in looked_at])
+    names, continuities = [s.name for s in looked_at], [s.continuity for s in looked_at]
+    bridged = bridged_notes(names, continuities) + partial_notes(names, continuities)
     notes = [f"{s.name}: {note}" for s in looked_at for note in s.recording.notes]
     return (*others, *apart_notes(looked_at), *notes, *bridged)
 

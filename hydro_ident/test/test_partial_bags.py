@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,6 +13,8 @@ import pytest
 import yaml
 
 from hydro_ident.commands.identify import run
+from hydro_ident.estimate.traces import traces_of
+from hydro_ident.identification import identify
 from hydro_model.cylinder import lever, piston_force, stroke
 from hydro_model.robot import Robot
 
@@ -104,6 +107,37 @@ def test_one_chamber_missing_loses_that_force_and_that_flow(crane_run, identify_
     assert "lift/force was not measured" in text
     assert "lift_link.iyy" in text
     assert "hydraulics of lift_cylinder rejected" in text
+
+
+def test_a_sensor_that_fails_half_way_keeps_its_channels_until_then(crane_run, robot) -> None:
+    whole = crane_run.recording()
+    p_a = whole.p_a.copy()
+    p_a[5000:, 1] = np.nan
+    found = identify(robot, [replace(whole, p_a=p_a)])
+    assert found.verdict == "identified", found.problems
+    values = {p.name: p.value for p in found.parameters if p.identifiable}
+    assert values["tilt_cylinder.viscous_friction"] == pytest.approx(4.1e4, rel=0.1)
+    assert any("tilt_cylinder/a in 44% of the cycles without a" in n for n in found.notes)
+
+
+def test_a_recording_is_cut_where_a_sensor_fails_for_long_alone(crane_run) -> None:
+    whole = crane_run.recording()
+
+    def traces(*holes: slice) -> list[tuple[int, bool]]:
+        p_a = whole.p_a.copy()
+        for hole in holes:
+            p_a[hole, 1] = np.nan
+        parts = traces_of([replace(whole, p_a=p_a)])
+        assert all(np.isfinite(t.p_a[:, 0]).all() for t in parts)
+        return [(t.samples, bool(np.isfinite(t.p_a[:, 1]).all())) for t in parts]
+
+    count = len(whole)
+    assert traces() == [(count, True)]
+    assert traces(slice(5000, None)) == [(5000, True), (count - 5000, False)]
+    assert traces(slice(2000, 7000)) == [(2000, True), (5000, False), (count - 7000, True)]
+    # Too short a time to be worth two ends of the filters.
+    assert traces(slice(0, 6000), slice(7000, None)) == [(count, False)]
+    assert traces(*(slice(k, k + 300) for k in range(0, count, 1000))) == [(count, False)]
 
 
 def test_robust_weights_do_without_lost_pressures(crane_run, identify_bag) -> None:

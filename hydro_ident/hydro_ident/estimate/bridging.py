@@ -11,7 +11,7 @@ lost cycle of 2 ms. What a valve was told meanwhile is not known, and stays unkn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
@@ -79,7 +79,12 @@ class Stretch:
         return begin
 
 
-def stretches(parts: Sequence[slice], stamp_ns: IntArray, period_s: float) -> list[Stretch]:
+def stretches(
+    parts: Sequence[slice],
+    stamp_ns: IntArray,
+    period_s: float,
+    borders: Collection[int] = (),
+) -> list[Stretch]:
     """Parts of a recording, those together between which only a short hole is.
 
     Parameters
@@ -89,6 +94,8 @@ def stretches(parts: Sequence[slice], stamp_ns: IntArray, period_s: float) -> li
     stamp_ns : (N,) array
         Of the grid.
     period_s : float
+    borders : collection of int
+        Cycles before which a stretch ends in any case.
 
     Returns
     -------
@@ -102,7 +109,7 @@ def stretches(parts: Sequence[slice], stamp_ns: IntArray, period_s: float) -> li
             # A cycle without a reading is on the grid, one that was lost altogether is not.
             cycles = round(int(stamp_ns[part.start] - stamp_ns[last]) * 1e-9 / period_s)
             hole = max(part.start - last, cycles) - 1
-            if hole <= longest:
+            if hole <= longest and not any(last < border <= part.start for border in borders):
                 found[-1] = Stretch((*one.parts, part), (*one.holes, hole))
                 continue
         found.append(Stretch((part,)))

@@ -7,18 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.grid import runs
 from hydro_ident.bag.rails import between_readings, followed
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import Piece
 from hydro_ident.estimate.bridging import joined, stretches
+from hydro_ident.estimate.parting import borders_of, parts_of
 from hydro_ident.estimate.rows import BoolArray
 from hydro_model.cylinder import stroke
 from hydro_model.robot import FloatArray, Robot
 from hydro_msgs_docs.cdr import IntArray
-
-#: A sensor that is missing for this share of a recording is left out instead of all others.
-LONG_LOSS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +117,9 @@ def traces_of_piece(piece: Piece) -> tuple[Trace, ...]:
     traces = []
     read = _is_read(piece.recording.supply), _is_read(piece.recording.tank)
     recording, period_s = _with_rails(piece.recording), piece.recording.period_s
-    for k, stretch in enumerate(stretches(_pieces(recording), recording.stamp_ns, period_s)):
+    borders = borders_of(recording)
+    known = parts_of(recording, borders)
+    for k, stretch in enumerate(stretches(known, recording.stamp_ns, period_s, borders)):
         core = stretch.core(piece.core)
         if core is not None:
             label = f"{recording.path.name}#{k}"
@@ -177,33 +176,6 @@ def _rail(values: FloatArray | None, stamp_ns: IntArray, constant_pa: float) -> 
 
 def _is_read(values: FloatArray | None) -> bool:
     return values is not None and bool(np.isfinite(values).any())
-
-
-def _pieces(recording: Recording) -> list[slice]:
-    """Contiguous stretches whose positions, pressures and torques are there in every cycle.
-
-    A sensor that is missing for long takes its own channels away, not those of the others.
-    """
-    usable = np.ones(len(recording), dtype=bool)
-    watched = (recording.p_a, recording.p_b, _used_efforts(recording))
-    for values in (recording.q, *watched):
-        if values is not None:
-            missing = np.isnan(values).mean(axis=0)
-            least = 1.0 if values is recording.q else LONG_LOSS
-            usable &= np.isfinite(values[:, missing < least]).all(axis=1)
-    return [
-        slice(segment.start + begin, segment.start + end)
-        for segment in recording.segments
-        for begin, end in runs(usable[segment])
-        if end - begin >= 2
-    ]
-
-
-def _used_efforts(recording: Recording) -> FloatArray | None:
-    """Measured torques that an equation uses: those of joints without pressures."""
-    if recording.effort is None or (recording.p_a is None and recording.p_b is None):
-        return recording.effort
-    return recording.effort[:, list(recording.robot.dry_joints)]
 
 
 def _trace(recording: Recording, piece: slice, label: str, start_ns: int) -> Trace:
