@@ -49,7 +49,13 @@ class UpdatedBetween:
         return self.source.name
 
     def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
-        """The recording, marked as one."""
+        """The recording, marked as one.
+
+        Parameters
+        ----------
+        piece_s, overlap_s : float
+            As of `BagSource`.
+        """
         for piece in self.source.pieces(piece_s, overlap_s):
             yield replace(piece, recording=replace(piece.recording, updated_between=True))
 
