@@ -176,7 +176,10 @@ def _force_problems(
     continuities: Sequence[Continuity],
 ) -> tuple[list[str], bool]:
     """Problems of the force channels, and whether there is enough for a model."""
-    usable = hydraulic is not None and any(not c.rejected for c in hydraulic.cylinders)
+    # Edges whose chambers tell no bulk modulus are of little motion.
+    usable = hydraulic is not None and any(
+        not c.rejected and c.refused_bulk is None for c in hydraulic.cylinders
+    )
     if inertial is None:
         return [_no_forces(robot, recordings, continuities)], usable
     if not inertial.missing:

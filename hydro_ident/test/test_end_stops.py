@@ -116,3 +116,13 @@ def test_of_a_few_samples_nothing_is_told(robot: Robot, samples: int) -> None:
 def test_a_rest_elsewhere_is_none(robot: Robot) -> None:
     trace = _pressed(robot, 0.0, shift=0.05)
     assert not at_end_stops(robot, trace, FilterSettings()).any()
+
+
+def test_what_goes_on_beyond_a_limit_has_met_no_stop(robot: Robot) -> None:
+    """A limit of the file that is not the machine's: a rest behind it is one like any other."""
+    trace, joint = _pressed(robot, 0.0), robot.joints[0]
+    inside = replace(joint, upper=float(trace.q[:, 0].max()) - 0.05, lower=-3.0)
+    wide = tuple(replace(c, stroke_m=c.stroke_m + 1.0) for c in robot.cylinders)
+    other = replace(robot, joints=(inside, robot.joints[1]), cylinders=wide)
+    far = replace(trace, stroke=trace.stroke + 0.5)
+    assert not at_end_stops(other, far, FilterSettings())[:, 0].any()

@@ -63,7 +63,8 @@ def _near_an_end(robot: Robot, trace: Trace, joint: int) -> BoolArray:
 
 
 def _beside(values: FloatArray, low: float, high: float) -> BoolArray:
-    return np.asarray((values < low + _NEAR) | (values > high - _NEAR))
+    # What goes on beyond a limit of the file has not met its stop there.
+    return np.asarray((np.abs(values - low) < _NEAR) | (np.abs(values - high) < _NEAR))
 
 
 def _reached(mask: BoolArray, samples: int) -> BoolArray:
