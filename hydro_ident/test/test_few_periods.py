@@ -116,7 +116,7 @@ def test_many_periods_are_lines_that_act_as_readings_do(
     run = simulated_run(true_crane(), 60.0, pace=0.15)
     seen = run.q[:, 0]
     count = MANY * 2.0 * np.pi / float(np.ptp(seen))
-    q = run.q + np.array([1.0, 0.0]) * (SWING_RAD / 10.0 * np.sin(count * run.q))
+    q = run.q + np.array([1.0, 0.0]) * (SWING_RAD / 9.0 * np.sin(count * run.q))
     found = _strongest(lay_out(replace(run, q=q)), "lift/flow_a")
     assert (found.variable, found.times) == ("joint_angle", "velocity")
     assert found.p_value <= FAMILY_ERROR_UNNAMED

@@ -43,7 +43,7 @@ def sticking(
 ) -> Residuals:
     """A machine whose tilt valve has a dead zone that its model does not have."""
     true_crane, simulated_run = make_run
-    return lay_out(simulated_run(replace(true_crane(), effects=(DEADBAND,)), 18.0))
+    return lay_out(simulated_run(replace(true_crane(), effects=(DEADBAND,)), 24.0))
 
 
 @pytest.fixture(scope="module")

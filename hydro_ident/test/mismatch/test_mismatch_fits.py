@@ -138,7 +138,7 @@ def test_a_step_that_leads_nowhere_is_taken_nearer(
     law = {"restriction": 1.4, "setting": 4e5, "range": 4e7, "pilot_ratio": 2.0}
     work = _laid_out(lay_out, make_run, EffectSpec("counterbalance_valve", "lift_cylinder/a", law))
     known = _term("counterbalance_valve", "lift_cylinder/a", **law)
-    further = law | {"setting": 6e6, "range": 8e7}
+    further = law | {"setting": 8e6, "range": 8e7}
     start = _term("counterbalance_valve", "lift_cylinder/a", **further)
     noise = work.base.bench.noise
 
