@@ -96,15 +96,18 @@ def found(bag: Path) -> Diagnosis:
     return diagnose(robot, [bag_source(bag, robot)])
 
 
-def test_no_law_is_named(found: Diagnosis) -> None:
-    """One raise: several laws of how the valve opens fit it, and its blocks confirm none."""
-    assert found.verdict == "unknown"
-    assert not found.findings
-    refused = {f.named.names: f.verification.reason for f in found.rejected}
-    (names, reason) = next((n, r) for n, r in refused.items() if n[0] == "valve_deadband")
-    assert f"in so few motions {len(names)} effects fit alike" in reason
-    assert {"valve_deadband", "valve_gain_nonlinearity", "valve_hysteresis"} < set(names)
-    assert {one.channel for one in found.unexplained} == {"lift/force", "lift/flow_b"}
+def test_the_valve_opens_late_by_what_its_public_model_says(found: Diagnosis) -> None:
+    """0.27 of the travel there, between 0.17 and 0.32 by looking; most of the error stays."""
+    assert found.verdict == "partly_explained"
+    (one,) = found.findings
+    assert one.named.names == ("valve_deadband",)
+    assert one.channels[0] == "lift/flow_a"
+    assert found.whole is not None
+    (law,) = found.whole.model.terms
+    assert law.parameters[0] == pytest.approx(0.27, abs=0.05)
+    unexplained = {u.channel: u for u in found.unexplained}
+    assert set(unexplained) == {"lift/force", "lift/flow_a", "lift/flow_b"}
+    assert not unexplained["lift/force"].confirmed
     assert any("motions of the joints in all: 1" in note for note in found.notes)
     assert any("readings per second" in note for note in found.notes)
 

@@ -264,7 +264,12 @@ class Material:
         ----------
         joint : int
         """
-        speeds = [(s, v[:, joint]) for s in self.stretches if (v := self._velocity(s)) is not None]
+        speeds = []
+        for s in self.stretches:
+            if (v := self._velocity(s)) is not None:
+                # What the filters make of a recording's ends is no motion.
+                edge = self.filters.edge_samples(s.trace.step_s)
+                speeds.append((s, v[edge : len(v) - edge, joint]))
         usual = usual_size([np.abs(v) for _, v in speeds])
         if usual is None:
             return 0

@@ -144,6 +144,16 @@ def test_what_a_joint_shows_in_one_sweep_is_no_sample_however_often_another_turn
             assert few.of(resolve(replace(robot, effects=(spec,)))) == 1.0
 
 
+def test_what_filters_make_of_a_recordings_ends_is_no_motion(robot: Robot) -> None:
+    """A sweep that begins and ends at full speed: filters swing there, the joint does not."""
+    tilt = np.full(round(SECONDS / STEP_S), 0.01)
+    trace = _trace(robot, np.stack([tilt, tilt], axis=1), 0.0, 0.0)
+    kicked = trace.q.copy()
+    kicked[:20] += 1e-3 * np.linspace(1.0, 0.0, 20)[:, None] ** 2
+    kicked[-20:] -= 1e-3 * np.linspace(0.0, 1.0, 20)[:, None] ** 2
+    assert _material(robot, (replace(trace, q=kicked),)).motions == 1
+
+
 def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:
     tilt = np.full(round(SECONDS / STEP_S), 0.004)
     whole = (_trace(robot, np.stack([0.5 * tilt, tilt], axis=1), 0.0, 0.0),)
