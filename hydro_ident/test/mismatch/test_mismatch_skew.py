@@ -16,11 +16,10 @@ from hydro_ident.estimate.derivatives import (
     smooth_rates,
 )
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis import _read_apart
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
-from hydro_ident.mismatch.outcome import PARTLY
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
@@ -172,17 +171,15 @@ def test_positions_that_are_read_too_late_are_no_law_of_the_machine() -> None:
     assert not unnamed_skews({})
 
 
-def test_a_diagnosis_beside_positions_that_lag_explains_nothing_wholly(
-    make_run: Make, robot: Robot
+def test_a_base_that_positions_lag_behind_is_doubtful(
+    make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
-    """Encoders behind a filter of 6 ms, and dry friction that is found beside them."""
-    true_crane, simulated_run = make_run
-    dry = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 4000.0})
-    run = simulated_run(replace(true_crane(), effects=(dry,)), 14.0)
-    late = np.concatenate([run.q[:1].repeat(3, axis=0), run.q[:-3]])
-    found = diagnose(robot, [replace(run, q=late).recording()])
-    assert "coulomb_friction" in {name for f in found.findings for name in f.named.names}
-    assert found.verdict == PARTLY
+    """Encoders behind a filter of 6 ms: pressures seem early by more than half a cycle."""
+    run = _run(make_run, 0.0)
+    late = replace(run, q=np.concatenate([run.q[:1].repeat(3, axis=0), run.q[:-3]]))
+    for one, apart in ((run, False), (late, True)):
+        work = lay_out(one)
+        assert _read_apart(work.base, work.training.predictor) is apart
 
 
 def test_what_is_later_than_half_a_cycle_is_the_effect(
