@@ -202,6 +202,7 @@ def _failed(robot: Robot, scores: Sequence[ChannelScore], channels: Collection[s
 def _causes(robot: Robot) -> str:
     return (
         "; likely causes: the robot file is of another machine, signals or their signs are"
-        f" swapped, robot {robot.name} lacks an effect, or the training motion was too poor (play"
+        f" swapped, robot {robot.name} lacks an effect, the recordings carry different loads (each"
+        " is then to be identified alone), or the training motion was too poor (play"
         f" a run of `excite --robot {robot.name}` and record it)"
     )

@@ -151,8 +151,8 @@ def apart_notes(ratios: Mapping[str, float]) -> list[str]:
     """
     return [
         f"{name}: rows to verify on are predicted {ratio:.2g} times worse than by the same model"
-        " fitted to them: what is missing shows in their motion; diagnose the other way round, or"
-        " with more of such motion to fit"
+        " fitted to them: what is missing shows in their motion, or the machine was another then"
+        " (another load); diagnose the other way round, or with more of such motion to fit"
         for name, ratio in ratios.items()
     ]
 

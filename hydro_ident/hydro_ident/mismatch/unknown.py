@@ -191,7 +191,8 @@ def _at_large(words: ChannelWords, best: Dependence, times: float, verified: boo
     text = (
         f"what is left in {channel} is {times:.2g} times what the sensors' noise leaves and"
         f" nothing that was recorded tells why; {_what(words, best)} comes nearest,"
-        f" with {best.share:.0%} of it: something that comes and goes, or that no sensor here sees"
+        f" with {best.share:.0%} of it: something that comes and goes, that no sensor here sees,"
+        " or that differs between recordings, as a load does"
     )
     return Unexplained(channel, ("everywhere",), 1.0, None, text, best, confirmed=verified)
 
