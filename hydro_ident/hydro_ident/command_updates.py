@@ -84,11 +84,11 @@ def with_updates(
     slow = [source for source in sources if cycle_s[source.name] > SLOW_S]
     if not slow or not _between(robot, slow):
         return tuple(sources), tuple(others)
-
-    def marked(given: Sequence[Source]) -> tuple[Source, ...]:
-        return tuple(UpdatedBetween(s) if cycle_s[s.name] > SLOW_S else s for s in given)
-
-    return marked(sources), marked(others)
+    own, further = (
+        tuple(UpdatedBetween(s) if cycle_s[s.name] > SLOW_S else s for s in given)
+        for given in (sources, others)
+    )
+    return own, further
 
 
 def update_notes(sources: Sequence[Source]) -> list[str]:

@@ -60,16 +60,22 @@ def _off(found: Identification) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize("every", [5, 10])
+@pytest.mark.parametrize(("every", "held"), [(5, 0.04), (10, 0.1)])
 def test_bulk_moduli_of_slow_logs_are_those_of_the_machine(
-    runs: dict[str, Recording], robot: Robot, every: int
+    runs: dict[str, Recording],
+    robot: Robot,
+    monkeypatch: pytest.MonkeyPatch,
+    every: int,
+    held: float,
 ) -> None:
-    """Held from sample to sample they come out 7 to 20 % too stiff."""
+    """Held from sample to sample that of the tilt cylinder comes out too stiff by so much."""
     slow = _slow(runs["smooth"], every)
     found = identify(robot, [slow])
     off = _off(found)
     assert len(off) == 2
     assert max(map(abs, off.values())) < 0.02
+    monkeypatch.setattr("hydro_ident.command_updates.SLOW_S", 1.0)
+    assert _off(identify(robot, [slow]))["tilt_cylinder"] > held
     assert any(n.startswith("smooth: commands changed between its samples") for n in found.notes)
 
 

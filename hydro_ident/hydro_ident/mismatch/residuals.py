@@ -181,12 +181,10 @@ def residuals(
     locked = still_joints_of(robot, signals)
     still = still_positions(surveys, locked)
     sources, others = with_updates(robot, sources, others, surveys)
-    cleaner, cleaned = Cleaner.of(robot, signals, _GROSS), dict[str, int]()
-    whole = whole_traces(sources, cleaner, cleaned)
+    cleaner = Cleaner.of(robot, signals, _GROSS)
+    whole, recorded, cleaned = _read(sources, others, cleaner)
     if not whole:
         return None
-    recorded = whole_traces(others, cleaner, dict[str, int]()) if others else whole[:0]
-    whole, recorded = _of_one_oil(whole, recorded)
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
     choices = choices_of(forces, signals, whole, recorded)
     every = 0 if others else settings.hold_out_every
@@ -210,12 +208,10 @@ def residuals(
         notes += thinly(training, scan, length_s(looked_at) / length_s(traces))
     if others:
         traces = spread_parts(recorded, settings.longest_s)
-        notes += partly("verified on", recorded, traces)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
-        parked = parked_elsewhere(signals, still)
-        notes += _unlocked(robot, unlocked) + _parked(robot, parked)
         there = _material_there(laid, traces, others)
-        check = _elsewhere(there, training, signals, unlocked, parked)
+        check, said = _elsewhere(there, training, signals, unlocked, still)
+        notes += partly("verified on", recorded, traces) + said
     else:
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
         check = _held_back(training, check_rows, moving)
@@ -228,6 +224,17 @@ def _held_back(training: Training, rows: BoolArray, moving: BoolArray) -> Check:
     predictor = training.predictor
     known = within(predictor.material, training.mask, predictor.material)
     return Check(predictor, rows & known, moving, rows & ~known)
+
+
+def _read(
+    sources: Sequence[Source], others: Sequence[Source], cleaner: Cleaner
+) -> tuple[tuple[Trace, ...], tuple[Trace, ...], dict[str, int]]:
+    """Traces to fit and to verify on, and how many samples of those to fit were outliers."""
+    cleaned = dict[str, int]()
+    whole = whole_traces(sources, cleaner, cleaned)
+    recorded = whole_traces(others, cleaner, dict[str, int]()) if whole else whole
+    whole, recorded = _of_one_oil(whole, recorded)
+    return whole, recorded, cleaned
 
 
 def _of_one_oil(*sets: tuple[Trace, ...]) -> list[tuple[Trace, ...]]:
@@ -268,14 +275,18 @@ def _elsewhere(
     training: Training,
     signals: SignalSurvey,
     unlocked: Mapping[str, Sequence[int]],
-    parked: Mapping[str, Mapping[int, float]],
-) -> Check:
-    """Rows of other recordings: verified on are fitted channels, where their joints have been."""
-    material = training.predictor.material
+    still: Mapping[str, Mapping[int, float]],
+) -> tuple[Check, tuple[str, ...]]:
+    """Rows of other recordings: verified on are fitted channels, where their joints have been.
+
+    And what is to be said of joints that have not been there.
+    """
+    material, parked = training.predictor.material, parked_elsewhere(signals, still)
     foreign = unfitted(there, unlocked, parked) | there.stopped
     known = within(material, training.mask, there) & ~foreign
     own = np.isin(np.array(there.channels)[there.channel], material.channels)
-    return Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
+    check = Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
+    return check, _unlocked(there.robot, unlocked) + _parked(there.robot, parked)
 
 
 def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str, ...]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hydro_ident.mismatch.answering import _distance, _far
 from hydro_ident.mismatch.channel_results import channels_of
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.notes import apart, apart_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.precision import accuracy_of
@@ -94,3 +97,34 @@ def test_what_another_motion_knows_better_is_noted(
         notes = apart_notes(ratios)
         assert [note.partition(":")[0] for note in notes] == names
         assert all("diagnose the other way round" in note for note in notes)
+
+
+def test_what_dry_friction_holds_at_rest_leaves_no_doubt(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]], robot: Robot
+) -> None:
+    """There it is whatever the load asks for, and 3 kN beside what the model says at no speed."""
+    true_crane, simulated_run = make_run
+    dry = EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0})
+    run = simulated_run(replace(true_crane(), effects=(dry,)), 20.0)
+    rng, count = np.random.default_rng(2), 15_000
+    cylinder = robot.cylinders[0]
+
+    def resting(values: np.ndarray, noise: float) -> np.ndarray:
+        return np.concatenate(
+            [values, values[5000] + noise * rng.normal(size=(count, *values.shape[1:]))]
+        )
+
+    p_a = resting(run.p_a, 4e3)
+    p_a[len(run.q) :, 0] += 3000.0 / cylinder.area_a_m2
+    whole = replace(
+        run, q=resting(run.q, 3e-6), p_a=p_a, p_b=resting(run.p_b, 4e3),
+        voltage=np.concatenate([run.voltage, np.zeros((count, 2))]),
+    )  # fmt: skip
+    stamps = whole.recording().stamp_ns.copy()
+    stamps[len(run.q) :] += 5_000_000_000
+    found = diagnose(robot, [whole.recording(stamp_ns=stamps)])
+    assert [f.named.names[0] for f in found.findings] == ["coulomb_friction"]
+    (lift,) = (c for c in found.channels if c.name == "lift/force")
+    # Rest included, more is left than was explained.
+    assert rms(lift.measured - lift.after) > 0.7 * rms(lift.measured - lift.before)
+    assert found.verdict == "explained"
