@@ -301,3 +301,17 @@ def test_a_disk_that_is_full_is_one_line_and_leaves_nothing(tmp_path: Path) -> N
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t,q,p\n0,1,2\n1,2,3\n2,3", encoding="utf-8")
+    read = read_log(log)
+    assert len(read.columns["t"]) == 2
+    assert "line 4, the last one, is cut and left out" in " ".join(read.notes)
+    log.write_text("t,q,p\n0,1,2\n1,2\n2,3,4\n", encoding="utf-8")
+    with pytest.raises(BagError, match="line 3: expected 3 columns, found 2; leave a line"):
+        read_log(log)
+    log.write_text("t,q,p\n0,1,2\n1,2,3\n2,3,1.5e", encoding="utf-8")
+    with pytest.raises(BagError, match=r"found '1\.5e'; the last line: leave it out"):
+        read_log(log)

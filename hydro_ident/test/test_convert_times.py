@@ -1,4 +1,4 @@
-"""Times of logs: further ones, stamps since 1970, dates, lines that do not increase or are cut."""
+"""Times of logs: further ones, stamps since 1970, dates, lines that do not increase."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from hydro_ident.bag.log_file import read_log
 from hydro_ident.bag.log_suggest import suggest
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands.convert import main
-from hydro_ident.errors import BagError
 
 FAST = 0.002 * np.arange(2000)
 SLOW = 0.8003 + 0.01 * np.arange(200)
@@ -377,20 +376,6 @@ def test_rounded_times_ask_for_a_rate_and_name_it(tmp_path: Path, capsys) -> Non
     assert "rounded too coarsely: give time: {rate_hz: ...} (its mean is 499.75 Hz)" in said
     assert converted(log, mapping, tmp_path) == 2
     assert "'rate_hz' is still to be filled in: samples per second" in capsys.readouterr().err
-
-
-def test_a_last_line_that_was_cut_is_left_out_and_said(tmp_path: Path) -> None:
-    log = tmp_path / "log.csv"
-    log.write_text("t,q,p\n0,1,2\n1,2,3\n2,3", encoding="utf-8")
-    read = read_log(log)
-    assert len(read.columns["t"]) == 2
-    assert "line 4, the last one, is cut and left out" in " ".join(read.notes)
-    log.write_text("t,q,p\n0,1,2\n1,2\n2,3,4\n", encoding="utf-8")
-    with pytest.raises(BagError, match="line 3: expected 3 columns, found 2; leave a line"):
-        read_log(log)
-    log.write_text("t,q,p\n0,1,2\n1,2,3\n2,3,1.5e", encoding="utf-8")
-    with pytest.raises(BagError, match=r"found '1\.5e'; the last line: leave it out"):
-        read_log(log)
 
 
 def test_stamps_of_parquet_keep_how_much_later_each_begins(tmp_path: Path) -> None:
