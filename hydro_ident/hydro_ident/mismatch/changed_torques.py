@@ -16,6 +16,8 @@ from hydro_model.robot import FloatArray, Robot
 #: Changes whose torques are kept at a time, per stretch: what is scanned in many instants is
 #: the same mass again and again.
 _KEPT_CHANGES = 4
+#: Deflection, rad, and rate, rad/s, of which a mode's answer is a multiple: far from `LARGEST`.
+_SMALL = 1.0e-3
 
 
 @dataclass(slots=True)
@@ -27,6 +29,7 @@ class _Kept:
     plain: FloatArray | None = None
     loads: dict[int, Load] = field(default_factory=dict)
     extra: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
+    free: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -50,18 +53,54 @@ class ChangedTorques:
         moved = stretch.moved
         if moved is None:
             return np.zeros_like(stretch.trace.q)
-        kept = self._stretches.get(stretch.number)
-        if kept is None or kept.robot is not robot or kept.moved is not moved:
-            kept = self._stretches[stretch.number] = _Kept(robot, moved)
+        kept = self._kept(robot, moved, stretch)
         key = _whenever(one)
         if key not in kept.extra:
-            if len(kept.extra) >= _KEPT_CHANGES:
-                kept.extra.pop(next(iter(kept.extra)))
+            _make_room(kept.extra)
             kept.extra[key] = _taken(kept, one, stretch.trace.step_s)
         return kept.extra[key]
 
+    def free(self, robot: Robot, one: ActiveEffect, stretch: Stretch, moved: Motion) -> FloatArray:
+        """What a mode adds by being under way at the first sample, (2, N, n); not to be changed.
 
-def _taken(kept: _Kept, one: ActiveEffect, step_s: float) -> FloatArray:
+        Per rad of deflection beyond where it rests, and per rad/s.
+
+        Parameters
+        ----------
+        robot : Robot
+        one : ActiveEffect
+            With torques that a recording tells.
+        stretch : Stretch
+        moved : Motion
+            Of the stretch.
+        """
+        kept, key = self._kept(robot, moved, stretch), _whenever(one)
+        if key not in kept.free:
+            _make_room(kept.free)
+            at_rest, step_s = self.extra(robot, one, stretch), stretch.trace.step_s
+            kept.free[key] = np.stack(
+                [
+                    (_taken(kept, one, step_s, begun) - at_rest) / _SMALL
+                    for begun in ((_SMALL, 0.0), (0.0, _SMALL))
+                ]
+            )
+        return kept.free[key]
+
+    def _kept(self, robot: Robot, moved: Motion, stretch: Stretch) -> _Kept:
+        kept = self._stretches.get(stretch.number)
+        if kept is None or kept.robot is not robot or kept.moved is not moved:
+            kept = self._stretches[stretch.number] = _Kept(robot, moved)
+        return kept
+
+
+def _make_room(kept: dict[tuple[object, ...], FloatArray]) -> None:
+    if len(kept) >= _KEPT_CHANGES:
+        kept.pop(next(iter(kept)))
+
+
+def _taken(
+    kept: _Kept, one: ActiveEffect, step_s: float, begun: tuple[float, float] = (0.0, 0.0)
+) -> FloatArray:
     """Torques (N, n) that an effect takes beyond the plain robot's."""
     robot, moved, effect = kept.robot, kept.moved, one.effect
     if effect.known_torques is not None:
@@ -71,7 +110,7 @@ def _taken(kept: _Kept, one: ActiveEffect, step_s: float) -> FloatArray:
         # A base that the rows hardly tell may have no inertia there: nothing swings on it.
         if not bears(kept.loads[joint], one.parameters):
             return np.zeros_like(moved.q)
-        return effect.known_torques(kept.loads[joint], one.parameters, step_s)
+        return effect.known_torques(kept.loads[joint], one.parameters, step_s, begun)
     if kept.plain is None:
         kept.plain = _torques(robot, moved)
     changed = robot if effect.change is None else effect.change(robot, one.target, one.parameters)

@@ -15,15 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.derivatives import low_pass, smooth_rates
-from hydro_ident.estimate.force_rows import measured_force
 from hydro_ident.estimate.in_series import FLOW, before, valve_laws
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.flow_laws import held_flows, looks_at_valve
-from hydro_ident.mismatch.material import Material, Place, Stretch, pressure_of
+from hydro_ident.mismatch.force_rows import forces_of, measured
+from hydro_ident.mismatch.material import Place, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, gives_way, same, shapes
 from hydro_ident.mismatch.shaping import Signals, middle
-from hydro_model.cylinder import chamber_volumes, lever
+from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect, joint_of, parts
@@ -110,28 +109,6 @@ def changed(signals: Signals, model: Model, one: ActiveEffect, moved: ActiveEffe
     return result
 
 
-def measured(material: Material, stretch: Stretch) -> FloatArray:
-    """Measured forces of a stretch on its rows, (T, n)."""
-    force = measured_force(material.forces, stretch.trace)
-    settings = material.filters
-    finite = np.where(np.isfinite(force), force, 0.0)
-    smooth = low_pass(finite, stretch.trace.step_s, settings.differentiation_hz, settings.order)
-    return material.filtered(stretch, smooth)
-
-
-def skewed(material: Material, stretch: Stretch) -> FloatArray:
-    """What measured forces are off by per second that a reading is late, (T, 2 c + n).
-
-    Chambers a and b of each cylinder in turn, then the joints' torques.
-    """
-    trace, settings = stretch.trace, material.filters
-    areas = [area for c in material.robot.cylinders for area in (-c.area_a_m2, c.area_b_m2)]
-    pressures = np.stack([trace.p_a, trace.p_b], axis=2).reshape(trace.samples, -1)
-    slopes = np.array(areas) * smooth_rates(pressures, trace.step_s, settings)
-    late = -smooth_rates(trace.joint_torque, trace.step_s, settings)
-    return material.filtered(stretch, np.concatenate([slopes, late], axis=1))
-
-
 def compressed(chamber: Chamber, trace: Trace) -> tuple[FloatArray, FloatArray]:
     """A chamber's volume, and its volume times the rise of its pressure per interval."""
     side = 0 if chamber.side == "a" else 1
@@ -175,10 +152,7 @@ def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatAr
             continue
         extra = signals.changes.extra(plain, one, stretch)
         extra = extra * acting_share(one, stretch.trace.time_s)[:, None]
-        for cylinder in () if material.forces.torque else plain.cylinders:
-            joint = plain.joint_index(cylinder.joint)
-            extra[:, joint] /= lever(cylinder, stretch.moved.q[:, joint])
-        filtered = material.filtered(stretch, extra)
+        filtered = forces_of(material, plain, stretch, extra)
         for place in places:
             into[place.rows] += filtered[:, material.joint_of(place.channel)]
 

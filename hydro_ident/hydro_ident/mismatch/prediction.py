@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,16 +14,16 @@ from hydro_ident.mismatch.balance_steps import Balance, balance_steps
 from hydro_ident.mismatch.contributions import (
     changed,
     contribution,
-    measured,
     own_share,
     said_twice,
-    skewed,
 )
+from hydro_ident.mismatch.force_rows import measured, skewed
 from hydro_ident.mismatch.material import Material, Stretch, pressure_of
-from hydro_ident.mismatch.modelled import Model, reading_key, shapes
+from hydro_ident.mismatch.modelled import Model, reading_key, same, same_base, shapes
 from hydro_ident.mismatch.ripple import ripple_force, ripple_name
 from hydro_ident.mismatch.shaping import Signals
 from hydro_ident.mismatch.skew import TORQUE_SKEW, TORQUES, skew_name
+from hydro_ident.mismatch.under_way import under_way
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 
@@ -71,6 +73,7 @@ class Predictor:
     _flows: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
     _rates: dict[tuple[object, ...], FloatArray] = field(default_factory=dict)
     _ripples: tuple[object, dict[tuple[int, int], FloatArray]] | None = None
+    _left: tuple[Model, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         self.signals = Signals(self.material)
@@ -120,12 +123,7 @@ class Predictor:
 
     def residual(self, model: Model) -> FloatArray:
         """Measured less predicted values, (N,)."""
-        y, x = self.base(model)
-        values = y - x @ self.parameters(model)
-        for term in model.terms:
-            if term.effect.reading is None and not shapes(term):
-                values -= own_share(self.signals, model, term)
-        return np.asarray(values + said_twice(self.signals, model))
+        return self._less(model, self._share)
 
     def contribution(
         self, model: Model, one: ActiveEffect, parameters: FloatArray | None = None
@@ -142,7 +140,35 @@ class Predictor:
         """
         if parameters is not None:
             one = replace(one, parameters=parameters)
-        return contribution(self.signals, model, one)
+        result = contribution(self.signals, model, one)
+        if one.effect.known_torques is None:
+            return result
+        without = replace(model, terms=tuple(t for t in model.terms if not same(t, one)))
+        swung = under_way(self.signals, without, one, self._beside(without), result)
+        return np.asarray(result + swung)
+
+    def _share(self, model: Model, one: ActiveEffect) -> FloatArray:
+        """What an effect of a model adds to its prediction itself, (N,)."""
+        if one.effect.known_torques is not None:
+            return self.contribution(model, one)
+        return own_share(self.signals, model, one)
+
+    def _beside(self, model: Model) -> FloatArray:
+        """Residual of a model whose modes all begin at rest, (N,), kept for the last one."""
+        if self._left is None or not same_base(self._left[0], model):
+            self._left = model, self._less(model, partial(own_share, self.signals))
+        return self._left[1]
+
+    def _less(
+        self, model: Model, share: Callable[[Model, ActiveEffect], FloatArray]
+    ) -> FloatArray:
+        """What is measured less the base and a share of each effect, (N,)."""
+        y, x = self.base(model)
+        values = y - x @ self.parameters(model)
+        for term in model.terms:
+            if term.effect.reading is None and not shapes(term):
+                values -= share(model, term)
+        return np.asarray(values + said_twice(self.signals, model))
 
     def change(self, model: Model, one: ActiveEffect, parameters: FloatArray) -> FloatArray:
         """What the prediction gains where an effect of a model has other parameters, (N,).

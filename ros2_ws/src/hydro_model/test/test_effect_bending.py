@@ -151,6 +151,28 @@ def test_a_mode_of_its_joint_alone_is_the_law_of_roll_outs() -> None:
     np.testing.assert_allclose(told[:, at], own, atol=3e-3 * np.abs(own).max())
 
 
+def test_a_mode_that_is_under_way_rings_on_as_it_would_alone() -> None:
+    """At rest but for its state at the first sample: a damped oscillation, of either unknown."""
+    robot, at, count = load_robot("xs031"), 0, 2000
+    still = np.zeros((count, robot.dof))
+    load = Load.of(robot, at, np.full_like(still, 0.3), still, still)
+    inertia, omega, zeta = 400.0, 2.0 * np.pi * 3.0, 0.02
+    mode = np.array([inertia, 3.0, zeta, 0.0, 0.0])
+    t, ringing = np.arange(count) * STEP, omega * np.sqrt(1.0 - zeta**2)
+    rings, fades = np.exp(1j * ringing * t), np.exp(-zeta * omega * t)
+    for begun, size in (
+        ((1e-3, 0.0), 1e-3 * (1.0 - 1j * zeta * omega / ringing)),
+        ((0.0, 2e-2), -1j * 2e-2 / ringing),
+    ):
+        deflection = fades * (size * rings).real
+        rate = fades * (size * (1j * ringing - zeta * omega) * rings).real
+        swung = -(omega**2) * deflection - 2.0 * zeta * omega * rate
+        told = bent(load, mode, STEP, begun)[:, at] - bent(load, mode, STEP)[:, at]
+        np.testing.assert_allclose(
+            told, inertia * swung, atol=4e-3 * inertia * np.abs(swung).max()
+        )
+
+
 def test_nothing_hangs_on_a_hinge_of_links_without_mass() -> None:
     robot = open_chain()
     robot = replace(robot, link_inertia=0.0 * robot.link_inertia)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,6 +31,20 @@ LARGEST = 1.0
 _LEAST_ON_SPRING = 0.02
 #: How far from one the cosine between axes may be that count as parallel.
 _PARALLEL = 1.0e-6
+
+
+class KnownTorques(Protocol):
+    """What all joints' torques gain by what a recording tells of a joint's load, (N, n)."""
+
+    def __call__(
+        self,
+        load: Load,
+        parameters: FloatArray,
+        step_s: float,
+        begun: tuple[float, float] = (0.0, 0.0),
+        /,
+    ) -> FloatArray:
+        """As `bent` has them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +189,9 @@ def _shape(load: Load, parameters: FloatArray) -> FloatArray:
     return np.array([1.0 - place, place]) if load.usual.shape[0] > 1 else np.ones(1)
 
 
-def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
+def bent(
+    load: Load, parameters: FloatArray, step_s: float, begun: tuple[float, float] = (0.0, 0.0)
+) -> FloatArray:
     """Torques that a mode takes beyond the rigid links, (N, n).
 
     A deflection e at the share d of the way to the next joint moves the links by ``h s e``, with
@@ -199,6 +215,9 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
         J in kg m^2, W / 2 pi in Hz, zeta, c, d.
     step_s : float
         Sampling interval.
+    begun : tuple of float
+        Deflection beyond where it rests, and its rate, at the first sample, rad and rad/s: of a
+        recording that begins while the mode swings.
 
     Returns
     -------
@@ -233,7 +252,7 @@ def bent(load: Load, parameters: FloatArray, step_s: float) -> FloatArray:
     ]
     swing = np.stack([term / swings for term in terms], axis=1)
     swung = np.empty_like(swing)
-    _swing(swing, step_s, _parts(swing[:, 0], step_s), swung)
+    _swing(swing, step_s, _parts(swing[:, 0], step_s), np.array(begun), swung)
     e, rate, acceleration = swung.T[:, :, None]
     torque = share * (column * acceleration + by_position * e + by_velocity * rate)
     torque[:, load.joint] += rest / shape[0] * swung[:, 2]
@@ -247,12 +266,12 @@ def _parts(stiffness: FloatArray, step_s: float) -> int:
 
 
 @kernel
-def _swing(terms: Array, step: float, parts: int, out: Array) -> None:
-    """Deflection, its rate and acceleration, (N, 3), by the trapezoidal rule from where it rests.
+def _swing(terms: Array, step: float, parts: int, begins: Array, out: Array) -> None:
+    """Deflection, its rate and acceleration, (N, 3), by the trapezoidal rule.
 
-    Terms (N, 3) are its stiffness k, resistance c and drive d: ``e'' = -k e - c e' - d``. Between
-    samples they move evenly, in so many parts; where one is unknown (NaN) it stays as it was, and
-    it ends at `LARGEST`.
+    It begins so far from where it rests, at such a rate. Terms (N, 3) are its stiffness k,
+    resistance c and drive d: ``e'' = -k e - c e' - d``. Between samples they move evenly, in so
+    many parts; where one is unknown (NaN) it stays as it was, and it ends at `LARGEST`.
     """
     h, e, v, begun = step / parts, 0.0, 0.0, False
     for i in range(terms.shape[0]):
@@ -260,8 +279,9 @@ def _swing(terms: Array, step: float, parts: int, out: Array) -> None:
         known = not math.isnan(now[0] + now[1] + now[2])
         if known and not begun:
             begun = True
+            e, v = begins[0], begins[1]
             if now[0] > 0.0:
-                e = -now[2] / now[0]
+                e -= now[2] / now[0]
         out[i, 0], out[i, 1], out[i, 2] = e, v, -now[0] * e - now[1] * v - now[2]
         if not known or i + 1 == terms.shape[0]:
             continue

@@ -30,10 +30,7 @@ from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import SIGNAL_COUNT, STATE_0
 
 if TYPE_CHECKING:
-    from hydro_model.effects.bending import Load
-
-    #: (what a joint carries along a recording, parameters, sample time) to joint torques (N, n).
-    KnownTorques = Callable[[Load, FloatArray, float], FloatArray]
+    from hydro_model.effects.bending import KnownTorques
 
 __all__ = [
     "CHANNELS",
@@ -88,8 +85,9 @@ class Effect:
         (signals, parameters, sample time in s) to what a whole recording tells of the states,
         (N, k), where it tells more than their rates do.
     known_torques : callable or None
-        (load of the joint, parameters, sample time in s) to what all joints' torques gain by it,
-        (N, n): where a recording tells more than the laws see, in the place of `change` and laws.
+        (load of the joint, parameters, sample time in s, states at the first sample beyond those
+        at rest) to what all joints' torques gain by it, (N, n): where a recording tells more than
+        the laws see, in the place of `change` and laws.
     needs_cylinder : bool
         False where the laws look at the motion alone, so that the effect can act on a joint
         without cylinder, too: piston velocity is then the joint's, and N is N m on a revolute

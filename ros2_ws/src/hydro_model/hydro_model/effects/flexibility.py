@@ -72,10 +72,12 @@ def _less_inertia(robot: Robot, target: str, parameters: FloatArray) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def _bent(load: Load, p: FloatArray, sample_time_s: float) -> FloatArray:
+def _bent(
+    load: Load, p: FloatArray, sample_time_s: float, begun: tuple[float, float] = (0.0, 0.0)
+) -> FloatArray:
     from hydro_model.effects.bending import bent  # kernels: only where a recording is looked at
 
-    return bent(load, p, sample_time_s)
+    return bent(load, p, sample_time_s, begun)
 
 
 def _joint_name(robot: Robot, target: str) -> str:
