@@ -18,14 +18,13 @@ from hydro_ident.mismatch.contenders import (
 )
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_motions import FewMotions
+from hydro_ident.mismatch.fit_starts import Starts
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
 from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
-from hydro_ident.mismatch.onset import Sight, ends
-from hydro_ident.mismatch.places import instant_spacing, instants_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
-from hydro_ident.mismatch.stepping import WAYS, form_of, is_free
+from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.weighed import Weighed
 from hydro_ident.mismatch.whitening import Noise
@@ -38,16 +37,11 @@ from hydro_ident.mismatch.worth import (
     sized,
 )
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import FloatArray
 
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.
 CONTENDERS, CONTENDER_SHARE = 8, 0.4
 #: Passes of a first and of a thorough fit.
 _ROUGH, PASSES = 6, 4
-#: Shapes of a trial from which its fit may begin, and how many it does begin from.
-_SHAPES, _HOLLOWS = 4, 2
-#: What has begun ends again where that explains so much more, in squares of whitened noise.
-_END = 50.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +64,7 @@ class Contest:
 
     def __init__(self, training: Training, few: FewMotions | None = None) -> None:
         self.training, self.encoders = training, Encoders(training)
+        self.starts = Starts(training)
         self.few = few or FewMotions(training.predictor.material, 0.0)
 
     def between(
@@ -91,7 +86,7 @@ class Contest:
             and (s.entry.rows & best.entry.rows).any()
         ][:CONTENDERS]
         without = fitted(self.training, current.model, noise)
-        terms = [start for s in chosen for start in self._starts(without, s, scores)]
+        terms = [start for s in chosen for start in self.starts.of(without, s, scores)]
         contenders = best_of_each(self.fitted(without, terms, noise))
         told = [
             c
@@ -136,66 +131,6 @@ class Contest:
         bench, mask = without.bench, self.training.mask
         column = self.training.predictor.contribution(one.fitted.model, one.term)[mask]
         return overdispersed(bench, bench.beyond(column[:, None]), one.fitted.left)
-
-    def _starts(self, without: Fitted, best: Score, scores: Sequence[Score]) -> list[ActiveEffect]:
-        """Where fits of a trial begin: of what does not grow like its size, in further shapes.
-
-        What opens or shuts somewhere, or rings at some frequency, has as many hollows as shapes: a
-        column tells which is the deepest no better than roughly. What fits leave as it is has no
-        way from one of its values to another: each is begun from.
-        """
-        trial = best.entry.trial
-        same = [s for s in scores if s.entry.trial.active.effect is trial.active.effect]
-        same = [s for s in same if s.entry.trial.target == trial.target]
-        same.sort(key=lambda s: -s.value)
-        if trial.free != (-1,):
-            forms = {form_of(s.entry.trial.active): s for s in reversed(same)}
-            deepest = sorted(forms.values(), key=lambda s: -s.value)
-            return [self.start(without, s) for s in deepest[:_HOLLOWS]]
-        starts = [self.start(without, s) for s in same[:_SHAPES]]
-        left = self._left(without, starts)
-        return [starts[k] for k in np.argsort(left)[:_HOLLOWS]]
-
-    def start(self, without: Fitted, one: Score) -> ActiveEffect:
-        """The size of a trial that explains most as it is: what a fit starts from.
-
-        Parameters
-        ----------
-        without : Fitted
-        one : Score
-            Of the trial beside it.
-        """
-        starts = one.entry.trial.around(one.coefficients)
-        if starts[0].effect.start:
-            return self._timed(without, starts[0])
-        if len(starts) == 1:
-            return starts[0]
-        return starts[int(np.argmin(self._left(without, starts)))]
-
-    def _timed(self, without: Fitted, one: ActiveEffect) -> ActiveEffect:
-        """An effect that may come and go within the recording, when it does, and its size then."""
-        predictor, mask, bench = self.training.predictor, self.training.mask, without.bench
-
-        def column(of: ActiveEffect) -> FloatArray:
-            return bench.beyond(predictor.contribution(without.model, of)[mask][:, None])[:, 0]
-
-        sight = Sight(column, bench.residual, sized=False, least=_END)
-        instants_s = instants_of(predictor.material)
-        single = sight.first(one, instants_s) if ends(one) else one
-        found = sight.placed(single, instant_spacing(predictor.material), instants_s)
-        values, shown = found.parameters.copy(), column(found)
-        share = float(shown @ bench.residual) / max(float(shown @ shown), 1e-300)
-        values[one.effect.sizes[0]] *= share
-        return replace(found, parameters=values)
-
-    def _left(self, without: Fitted, terms: Sequence[ActiveEffect]) -> FloatArray:
-        """Sums of squares that effects leave as they are, (k,)."""
-        mask, bench = self.training.mask, without.bench
-        columns = np.stack(
-            [self.training.predictor.contribution(without.model, t)[mask] for t in terms], axis=1
-        )
-        left = bench.residual[:, None] - bench.beyond(columns)
-        return np.asarray(np.sum(left**2, axis=0))
 
     def weighed(
         self, without: Fitted, terms: Sequence[ActiveEffect], noise: Noise, spread: float
@@ -280,7 +215,7 @@ class Contest:
         at = {c.term.target for c in own}
         rest = [s for s in firsts(scores) if s.entry.trial.name == name]
         rest = [s for s in rest if s.entry.trial.target not in at]
-        return own + self.fitted(without, [self.start(without, s) for s in rest], noise)
+        return own + self.fitted(without, [self.starts.start(without, s) for s in rest], noise)
 
     def _one_of(self, found: Named, one: Contender) -> Named:
         """A contender as a finding, beside those that were tried at its target."""

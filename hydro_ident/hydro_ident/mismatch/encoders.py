@@ -4,7 +4,9 @@ Behind its filters an acceleration is noise where a machine moves slowly, and in
 noise into the residual. A law that takes part of the inertia away again, as a spring does above
 its frequency, explains noise by the same noise: errors in variables (Fuller, Measurement Error
 Models, 1987, section 1.1). How much of it is told by recordings with noise added once more: what
-that adds to residual and law goes together as what was there before does.
+that adds to residual and law goes together as what was there before does. There is no more noise
+than a fit with the law leaves: where the encoders' is less than their resolution lets expect, what
+is added is scaled down to that.
 """
 
 from __future__ import annotations
@@ -17,12 +19,14 @@ import numpy as np
 from hydro_ident.estimate.derivatives import FilterSettings, motion
 from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.noise import encoder_noise
+from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.whitening import IndexArray
 from hydro_model.robot import FloatArray
 
 #: Effects of joints' accelerations.
@@ -67,12 +71,23 @@ class Encoders:
         predictor = self.training.predictor
         column, left = predictor.contribution(model, one.term), predictor.residual(model)
         found = float(bench.beyond(column[mask][:, None])[:, 0] @ bench.residual)
-        by_noise = 0.0
+        by_noise, added_squares = 0.0, 0.0
+        forced = self._forced(bench.channel)
         for twin in self._twins:
             added = twin.residual(model) - left, twin.contribution(model, one.term) - column
             both = bench.beyond(np.stack(added, axis=1)[mask])
-            by_noise += float(both[:, 0] @ both[:, 1]) / _TWINS
+            by_noise += float(both[:, 0] @ both[:, 1])
+            added_squares += float(np.sum(both[forced, 0] ** 2))
+        # What the law leaves holds the noise, too: there is no more of it than that.
+        least = _TWINS * float(np.sum(one.fitted.left[forced] ** 2))
+        by_noise *= min(1.0, least / max(added_squares, 1e-300)) / _TWINS
         return by_noise / found if found > 0.0 else 1.0
+
+    def _forced(self, channel: IndexArray) -> BoolArray:
+        """Whitened rows of force channels, by theirs."""
+        material = self.training.predictor.material
+        forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
+        return np.asarray(np.isin(channel, forces))
 
     @cached_property
     def _twins(self) -> list[Predictor]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.places import (
     FURTHER_FACTORS,
@@ -51,8 +53,34 @@ _FINE = {
     ("structural_flexibility", "frequency"): tuple(2.0 ** (k / 3.0) for k in range(-6, 7)),
     ("structural_flexibility", "damping"): (1.0, 6.0),
 }
+#: Factors of such a frequency between those tried, half of the way to the next ones.
+_BETWEEN = tuple(2.0 ** (k / 18.0) for k in range(-3, 4))
 #: Of late pressures: what lateness does to quick reversals is no multiple of a shorter one.
 _LATE_FACTORS = (1.0, 2.0, 4.0)
+
+
+def between_tried(one: ActiveEffect) -> list[ActiveEffect]:
+    """An effect at values of its finely tried shape between those tried, and itself.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+
+    Returns
+    -------
+    list of ActiveEffect
+        Empty where it has no such shape.
+    """
+    names = [spec.name for spec in one.effect.parameters]
+    if (one.effect.name, "frequency") not in _FINE:
+        return []
+    at = names.index("frequency")
+    result = []
+    for factor in _BETWEEN:
+        values = one.parameters.copy()
+        values[at] *= factor
+        result.append(replace(one, parameters=values))
+    return result
 
 
 def tried_at(

@@ -121,7 +121,7 @@ def _in_place(contest: Contest, lags: Sequence[Named], current: Fitted) -> Named
     start = _scored(training, without)
     if start is None:
         return None
-    (own,) = contest.fitted(without, [contest.start(without, start)], noise)
+    (own,) = contest.fitted(without, [contest.starts.start(without, start)], noise)
     if at_a_bound(own.term) or not resolved(training, without, own):
         return None
     own = _whole(contest, without, own)
