@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
@@ -11,13 +11,17 @@ from hydro_ident.mismatch.confirmation import searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.lacking import (
+    lacking,
+    lacking_elsewhere,
+    readings_apart,
+    with_more,
+)
 from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
-from hydro_ident.mismatch.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.settings import FAR, FAR_SHARE, GROSS, GROSS_SHARE
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
 from hydro_ident.mismatch.wavering import wavering
 from hydro_model.terminal import advance
@@ -113,7 +117,7 @@ def _described(
     material = work.training.predictor.material
     least = {name: accuracy_of(material, k) for k, name in enumerate(material.channels)}
     here, there = (channels_of(work, whole, c) for c in (rows_of_training(work), work.check))
-    far = _far(here, there, least)
+    far = lacking(here, there, least)
     named = {name for f in findings for name in f.channels}
     going = {
         f.channels[0]: f.named.term.effect.name
@@ -122,33 +126,10 @@ def _described(
     }
     wavers = wavering(work.training, whole, confirmer)
     found = unexplained(work.training, whole, left, confirmer.holds, far, going, wavers)
+    moving = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
+    found = with_more(found, readings_apart(work.training, whole), left)
+    found = with_more(found, lacking_elsewhere(here, moving, least), left)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
     )
-
-
-def _far(
-    here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
-) -> dict[str, float]:
-    """Channels that lack something here and (if known) there, and over what their noise leaves.
-
-    `least` is what their sensors may make of them.
-    """
-    fitted, held_out = (
-        {c.name: _distance(c, least[c.name]) for c in channels} for channels in (here, there)
-    )
-    # Where no row to verify on knows a channel, those that were fitted have to do.
-    found = fitted | held_out
-    return {n: d for n, d in found.items() if d > 0.0 and fitted.get(n, 0.0) > 0.0}
-
-
-def _distance(one: ChannelResult, least: float) -> float:
-    """What is left of a channel in units of its noise; 0 of what is little beside either."""
-    left = rms(one.measured - one.after)
-    if one.noise_floor <= 0.0 or left <= least:
-        return 0.0
-    times = left / one.noise_floor
-    far = times > FAR and left >= FAR_SHARE * rms(one.measured)
-    gross = times > GROSS and left >= GROSS_SHARE * rms(one.measured - one.measured.mean())
-    return times if far or gross else 0.0

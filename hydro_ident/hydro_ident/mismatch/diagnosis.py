@@ -39,7 +39,6 @@ from hydro_ident.mismatch.outcome import (
     Diagnosis,
     Finding,
 )
-from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import (
@@ -47,7 +46,6 @@ from hydro_ident.mismatch.settings import (
     FEW_MOTIONS,
     DiagnosisSettings,
 )
-from hydro_ident.mismatch.skew import unnamed_skews
 from hydro_ident.mismatch.unknown import Unexplained, not_testable
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, check_names, sources_of
@@ -164,7 +162,6 @@ def _diagnosed(
     # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
     in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
     doubtful = _doubtful(work, findings, in_motion, ratios)
-    doubtful |= _read_apart(whole, work.training.predictor)
     return Diagnosis(
         _verdict(findings, [*rejected, *taken], unknown, doubtful),
         work.robot,
@@ -240,15 +237,6 @@ def _doubtful(
     few = material.motions < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
     elsewhere = any(f.channels[0] in ratios for f in findings)
     return few or unpaired or elsewhere or _hardly_better(findings, channels)
-
-
-def _read_apart(whole: Fitted, predictor: Predictor) -> bool:
-    """Whether readings come so far from the positions' instants that other laws stand for it."""
-    columns, skews_s = predictor.skew_columns, whole.model.skews_s
-    if not skews_s:
-        return False
-    names = predictor.names
-    return unnamed_skews({r: skews_s[r] for r, at in columns.items() if names[at] in whole.held})
 
 
 def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:

@@ -24,7 +24,7 @@ No effect has its name, so that it goes as far as drives and buses do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from hydro_ident.mismatch.settings import LEAST_CYCLES
 from hydro_model.effects.readings import EVERY_CHAMBER
@@ -76,8 +76,8 @@ def largest_skew(reading: int, cycle_s: float) -> float:
     return (_TORQUE_CYCLES if reading == TORQUES else LEAST_CYCLES) * cycle_s
 
 
-def unnamed_skews(skews_s: Mapping[int, float]) -> bool:
-    """Whether skews at a bound of theirs are of readings whose lateness no effect stands for.
+def is_unnamed(reading: int, skew_s: float) -> bool:
+    """Whether a skew at its bound is that of a reading whose lateness no effect stands for.
 
     A pressure that is late beyond its bound is a finding. Positions that are, behind a filter of
     their own or with the bus, look like pressures that are early; nothing has that name, or that
@@ -85,10 +85,11 @@ def unnamed_skews(skews_s: Mapping[int, float]) -> bool:
 
     Parameters
     ----------
-    skews_s : mapping of int to float
-        By chamber, or `TORQUES`: those that are held at a bound.
+    reading : int
+        A chamber, or `TORQUES`.
+    skew_s : float
     """
-    return any(reading == TORQUES or skew_s < 0.0 for reading, skew_s in skews_s.items())
+    return reading == TORQUES or skew_s < 0.0
 
 
 def is_listed(terms: Iterable[ActiveEffect], chamber: int) -> bool:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.answering import _distance, _far
-from hydro_ident.mismatch.channel_results import channels_of
+from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.lacking import distance, lacking, lacking_elsewhere
 from hydro_ident.mismatch.notes import apart, apart_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.precision import accuracy_of
@@ -45,29 +45,41 @@ def test_what_is_left_is_held_against_noise_and_signal(
     left_n: float, floor_n: float, told: bool
 ) -> None:
     one = _channel(left_n, floor_n)
-    assert _distance(one, 0.0) == pytest.approx(left_n / floor_n if told else 0.0)
+    assert distance(one, 0.0) == pytest.approx(left_n / floor_n if told else 0.0)
 
 
 def test_a_channel_lacks_something_where_it_does_in_both_recordings() -> None:
     grossly, hardly = _channel(220.0, 73.0), _channel(80.0, 73.0)
     least = {"lift/force": 0.0}
-    assert _far([grossly], [grossly], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
-    assert _far([grossly], [hardly], least) == {}
-    assert _far([hardly], [grossly], least) == {}
+    assert lacking([grossly], [grossly], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
+    assert lacking([grossly], [hardly], least) == {}
+    assert lacking([hardly], [grossly], least) == {}
 
 
 def test_where_nothing_is_verified_the_fitted_rows_say_that_something_lacks() -> None:
     grossly, hardly = _channel(220.0, 73.0), _channel(80.0, 73.0)
     least = {"lift/force": 0.0}
-    assert _far([grossly], [], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
-    assert _far([hardly], [], least) == {}
+    assert lacking([grossly], [], least) == {"lift/force": pytest.approx(220.0 / 73.0)}
+    assert lacking([hardly], [], least) == {}
+
+
+def test_a_model_that_other_recordings_contradict_lacks_something() -> None:
+    """Ten times the noise and more, which is not little beside what is measured."""
+    hardly, grossly, far = _channel(80.0, 73.0), _channel(220.0, 73.0), _channel(650.0, 60.0)
+    least = {"lift/force": 0.0}
+    told = lacking_elsewhere([hardly], [far], least)
+    assert "11 times" in told["lift/force"]
+    assert lacking_elsewhere([hardly], [grossly], least) == {}
+    assert lacking_elsewhere([far], [far], least) == {}  # said of both
+    assert lacking_elsewhere([hardly], [far], {"lift/force": 700.0}) == {}
+    assert lacking_elsewhere([], [far], {}) == {}  # nothing of it was fitted
 
 
 def test_what_transducers_of_the_usual_class_are_off_by_lacks_nothing() -> None:
     """However quiet they are from one sample to the next."""
     far = _channel(650.0, 2.0)
-    assert _far([far], [far], {"lift/force": 500.0}) == {"lift/force": pytest.approx(325.0)}
-    assert _far([far], [far], {"lift/force": 700.0}) == {}
+    assert lacking([far], [far], {"lift/force": 500.0}) == {"lift/force": pytest.approx(325.0)}
+    assert lacking([far], [far], {"lift/force": 700.0}) == {}
 
 
 def test_that_is_a_share_of_the_range_on_both_areas(
@@ -94,6 +106,11 @@ def test_what_another_motion_knows_better_is_noted(
         ratios = apart(work, work.base, channels_of(work, work.base, work.check))
         assert list(ratios) == names
         assert all(ratio > 2.0 for ratio in ratios.values())
+        rows = rows_of_training(work), work.check
+        here, there = (channels_of(work, work.base, own) for own in rows)
+        least = dict.fromkeys(work.training.predictor.material.channels, 0.0)
+        contradicted = lacking_elsewhere(here, there, least)
+        assert list(contradicted) == names
         notes = apart_notes(ratios)
         assert [note.partition(":")[0] for note in notes] == names
         assert all("diagnose the other way round" in note for note in notes)

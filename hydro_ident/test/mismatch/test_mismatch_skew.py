@@ -16,8 +16,8 @@ from hydro_ident.estimate.derivatives import (
     smooth_rates,
 )
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.diagnosis import _read_apart
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.lacking import readings_apart
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
@@ -25,9 +25,9 @@ from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
 from hydro_ident.mismatch.skew import (
     TORQUES,
+    is_unnamed,
     largest_skew,
     skew_name,
-    unnamed_skews,
     usual_skew,
 )
 from hydro_ident.mismatch.training import start_model
@@ -165,13 +165,12 @@ def test_no_lateness_lies_between_base_and_finding(rate_hz: float) -> None:
 
 
 def test_positions_that_are_read_too_late_are_no_law_of_the_machine() -> None:
-    assert unnamed_skews({0: -1e-3})
-    assert unnamed_skews({1: 1e-3, TORQUES: 5e-3})
-    assert not unnamed_skews({0: 1e-3})  # its further lateness is a finding
-    assert not unnamed_skews({})
+    assert is_unnamed(0, -1e-3)
+    assert is_unnamed(TORQUES, 5e-3)
+    assert not is_unnamed(0, 1e-3)  # its further lateness is a finding
 
 
-def test_a_base_that_positions_lag_behind_is_doubtful(
+def test_positions_that_lag_behind_are_told_whatever_else_is_found(
     make_run: Make, lay_out: Callable[..., Residuals]
 ) -> None:
     """Encoders behind a filter of 6 ms: pressures seem early by more than half a cycle."""
@@ -179,7 +178,9 @@ def test_a_base_that_positions_lag_behind_is_doubtful(
     late = replace(run, q=np.concatenate([run.q[:1].repeat(3, axis=0), run.q[:-3]]))
     for one, apart in ((run, False), (late, True)):
         work = lay_out(one)
-        assert _read_apart(work.base, work.training.predictor) is apart
+        told = readings_apart(work.training, work.base)
+        assert bool(told) is apart
+        assert all("before the positions" in text for text in told.values())
 
 
 def test_what_is_later_than_half_a_cycle_is_the_effect(
