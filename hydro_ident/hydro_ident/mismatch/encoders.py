@@ -21,7 +21,9 @@ from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.noise import encoder_noise
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.dependence import Dependence
+from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.lines import independent_noise
 from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.prediction import Predictor
@@ -33,6 +35,8 @@ from hydro_model.robot import FloatArray
 OF_ACCELERATION = frozenset({"joint_coupling", "rotor_inertia", "structural_flexibility"})
 #: Share of an effect's product with the residual from which it is the noise's.
 _SHARE = 0.25
+#: Share of a line's amplitude that noise makes by weakening inertia, from which it is the noise's.
+_SHARE_OF_LINE = 0.5
 _TWINS, _SEED = 2, 1
 
 
@@ -82,6 +86,41 @@ class Encoders:
         least = _TWINS * float(np.sum(one.fitted.left[forced] ** 2))
         by_noise *= min(1.0, least / max(added_squares, 1e-300)) / _TWINS
         return by_noise / found if found > 0.0 else 1.0
+
+    def makes(self, whole: Fitted, one: Dependence) -> bool:
+        """Whether a line over time in a force is no more than noise makes of inertia.
+
+        Noise of accelerations makes the inertia that is fitted too small, and a line beside it
+        has what is missing where the motion swings. Noise that is added once more makes it larger
+        still, by as much.
+
+        Parameters
+        ----------
+        whole : Fitted
+            What the line was found in.
+        one : Dependence
+        """
+        material = self.training.predictor.material
+        in_time = one.variable == "time" and one.period > 0.0 and not one.times
+        if not in_time or material.is_flow(one.channel):
+            return False
+        rows = np.flatnonzero(material.channel == one.channel)
+        turned = np.exp(2j * np.pi * material.time_s[rows] / one.period)
+        apart = np.unique(material.recording[rows], return_inverse=True)[1]
+        lines = np.zeros((material.size, 2 * (int(apart.max()) + 1)))
+        lines[rows, 2 * apart], lines[rows, 2 * apart + 1] = turned.real, turned.imag
+
+        def sizes(of: Fitted) -> FloatArray:
+            left = of.bench.beyond(lines[self.training.mask])
+            return np.asarray(np.linalg.lstsq(left, of.bench.residual, rcond=None)[0])
+
+        # Lines are found in rows that are not whitened.
+        noise = independent_noise(self.training, whole)
+        there = sizes(fitted(self.training, whole.model, noise))
+        twins = [replace(self.training, predictor=twin) for twin in self._twins]
+        more = sum(sizes(fitted(t, whole.model, noise)) - there for t in twins) / _TWINS
+        share = float(there @ more) / max(float(there @ there), 1e-300)
+        return share >= _SHARE_OF_LINE
 
     def _forced(self, channel: IndexArray) -> BoolArray:
         """Whitened rows of force channels, by theirs."""

@@ -12,6 +12,7 @@ import numpy as np
 from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
+from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.flaws import Flaws
@@ -143,7 +144,8 @@ def unexplained(
     """
     material = training.predictor.material
     longest_s = float(np.ptp(material.time_s)) if material.size else 0.0
-    flaws, result = Flaws.of(training, fitted), dict[int, Unexplained]()
+    flaws, encoders = Flaws.of(training, fitted), Encoders(training)
+    result = dict[int, Unexplained]()
     for one in found:
         if one.p_value > FAMILY_ERROR_UNNAMED or one.channel in result or _by_place(one, found):
             continue
@@ -151,7 +153,7 @@ def unexplained(
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
         if one.share < least_share or one.size < _least_size(training, fitted, flaws, one, slow):
             continue
-        if _mere_delay(training, fitted, one):
+        if _mere_delay(training, fitted, one) or encoders.makes(fitted, one):
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)

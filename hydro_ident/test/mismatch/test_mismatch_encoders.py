@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.contest import Contest
+from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals
@@ -94,3 +95,26 @@ def test_a_contest_tells_springs_that_are_there_alone(
 def test_laws_without_acceleration_are_not_asked(clean: Residuals) -> None:
     dry = _fitted(clean, EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1.0}))
     assert Encoders(clean.training).tell(clean.base, dry)
+
+
+def _line(work: Residuals) -> Dependence:
+    """What swings in the lift's force once a second, as the motion does for a while."""
+    channel = work.training.predictor.material.channels.index("lift/force")
+    none = np.zeros(0)
+    return Dependence(
+        channel, "lift/force", "time", "", 1.0, 2, 1.0, 1e-4, 0.5, 1.0, none, none, none, 1.0
+    )
+
+
+def test_a_line_that_noise_makes_of_inertia_is_told_from_one_that_is_there(
+    make_run: Make, lay_out: Callable[..., Residuals]
+) -> None:
+    """Noise makes the inertia that is fitted too small: what is left swings with the motion."""
+    noisy = _seen(make_run, lay_out, 6e-4)
+    assert Encoders(noisy.training).makes(noisy.base, _line(noisy))
+    true_crane, simulated_run = make_run
+    run = simulated_run(true_crane(), 18.0)
+    time_s, p_a = 0.002 * np.arange(len(run.q)), run.p_a.copy()
+    p_a[:, 0] += 5e3 * np.sin(2.0 * np.pi * time_s)
+    hummed = lay_out(replace(run, p_a=p_a))
+    assert not Encoders(hummed.training).makes(hummed.base, _line(hummed))
