@@ -17,6 +17,7 @@ from hydro_ident.mismatch.lacking import (
     readings_apart,
     with_more,
 )
+from hydro_ident.mismatch.loads_apart import with_loads
 from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
 from hydro_ident.mismatch.outcome import Finding
@@ -129,6 +130,7 @@ def _described(
     moving = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
     found = with_more(found, readings_apart(work.training, whole), left)
     found = with_more(found, lacking_elsewhere(here, moving, least), left)
+    found = with_loads(found, work.training, whole, work.check)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
