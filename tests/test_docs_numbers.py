@@ -33,6 +33,18 @@ def test_the_study_tables_are_the_committed_results() -> None:
     assert with_tables(text, RESULTS) == text
 
 
+def test_what_is_told_of_a_run_that_is_not_finished_is_its_result() -> None:
+    part = json.loads((RESULTS / "study_part.json").read_text(encoding="utf-8"))
+    rates, text = part["table"]["rates"], (RESULTS.parent / "study.md").read_text(encoding="utf-8")
+    told = text.partition("**A fresher run")[2].partition("\n\n")[0]
+    assert f"halted after {part['done']} of its {part['plan']['cases']} cases" in told
+    assert told.count(part["plan"]["frozen"]) == 2
+    names = ["in_set", "outside_unknown", "outside_wrong_name", "clean_with_finding"]
+    names += ["clean_with_unknown", "several_all_in_sets"]
+    numbers = [(int(a), int(b)) for a, b in re.findall(r"(\d+)\s+times of (\d+)", told)]
+    assert numbers == [(rates[name]["hits"], rates[name]["of"]) for name in names]
+
+
 @pytest.mark.parametrize(
     ("of", "made"),
     [
