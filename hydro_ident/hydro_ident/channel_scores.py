@@ -28,6 +28,7 @@ from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.scores import ChannelScore, HoldOut, Tally
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.zeros import constant_rows
 from hydro_ident.parameters import listed_value
 from hydro_model.robot import FloatArray, Robot
 
@@ -81,7 +82,8 @@ class ScoreKeeper:
     tallies, fitted : dict of str to Tally
         The former and the latter, by channel.
     late : Moments or None
-        Of the rows that took part, with columns for forces that are read late.
+        Of the rows that took part, with columns for forces that are read late and for constant
+        ones.
     """
 
     plan: ScorePlan
@@ -109,7 +111,8 @@ class ScoreKeeper:
         if rows is None:
             return
         if self.trained and not fit.rejected:
-            late = plan.split.training(late_rows(model, trace, rows, plan.filters))
+            late = late_rows(model, trace, rows, plan.filters)
+            late = plan.split.training(constant_rows(model, late))
             if self.late is None:
                 self.late = Moments.like(late, trace.recording)
             self.late.add(late)

@@ -156,6 +156,7 @@ def identify(
     estimates = within_bounds(robot, estimates)
     advance("scoring on what was held out", 2, _STAGES)
     last = scored(job, estimates)
+    estimates = replace(estimates, inertial=last.inertial)
     return _concluded(job, tested(robot, estimates, last.held_out), last, settings)
 
 

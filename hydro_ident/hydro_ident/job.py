@@ -18,13 +18,15 @@ from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_model
 from hydro_ident.estimate.late_forces import LateForce, late_forces
 from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.summed_flow import SummedComparison
+from hydro_ident.estimate.zeros import with_zeros
 from hydro_ident.estimation import Estimates, cleaned_notes
 from hydro_ident.estimator_choice import Choice
 from hydro_ident.free_run import FreeRun, free_run, no_free_run
-from hydro_ident.gathering import GatherPlan, Scored, score_source
+from hydro_ident.gathering import GatherPlan, score_source
 from hydro_ident.model_error import late_note, model_error_note
 from hydro_ident.parameters import student_95
 from hydro_ident.sources import Source, first_traces
@@ -37,6 +39,7 @@ from hydro_ident.survey import (
     still_positions,
     survey_source,
 )
+from hydro_ident.transducers import zero_pa
 from hydro_ident.workers import Workers
 from hydro_model.robot import Robot
 
@@ -203,6 +206,8 @@ class Scores:
     held_out, fitted : tuple of ChannelScore
         On rows that took no part in the fit, and on those that did.
     summed : tuple of SummedComparison
+    inertial : InertialFit or None
+        That was scored, its covariance now with the zeros of the transducers.
     late : tuple of LateForce
         Forces that look late by so much that a friction is off.
     notes : tuple of str
@@ -212,6 +217,7 @@ class Scores:
     held_out: tuple[ChannelScore, ...]
     fitted: tuple[ChannelScore, ...]
     summed: tuple[SummedComparison, ...]
+    inertial: InertialFit | None = None
     late: tuple[LateForce, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -248,13 +254,13 @@ def scored(job: Job, estimates: Estimates) -> Scores:
     held_out = channel_scores(plan, [(s.name, s.tallies) for s in others], signals)
     fitted = channel_scores(plan, [(s.name, s.fitted) for s in found], job.signals)
     summed = () if total is None else total.result()
-    return Scores(tuple(held_out), tuple(fitted), summed, _late(estimates, found), tuple(notes))
+    late = [one.late for one in found if one.late is not None]
+    fit = estimates.inertial and with_zeros(estimates.inertial, late, zero_pa(job.robot))
+    return Scores(tuple(held_out), tuple(fitted), summed, fit, _late(fit, late), tuple(notes))
 
 
-def _late(estimates: Estimates, found: Sequence[Scored]) -> tuple[LateForce, ...]:
+def _late(fit: InertialFit | None, gathered: Sequence[Moments]) -> tuple[LateForce, ...]:
     """Forces that look late, by plain least squares: outliers only make them look less so."""
-    fit = estimates.inertial
-    gathered = [one.late for one in found if one.late is not None]
     if fit is None or not gathered:
         return ()
     pairs = zip(fit.fit.dof.tolist(), fit.fit.std.tolist(), strict=True)

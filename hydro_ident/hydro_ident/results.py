@@ -123,7 +123,10 @@ def result_dict(found: Identification, origin: Provenance) -> dict[str, Any]:
         "method": {
             "force": METHODS["wls" if found.estimator is None else found.estimator.name],
             "flow": "integrated mass balance per chamber, chambers combined by information",
-            "covariance": "autoregressive noise per channel, Student's t (Satterthwaite)",
+            "covariance": (
+                "autoregressive noise per channel, Student's t (Satterthwaite);"
+                " in forces, zeros of pressure transducers too"
+            ),
             "differentiation_hz": settings.filters.differentiation_hz,
             "parallel_filter_hz": settings.filters.parallel_hz,
             "filter_order": settings.filters.order,

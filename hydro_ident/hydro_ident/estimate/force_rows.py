@@ -127,6 +127,11 @@ def force_model(
     return ForceModel(robot, base, channels, names, torque, tuple(effect_names), effect_columns)
 
 
+def pressed_joints(model: ForceModel) -> list[int]:
+    """Joints whose forces are those of chamber pressures."""
+    return [j for j, name in enumerate(model.channels) if name.endswith("/force")]
+
+
 def measured_force(model: ForceModel, trace: Trace) -> FloatArray:
     """Piston force (eq. 9) or measured torque of every joint, shape (N, n); NaN where unknown."""
     robot = model.robot

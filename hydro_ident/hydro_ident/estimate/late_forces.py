@@ -26,7 +26,7 @@ from hydro_ident.estimate.derivatives import (
     parallel_filter,
     smooth_rates,
 )
-from hydro_ident.estimate.force_rows import ForceModel, measured_force
+from hydro_ident.estimate.force_rows import ForceModel, measured_force, pressed_joints
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.moments import Moments
 from hydro_ident.estimate.regression import solve_wls
@@ -93,7 +93,7 @@ def late_forces(
     ----------
     fit : InertialFit
     gathered : sequence of Moments
-        Of `late_rows`, by recording: those that were fitted.
+        Of `late_rows`, by recording: those that were fitted. Columns behind theirs are left out.
     half_widths : sequence of float
         Of the parameters' intervals.
     """
@@ -103,7 +103,7 @@ def late_forces(
         return ()
     held = [part.index for part in fit.held]
     free = np.setdiff1d(np.arange(size), held)
-    shift = np.zeros(size + len(groups))
+    shift = np.zeros(gathered[0].width - 1)
     shift[held] = fit.fit.theta[held]
     blocks = blocks_of(gathered)
     both = np.append(free, size + np.arange(len(groups)))
@@ -131,7 +131,7 @@ def _groups(model: ForceModel) -> list[list[int]]:
 
     Drives of one machine are alike, and a time of its own would take up what a play does.
     """
-    wet = [j for j, name in enumerate(model.channels) if name.endswith("/force")]
+    wet = pressed_joints(model)
     dry = [j for j in range(len(model.channels)) if j not in wet]
     return [*([j] for j in wet), *([dry] if dry else [])]
 

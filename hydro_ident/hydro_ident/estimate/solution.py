@@ -29,6 +29,8 @@ from hydro_model.robot import FloatArray
 _PASSES, _SETTLED = 200, 1.0e-12
 #: Step of the differences by phi, as a share of the distance from the unit circle.
 _SLOPE_STEP = 0.02
+#: More degrees of freedom are as good as a deviation that is known.
+MOST_DOF = 1.0e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,4 +220,4 @@ def _degrees_of_freedom(
         uncertain += np.einsum("li,lj,ji->i", slope, precision, slope)
     size = np.sum(own, axis=0) ** 2
     share = uncertain / np.where(size > 0.0, size, 1.0)
-    return np.asarray(np.clip(2.0 / np.maximum(share, 1e-9), 1.0, 1.0e6))
+    return np.asarray(np.clip(2.0 / np.maximum(share, 1e-9), 1.0, MOST_DOF))

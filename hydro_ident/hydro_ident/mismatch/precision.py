@@ -10,14 +10,8 @@ from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.settings import PRECISION_UNCONFIRMED
 from hydro_ident.mismatch.training import Training
+from hydro_ident.transducers import ACCURACY, DRIFT
 from hydro_model.robot import FloatArray
-
-#: Slow drift of a pressure transducer as a share of its range, that of a kelvin's change: usual
-#: ones are compensated to 0.01 to 0.04 % of the range per kelvin.
-DRIFT = 2.0e-4
-#: What transducers of the usual class (0.25 % of the range at most) are off by within a recording,
-#: rms, as a share of their range: noise of a tenth of a second and longer, hysteresis, linearity.
-ACCURACY = 1.25e-3
 
 
 def measured_sizes(training: Training, model: Model) -> FloatArray:
