@@ -15,6 +15,7 @@ import numpy as np
 
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.transducers import ZERO, zero_pa
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.effects.valve_effects import KNEE
 from hydro_model.robot import Robot
@@ -23,15 +24,16 @@ from hydro_model.robot import Robot
 _STEP = 2.0**-11
 #: What rounded edges, and flow that is laminar where a valve hardly opens, take of its signal.
 _EDGE = 1.0e-3
+_BENT, _BIAS, _VOLUME = "valve_gain_nonlinearity", "pressure_sensor_bias", "dead_volume"
 #: Largest sizes that are within what sensors, drawings, seals and converters are good for: the
 #: accuracy of a good transducer and of setting a joint's zero, a fitting's oil, what rounding and
 #: cutting off of a valve's signal leave. A balance tells the gains of a cylinder's two transducers
-#: by their difference: two of 0.1 % each are up to 0.2 % apart.
+#: by their difference: two of 0.1 % each are up to 0.2 % apart. Zeros are shares of the range.
 _TOLERATED: Mapping[str, tuple[str | tuple[str, ...], float]] = {
     "pressure_sensor_gain": ("error", 2.0e-3),
-    "pressure_sensor_bias": ("bias", 5.0e3),
+    _BIAS: ("bias", ZERO),
     "encoder_offset": ("offset", 5.0e-4),
-    "dead_volume": ("volume", 1.0e-5),
+    _VOLUME: ("volume", 1.0e-5),
     "valve_null_bias": ("bias", 0.5 * _STEP),
     "valve_hysteresis": ("half_width", 0.5 * _STEP),
     "valve_deadband": ("width", _EDGE),
@@ -46,14 +48,14 @@ _OF_ALL = frozenset(
         "presliding_friction", "stribeck_friction", "asymmetric_friction",
     }
 )  # fmt: skip
-#: Of what a small machine has they are smaller shares: of its cylinder's oil, of its supply.
-_SHARES = {"dead_volume": 0.03, "pressure_sensor_bias": 5.0e-4}
+#: What a small machine has is less: this share of its cylinder's oil, and of its supply, which a
+#: range that no file states may be far beyond.
+_OIL_SHARE, _SUPPLY_SHARE = 0.03, 5.0e-4
 #: Dry friction of so small a share of what the cylinder can push, at this velocity, is any seal's.
 _FRICTION = frozenset(
     {"coulomb_friction", "presliding_friction", "stribeck_friction", "asymmetric_friction"}
 )
 _FRICTION_SHARE, _FRICTION_M_S = 2.0e-4, 0.05
-_BENT, _ZERO = "valve_gain_nonlinearity", "pressure_sensor_bias"
 #: Share of a channel's standard deviation below which what has no name is no unknown either: a
 #: good transducer's linearity.
 UNKNOWN_SHARE = 1.0e-3
@@ -77,8 +79,7 @@ def is_minor(
     """
     name = term.effect.name
     if name in _TOLERATED:
-        begin, most = _TOLERATED[name]
-        most = min(most, _SHARES.get(name, np.inf) * _whole(robot, term))
+        begin, most = _TOLERATED[name][0], _most(robot, term)
         own = f"{term.target}.{name}."
         sizes = [(n, abs(v)) for n, v in _values(term) if n.startswith(begin)]
         doubts = [min(_SURE * deviations.get(own + n, 0.0), _DOUBT * v) for n, v in sizes]
@@ -89,8 +90,8 @@ def is_minor(
         return 0.0 < abs(values["progression"]) * values[KNEE.name] < _EDGE
     if name == "constant_force_offset" and term.cylinder is not None:
         # What a transducer's zero that is tolerated makes of the force.
-        zero = min(_TOLERATED[_ZERO][1], _SHARES[_ZERO] * _whole(robot, term))
-        return bool(abs(term.parameters[0]) < zero * robot.cylinders[term.cylinder].area_a_m2)
+        push = _most_zero_pa(robot) * robot.cylinders[term.cylinder].area_a_m2
+        return bool(abs(term.parameters[0]) < push)
     if name in _FRICTION and term.cylinder is not None:
         push = robot.cylinders[term.cylinder].area_a_m2 * robot.supply_pressure_pa
         values = dict(_values(term))
@@ -99,12 +100,21 @@ def is_minor(
     return False
 
 
-def _whole(robot: Robot, term: ActiveEffect) -> float:
-    """What a tolerance is a share of: the oil in the cylinder; the supply's pressure."""
-    if term.effect.name == "dead_volume" and term.cylinder is not None:
+def _most(robot: Robot, term: ActiveEffect) -> float:
+    """The size of an effect that is tolerated on this machine."""
+    name = term.effect.name
+    if name == _BIAS:
+        return _most_zero_pa(robot)
+    most = _TOLERATED[name][1]
+    if name == _VOLUME and term.cylinder is not None:
         cylinder = robot.cylinders[term.cylinder]
-        return cylinder.area_a_m2 * cylinder.stroke_m
-    return robot.supply_pressure_pa or np.inf
+        most = min(most, _OIL_SHARE * cylinder.area_a_m2 * cylinder.stroke_m)
+    return most
+
+
+def _most_zero_pa(robot: Robot) -> float:
+    """Error of a transducer's zero that is tolerated; intervals of `identify` hold as much."""
+    return min(zero_pa(robot), _SUPPLY_SHARE * (robot.supply_pressure_pa or np.inf))
 
 
 def parted(

@@ -92,6 +92,21 @@ def test_small_machines_are_held_to_less(robot: Robot) -> None:
         assert is_minor(small, _term(small, name, target, tiny))
 
 
+def test_zeros_of_transducers_are_minor_by_their_range(robot: Robot) -> None:
+    """Ones of 400 bar are 8 kPa off as ones of 100 bar are 2 kPa off."""
+
+    def ranged(range_pa: float) -> Robot:
+        return replace(robot, sensors=replace(robot.sensors, pressure_range_pa=range_pa))
+
+    wide, narrow = ranged(4e7), ranged(1e7)
+    for bias, expected in ((8e3, (True, False)), (2e3, (True, True)), (1.2e4, (False, False))):
+        one = {"bias": -bias}
+        force = {"force": bias * AREA_M2}
+        for own, small in zip((wide, narrow), expected, strict=True):
+            assert is_minor(own, _term(own, "pressure_sensor_bias", f"{LIFT}/a", one)) is small
+            assert is_minor(own, _term(own, "constant_force_offset", LIFT, force)) is small
+
+
 def test_a_size_has_to_be_surely_beyond_the_tolerance(robot: Robot) -> None:
     """Two deviations beyond it, which are no more than a third of the size."""
     term = _term(robot, "dead_volume", LIFT, {"volume_a": 1.2e-5, "volume_b": 8e-6})
@@ -181,7 +196,8 @@ def test_the_page_says_these_sizes() -> None:
     assert edges == [null, minor._EDGE, minor._EDGE]
     for told in (
         f"gains of transducers below {1e2 * gain:g} %",
-        f"{1e-3 * bias:g} kPa",
+        f"biases below {1e2 * bias:g} % of the transducers' range",
+        f"{1e2 * minor._SUPPLY_SHARE:g} % of the supply",
         f"{1e3 * offset:g} mrad",
         f"{1e6 * volume:g} ml",
         f"12-bit converter ({1e2 * null:.2g} % of the signal), overlaps, underlaps",
