@@ -212,7 +212,7 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     """A finding: its names, the law in the model, its numbers and what held-out rows say."""
     from hydro_ident.everyday_units import bracketed, told
     from hydro_ident.mismatch.diagnosis_file import finding_dict
-    from hydro_ident.report.found_words import law_in_model
+    from hydro_ident.report.found_words import corners, law_in_model
 
     data = finding_dict(found, one)
     pairs = zip(data["names"], data["probability"], strict=True)
@@ -225,6 +225,12 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
         more = bracketed((p["value"],), p["unit"])
         vague = ": no larger than its error" if (p["std"] or 0.0) > abs(p["value"]) else ""
         lines.append(f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}{more}{vague}")
+    for p in corners(data):
+        std = "" if p["std"] is None else f" +- {p['std']:.3g}"
+        lines.append(
+            f"    {p['name']} = {p['value']:.5g}{std} {p['unit']}: damped beyond 1, it lags as its"
+            " slower pole does, and that is what the data tell"
+        )
     before, after = data["heldout_rmse_before"], data["heldout_rmse_after"]
     units = {channel.name: channel.unit for channel in found.channels}
     if before is None:

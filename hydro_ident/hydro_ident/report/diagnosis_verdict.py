@@ -19,7 +19,7 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
-from hydro_ident.report.found_words import law_in_model, not_shown
+from hydro_ident.report.found_words import corners, law_in_model, not_shown
 from hydro_ident.report.page import Verdict, also, number, percent
 from hydro_ident.report.unnamed_words import in_words
 from hydro_ident.report.verdict_words import (
@@ -138,8 +138,11 @@ def _size(data: dict[str, Any]) -> str:
     """The first number of a law, which says how much of it there is."""
     if not data["parameters"]:
         return ""
-    first = data["parameters"][0]
-    what, value = plain(first["name"].split(".")[-1]), number(first["value"], 3)
+    # Of a lag that is damped beyond 1 it is where its slower pole is.
+    slow = corners(data)
+    first = (slow or data["parameters"])[0]
+    what = "corner" if slow else plain(first["name"].split(".")[-1])
+    value = number(first["value"], 3)
     if first["unit"] in ("", "1"):
         return f" ({what} {value})"
     beside = also((first["value"],), first["unit"])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.unknown import NotTestable
@@ -24,6 +27,40 @@ def law_in_model(data: Mapping[str, Any]) -> str:
     """
     modelled = str(data["modelled_as"])
     return "" if modelled == data["names"][0] else modelled
+
+
+def corners(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What recordings tell of a lag that is damped beyond 1: where its slower pole is.
+
+    To first order that is frequency / (2 damping). Its quicker pole hardly shows, so that
+    frequency and damping may be vague, both, where this is well known.
+
+    Parameters
+    ----------
+    data : mapping
+        The finding as the result file has it.
+
+    Returns
+    -------
+    list of dict
+        As the finding's parameters; empty where nothing lags so.
+    """
+    found, known = [], {p["name"]: p for p in data["parameters"]}
+    for name, frequency in known.items():
+        effect, _, own = name.rpartition(".")
+        damping = known.get(f"{effect}.damping")
+        if own != "frequency" or damping is None or not damping["value"] > 1.0:
+            continue
+        value = frequency["value"] / (2.0 * damping["value"])
+        slopes = {name: value / frequency["value"], damping["name"]: -value / damping["value"]}
+        slope = np.array([slopes.get(n, 0.0) for n in data["covariance"]["names"]])
+        std = None
+        if slope.any():
+            variance = slope @ np.array(data["covariance"]["values"]) @ slope
+            std = math.sqrt(max(float(variance), 0.0))
+        text = f"{name} / (2 damping)"
+        found.append({"name": text, "value": value, "std": std, "unit": frequency["unit"]})
+    return found
 
 
 def not_shown(found: Diagnosis) -> list[NotTestable]:

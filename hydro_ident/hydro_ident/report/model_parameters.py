@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from hydro_ident.mismatch.diagnosis_file import finding_dict
 from hydro_ident.mismatch.outcome import Diagnosis, Finding
 from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
-from hydro_ident.report.found_words import law_in_model
+from hydro_ident.report.found_words import corners, law_in_model
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
@@ -25,7 +26,8 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
     data = finding_dict(found, one)
     joint = owner.get(data["target"].split("/")[0], "")
     rows = []
-    for p in data["parameters"]:
+    slow = corners(data)
+    for p in [*data["parameters"], *slow]:
         std = p["std"]
         interval = None
         if std is not None:
@@ -37,7 +39,13 @@ def finding_rows(found: Diagnosis, one: Finding, owner: Mapping[str, str]) -> li
         below += "" if std is not None else "; not fitted: at the value it was weighed with"
         name = plain(p["name"])
         row = ParameterRow(name, p["value"], interval, p["unit"], None, below, std is None, joint)
-        rows.append(beside_bound(row, f"{data['target']}.{p['name']}", used=used))
+        if p in slow:
+            row = replace(
+                row, below=f"{row.below}; damped beyond 1: where its slower pole is, about"
+            )
+        else:
+            row = beside_bound(row, f"{data['target']}.{p['name']}", used=used)
+        rows.append(row)
     return rows
 
 
