@@ -24,6 +24,7 @@ from hydro_ident.mismatch.notes import (
     data_notes,
     instant_notes,
     left_notes,
+    listed_notes,
     search_notes,
     silent_notes,
     unverified_notes,
@@ -152,6 +153,7 @@ def _diagnosed(
     notes += minor_notes(work.robot, minor, whole.deviations)
     notes += [refined.note] if refined is not None else []
     notes += small
+    notes += listed_notes(work.robot, whole)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     ratios = apart(work, whole, channels)
     told = {name for f in (*findings, *minor) for name in f.channels}

@@ -16,8 +16,9 @@ from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FEW_MOTIONS
-from hydro_model.effects.catalogue import end_s, start_s
+from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import Robot
 
 _FEW = (
     "motions of the joints in all: {}. What is held out is of the same ones, so that findings are"
@@ -33,6 +34,9 @@ _UNPAIRED = (
 _MUCH = 3.0
 #: The same of the error with which rows to verify on are predicted, over that of a fit to them.
 _APART = 2.0
+#: A number of a listed effect is told to be another one than the file's beyond so many deviations,
+#: and beyond this share of the larger of the two.
+_ELSEWHERE, _ELSEWHERE_SHARE = 5.0, 1.0 / 3.0
 
 
 def data_notes(work: Residuals) -> list[str]:
@@ -193,6 +197,48 @@ def instant_notes(work: Residuals, whole: Fitted) -> list[str]:
         for here, other in zip(whole.model.terms, there.terms, strict=True)
         if here.effect.edges and not np.array_equal(here.parameters, other.parameters)
     ]
+
+
+def listed_notes(robot: Robot, whole: Fitted) -> list[str]:
+    """Effects of the robot file with numbers that came out far from the file's.
+
+    They are fitted along with the base, and no finding however far they move.
+
+    Parameters
+    ----------
+    robot : Robot
+        As given.
+    whole : Fitted
+        The final model.
+    """
+    notes, now = [], {(t.effect.name, t.target): t for t in whole.model.terms}
+    for listed in resolve(robot):
+        fitted = now.get((listed.effect.name, listed.target))
+        far = [] if fitted is None else _elsewhere(listed, fitted, whole.deviations)
+        if far:
+            notes.append(
+                f"{listed.effect.name} of {listed.target} is in the robot file with other numbers"
+                f" than these recordings give: {'; '.join(far)}"
+            )
+    return notes
+
+
+def _elsewhere(
+    listed: ActiveEffect, fitted: ActiveEffect, deviations: Mapping[str, float]
+) -> list[str]:
+    """Numbers of an effect that are far from those listed, both in words."""
+    own, found = f"{listed.target}.{listed.effect.name}.", []
+    names = [spec.name for spec in listed.effect.parameters]
+    rows = zip(names, listed.parameters, fitted.parameters, listed.units, strict=True)
+    for name, old, new, unit in rows:
+        # When it comes and goes is each recording's own.
+        if name in listed.effect.edges or not (std := deviations.get(own + name, 0.0)) > 0.0:
+            continue
+        least = max(_ELSEWHERE * std, _ELSEWHERE_SHARE * max(abs(old), abs(new)))
+        if abs(new - old) > least:
+            unit = "" if unit == "1" else f" {unit}"
+            found.append(f"{name} {new:.4g} +- {std:.2g}{unit}, listed {old:.4g}{unit}")
+    return found
 
 
 def _when(one: ActiveEffect) -> str:

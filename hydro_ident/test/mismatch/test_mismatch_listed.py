@@ -1,0 +1,61 @@
+"""Effects of the robot file whose numbers come out far from the file's: both are told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from hydro_ident.mismatch.notes import listed_notes
+from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.sources import sources_of
+from hydro_ident.survey import survey_source
+from hydro_model.robot import EffectSpec
+from hydro_model.robot_files import load_robot
+
+LIFT = "lift_cylinder"
+
+
+def _rubbing(force: float, target: str = LIFT) -> EffectSpec:
+    return EffectSpec("coulomb_friction", target, {"force": force, "velocity_scale": 0.005})
+
+
+@pytest.fixture(scope="module")
+def fitted(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Callable[..., Residuals]:
+    """Refitted base and listed effects, of a crane whose lift rubs with 2500 N."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(replace(true_crane(), effects=(_rubbing(2500.0),)), 20.0)
+
+    def under(*listed: EffectSpec) -> Residuals:
+        robot = replace(load_robot("xs031"), effects=listed)
+        sources = sources_of([run.recording()])
+        surveys = [survey_source(source, robot) for source in sources]
+        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+        assert work is not None
+        return work
+
+    return under
+
+
+def test_numbers_far_from_the_files_are_told_with_the_files(
+    fitted: Callable[..., Residuals],
+) -> None:
+    work = fitted(_rubbing(900.0))
+    (note,) = listed_notes(work.robot, work.base)
+    assert note.startswith(f"coulomb_friction of {LIFT} is in the robot file with other numbers")
+    assert note.endswith(" N, listed 900 N")
+    force, std = (float(v) for v in note.split("force ")[1].split(" N")[0].split(" +- "))
+    assert force == pytest.approx(2500.0, rel=0.05)
+    assert 0.0 < std < 0.1 * force
+
+
+def test_numbers_that_agree_are_not(fitted: Callable[..., Residuals]) -> None:
+    """A robot's list says them of all cylinders: of the one that has no friction it is told."""
+    work = fitted(_rubbing(2300.0))
+    assert listed_notes(work.robot, work.base) == []
+    whole = fitted(_rubbing(2300.0, "xs031"))
+    (note,) = listed_notes(whole.robot, whole.base)
+    assert note.startswith("coulomb_friction of tilt_cylinder is in the robot file")
