@@ -93,6 +93,8 @@ class Inspection:
         Warnings and errors that nodes gave, each once; not that they waited at start and end.
     metadata : dict
         The project's own; long texts by their size.
+    robot_file : str or None
+        In which the robot was found that the bag names, where it is none that is shipped.
     """
 
     bag: str
@@ -114,6 +116,7 @@ class Inspection:
     findings: list[Finding]
     diagnostics: list[str]
     metadata: dict[str, str]
+    robot_file: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

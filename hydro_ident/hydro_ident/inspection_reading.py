@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from hydro_ident.bag.aligned import (
@@ -30,6 +31,7 @@ from hydro_ident.inspection_passes import FirstPass, SecondPass
 from hydro_ident.named_robot import named_robot
 from hydro_ident.signal_look import SignalLook
 from hydro_model.robot import Robot
+from hydro_model.robot_files import shipped_robots
 
 RobotOf = Callable[[Mapping[str, str]], Robot | None]
 
@@ -39,6 +41,7 @@ def inspect_bag(
     robot: Robot | None = None,
     *,
     strict: bool = False,
+    folders: Sequence[Path] = (),
     rows: int = ROWS,
     late_s: float = LATE_S,
 ) -> Inspection:
@@ -49,10 +52,11 @@ def inspect_bag(
     path : str or Path
         rosbag2 directory or MCAP file.
     robot : Robot, optional
-        To read it for; by default the shipped one that it names. Without one, only what needs no
-        robot.
+        To read it for; by default the one that it names. Without one, only what needs no robot.
     strict : bool
         A bag that is not this robot's is an error, not a line under `damage`.
+    folders : sequence of Path
+        Where a file of a robot may be that the bag names and that is not shipped.
     rows, late_s
         As of `hydro_ident.bag.stretches.Passage`.
 
@@ -65,13 +69,17 @@ def inspect_bag(
     BagError
         As `read_bag`; where `strict`.
     """
-    robot_of: RobotOf = named_robot if robot is None else (lambda _: robot)
+    robot_of: RobotOf = (lambda _: robot) if robot else partial(named_robot, folders=folders)
     reading = _Reading(Path(path), robot_of, strict, rows, late_s)
     try:
-        return reading.inspection(None)
+        found = reading.inspection(None)
     except UndecidedError:
         # Of the whole every interval is kept apart.
-        return reading.inspection(Known(whole=True))
+        found = reading.inspection(Known(whole=True))
+    if found.robot is None or robot is not None or found.robot in shipped_robots():
+        return found
+    by_name = robot_of(found.metadata)
+    return found if by_name is None else replace(found, robot_file=str(by_name.source))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,6 +24,7 @@ from hydro_ident.health import find_irregularities
 from hydro_ident.inspection_reading import inspect_bag
 from hydro_ident.named_robot import named_robot
 from hydro_model import terminal
+from hydro_model.robot_files import shipped_robots
 from hydro_msgs_docs.cdr import JOINT_STATE
 
 N = 1500
@@ -226,6 +228,34 @@ def test_without_a_robot_the_topics_are_still_told(write_bag, run_columns, capsy
     assert "/chamber_pressures" in out
     assert "joints, pressures and valves were not looked at" in out
     assert "nothing irregular" not in out
+
+
+def test_a_robot_by_the_bags_name_is_looked_for_where_its_user_works(
+    tmp_path, write_bag, run_columns, capsys, monkeypatch
+) -> None:
+    """Of files that whoever asks has there the bag chooses one; a path in it opens none."""
+    shipped = shipped_robots()["xs031"]
+    text = shipped.read_text().replace("robot: xs031", "robot: loader")
+    bag, here = write_bag(run_columns(N), metadata={"robot": "loader"}), tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert main([str(bag)]) == 0
+    out = capsys.readouterr().out
+    assert "no robot: the bag names 'loader', of which no one file is here; give --robot" in out
+    assert "not looked at" in out.partition("health\n")[2].splitlines()[0]
+    shutil.copy(shipped.with_name("xs031.urdf"), here)
+    (here / "ours.hydraulics.yaml").write_text(text)
+    (here / "other.hydraulics.yaml").write_text(text.replace("loader", "crane"))
+    assert main([str(bag)]) == 0
+    out = capsys.readouterr().out
+    assert f"robot loader: {N} cycles" in out
+    assert f"robot by the name in the bag: {here / 'ours.hydraulics.yaml'}" in out
+    # Two of that name: the one that is called so.
+    (here / "older.hydraulics.yaml").write_text(text)
+    assert inspect_bag(bag, folders=[here]).robot is None
+    (here / "loader.hydraulics.yaml").write_text(text)
+    assert inspect_bag(bag, folders=[here]).robot_file == str(here / "loader.hydraulics.yaml")
+    assert named_robot({"robot": str(here / "ours")}, [here]) is None
 
 
 def test_a_missing_bag_names_those_beside_it(tmp_path, write_bag, run_columns, capsys) -> None:

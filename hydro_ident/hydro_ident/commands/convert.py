@@ -23,6 +23,9 @@ where the time is. Every sample of the log becomes one cycle of the bag: nothing
 Exit 0 done; 2 bad usage or unreadable input, nothing written.
 """
 
+#: Signals that the mapping does not name, as far as they are listed for a person.
+_MOST_UNUSED = 12
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
@@ -121,10 +124,13 @@ def summary_text(done: Conversion) -> str:
         f"written: {done.path}, {done.cycles} cycles at {done.rate_hz:.6g} Hz (intervals"
         f" {done.shortest_s * 1e3:.6g} to {done.longest_s * 1e3:.6g} ms)"
     ]
-    lines += [f"  {topic}: {count} messages" for topic, count in done.counts.items()]
+    # What was done to times and values is to be read; signals of the log may be many hundreds.
     lines += [f"  {remark}" for remark in done.remarks]
+    lines += [f"  {topic}: {count} messages" for topic, count in done.counts.items()]
     if done.unused:
-        lines.append(f"  not in the mapping: {', '.join(done.unused)}")
+        more = len(done.unused) - _MOST_UNUSED
+        rest = f" and {more} more (all with --json)" if more > 0 else ""
+        lines.append(f"  not in the mapping: {', '.join(done.unused[:_MOST_UNUSED])}{rest}")
     return "\n".join(lines)
 
 

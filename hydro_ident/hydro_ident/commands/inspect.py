@@ -26,7 +26,11 @@ def _parser() -> argparse.ArgumentParser:
         prog="inspect", description="Say what is in a bag: rates, gaps, ranges, health."
     )
     parser.add_argument("bag", type=Path, metavar="BAG", help="rosbag2 directory or .mcap file")
-    parser.add_argument("--robot", help="robot file or shipped robot (default: the bag's own)")
+    parser.add_argument(
+        "--robot",
+        help="robot file or shipped robot (default: the one that the bag names, if it is shipped"
+        " or in a *.hydraulics.yaml here or beside the bag)",
+    )
     add_json(parser)
     return parser
 
@@ -39,7 +43,9 @@ def _run(arguments: Sequence[str]) -> int:
     # Before the bag, which may take long.
     robot = None if options.robot is None else load_robot(options.robot)
     with progress_bar():
-        inspection = inspect_bag(options.bag, robot, strict=robot is not None)
+        # Where who gives no file may have one.
+        folders = list(dict.fromkeys(p.resolve() for p in (Path(), options.bag.absolute().parent)))
+        inspection = inspect_bag(options.bag, robot, strict=robot is not None, folders=folders)
         advance("looking at signals", 1, 1)
     report(options.json, inspection.as_dict(), text_of(inspection))
     return 0
@@ -67,7 +73,11 @@ def _verdict(i: Inspection) -> list[str]:
     if i.damage:
         said = coloured("damaged", "red") + ": what can be read is used"
     elif i.robot is None:
-        said = coloured("no robot", "yellow") + ": the bag names no known one; give --robot"
+        named = printable(i.metadata.get("robot", ""))
+        what = (
+            f"the bag names '{named}', of which no one file is here" if named else "none is named"
+        )
+        said = coloured("no robot", "yellow") + f": {what}; give --robot"
     elif not i.channels:
         said = coloured("nothing to identify", "red") + ": no channel is complete"
     elif i.findings or i.losses or i.diagnostics:
@@ -90,13 +100,18 @@ def _head(i: Inspection) -> list[str]:
         f"  {i.duration_s:.3f} s, {i.messages} messages, {i.size_bytes / 1e6:.1f} MB"
         f" in {i.files} file{plural} ({packing}; {sums})"
     )
+    if i.robot_file is not None:
+        file = printable(i.robot_file)
+        lines.append(f"  robot by the name in the bag: {file} (--robot takes another)")
     note = i.metadata.get("note", "")
     return lines + ([f"  note: {printable(note)}"] if note else [])
 
 
 def _troubles(i: Inspection) -> list[str]:
-    lines = [f"  {coloured('DAMAGE', 'red')}  {printable(text)}" for text in i.damage]
-    check = coloured("CHECK", "yellow")
+    check, lines = coloured("CHECK", "yellow"), list[str]()
+    if i.robot is None:
+        lines.append(f"  {check}   joints, pressures and valves were not looked at: give --robot")
+    lines += [f"  {coloured('DAMAGE', 'red')}  {printable(text)}" for text in i.damage]
     lines += [
         f"  {check}   {printable(f'{finding.signal}: {finding.text}')}" for finding in i.findings
     ]
@@ -105,8 +120,6 @@ def _troubles(i: Inspection) -> list[str]:
         f"  {coloured('LOST', 'yellow')}    {printable(said)}"
         for said in (f"{loss['channel']}: {loss['reason']}" for loss in i.losses)
     ]
-    if i.robot is None:
-        lines.append(f"  {check}   joints, pressures and valves were not looked at: give --robot")
     return ["", "health", *(lines or ["  nothing irregular"])]
 
 
