@@ -30,7 +30,7 @@ def notice(module: str, folder: str) -> str:
         kept = "; for this run alone: no cache folder can be written to (XDG_CACHE_HOME names one)"
     return (
         f"hydro_model: compiling kernels of {module} and what else no earlier run of these"
-        f" sources has needed (seconds to half a minute){kept}"
+        f" sources has needed (seconds to two minutes){kept}"
     )
 
 
