@@ -46,6 +46,8 @@ class Answer:
     rejected, taken : tuple of Finding
         Not confirmed by held-out rows; taken back for what is left in their channels.
     unknown : tuple of Unexplained
+    left : tuple of Dependence
+        Of what the final model leaves, strongest first.
     """
 
     work: Residuals
@@ -55,6 +57,7 @@ class Answer:
     rejected: tuple[Finding, ...]
     taken: tuple[Finding, ...]
     unknown: tuple[Unexplained, ...]
+    left: tuple[Dependence, ...]
 
     @property
     def names(self) -> set[tuple[str, int | None]]:
@@ -78,12 +81,12 @@ def answered(work: Residuals, base: Fitted) -> Answer:
     """
     answer = _answered(work, base, 3)
     odd = None if answer.unknown else odd_valve(work.training, answer.whole)
-    if odd is None:
-        return answer
-    held = held_to_others(work, answer.whole, odd)
-    again = _answered(held, base_to_search(held), 3)
-    kept = answer.names <= again.names and not again.unknown
-    return again if kept and explains(again.names, odd) else answer
+    if odd is not None:
+        held = held_to_others(work, answer.whole, odd)
+        again = _answered(held, base_to_search(held), 3)
+        kept = answer.names <= again.names and not again.unknown
+        answer = again if kept and explains(again.names, odd) else answer
+    return replace(answer, unknown=_completed(answer))
 
 
 def base_to_search(work: Residuals) -> Fitted:
@@ -103,7 +106,8 @@ def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
     whole, findings, taken, left = withdrawn(work, whole, findings)
     advance("describing what has no name", stage + 2, STAGES)
     unknown = _described(work, whole, left, findings, rejected)
-    return Answer(work, search, whole, tuple(findings), tuple(rejected), tuple(taken), unknown)
+    found = tuple(findings), tuple(rejected), tuple(taken)
+    return Answer(work, search, whole, *found, unknown, tuple(left))
 
 
 def _described(
@@ -127,11 +131,21 @@ def _described(
     }
     wavers = wavering(work.training, whole, confirmer)
     found = unexplained(work.training, whole, left, confirmer.holds, far, going, wavers)
-    moving = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
-    found = with_more(found, readings_apart(work.training, whole), left)
-    found = with_more(found, lacking_elsewhere(here, moving, least), left)
-    found = with_loads(found, work.training, whole, work.check)
     return tuple(
         replace(one, form=form_of(work.training, whole, confirmer, one.dependence))
         for one in found
     )
+
+
+def _completed(answer: Answer) -> tuple[Unexplained, ...]:
+    """What has no name, with channels that other recordings contradict and readings apart."""
+    work, whole, left = answer.work, answer.whole, answer.left
+    material = work.training.predictor.material
+    least = {name: accuracy_of(material, k) for k, name in enumerate(material.channels)}
+    there = replace(work.check, mask=work.check.rows_in_motion)
+    here, moving = (channels_of(work, whole, c) for c in (rows_of_training(work), there))
+    floors = work.noise_floors(work.check_traces)
+    contradicted = lacking_elsewhere(here, moving, least, floors)
+    found = with_more(answer.unknown, contradicted, left, confirmed=True)
+    found = with_loads(found, work.training, whole, work.check)
+    return with_more(found, readings_apart(work.training, whole), left)

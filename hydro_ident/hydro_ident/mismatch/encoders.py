@@ -81,10 +81,8 @@ class Encoders:
             added = twin.residual(model) - left, twin.contribution(model, one.term) - column
             both = bench.beyond(np.stack(added, axis=1)[mask])
             by_noise += float(both[:, 0] @ both[:, 1])
-            added_squares += float(np.sum(both[forced, 0] ** 2))
-        # What the law leaves holds the noise, too: there is no more of it than that.
-        least = _TWINS * float(np.sum(one.fitted.left[forced] ** 2))
-        by_noise *= min(1.0, least / max(added_squares, 1e-300)) / _TWINS
+            added_squares += float(np.sum(both[forced, 0] ** 2)) / _TWINS
+        by_noise *= _there(one.fitted.left[forced], added_squares) / _TWINS
         return by_noise / found if found > 0.0 else 1.0
 
     def makes(self, whole: Fitted, one: Dependence) -> bool:
@@ -116,9 +114,15 @@ class Encoders:
 
         # Lines are found in rows that are not whitened.
         noise = independent_noise(self.training, whole)
-        there = sizes(fitted(self.training, whole.model, noise))
-        twins = [replace(self.training, predictor=twin) for twin in self._twins]
-        more = sum(sizes(fitted(t, whole.model, noise)) - there for t in twins) / _TWINS
+        plain = fitted(self.training, whole.model, noise)
+        there, forced = sizes(plain), self._forced(plain.bench.channel)
+        more, squares = np.zeros(there.size), 0.0
+        for twin in self._twins:
+            again = fitted(replace(self.training, predictor=twin), whole.model, noise)
+            more += (sizes(again) - there) / _TWINS
+            added = (again.residual - plain.residual)[self.training.mask, None]
+            squares += float(np.sum(plain.bench.beyond(added)[forced] ** 2)) / _TWINS
+        more *= _there(plain.bench.residual[forced], squares)
         share = float(there @ more) / max(float(there @ there), 1e-300)
         return share >= _SHARE_OF_LINE
 
@@ -142,6 +146,11 @@ class Encoders:
             )
             result.append(Predictor(replace(material, stretches=noisy)))
         return result
+
+
+def _there(left: FloatArray, added_squares: float) -> float:
+    """Share of added noise that may be there: what is left (M,) holds it, and is no less."""
+    return min(1.0, float(left @ left) / max(added_squares, 1e-300))
 
 
 def _with_noise(stretch: Stretch, noise: FloatArray, filters: FilterSettings) -> Stretch:

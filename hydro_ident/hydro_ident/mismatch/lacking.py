@@ -13,6 +13,9 @@ from hydro_ident.mismatch.skew import TORQUES, is_unnamed
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.unknown import Unexplained
 
+#: A channel is contradicted where so many times as much is left as where it was fitted.
+_MORE = 3.0
+
 
 def lacking(
     here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
@@ -52,14 +55,17 @@ def distance(one: ChannelResult, least: float) -> float:
     return times if far or gross else 0.0
 
 
-def _is_far(one: ChannelResult) -> bool:
+def _is_far(one: ChannelResult, floor: float | None = None) -> bool:
     """Whether far more is left than noise leaves, and not little beside what is measured."""
-    left = rms(one.measured - one.after)
-    return left > FAR * one.noise_floor > 0.0 and left >= FAR_SHARE * rms(one.measured)
+    left, floor = rms(one.measured - one.after), one.noise_floor if floor is None else floor
+    return left > FAR * floor > 0.0 and left >= FAR_SHARE * rms(one.measured)
 
 
 def lacking_elsewhere(
-    here: Sequence[ChannelResult], there: Sequence[ChannelResult], least: Mapping[str, float]
+    here: Sequence[ChannelResult],
+    there: Sequence[ChannelResult],
+    least: Mapping[str, float],
+    floors: Mapping[str, float],
 ) -> dict[str, str]:
     """Channels that lack something far beyond noise on rows to verify on alone, in words.
 
@@ -68,21 +74,32 @@ def lacking_elsewhere(
 
     Parameters
     ----------
-    here, there, least
-        As `lacking`; rows to verify on are those in motion.
+    here, there : sequence of ChannelResult
+        On rows that were fitted, and on those to verify on; in motion.
+    least : mapping of str to float
+        What their sensors may make of them.
+    floors : mapping of str to float
+        What the noise of the sensors leaves where it is verified.
     """
-    known = {c.name for c in here if distance(c, least[c.name]) > 0.0}
-    far = [c for c in there if c.name in least and _is_far(c) and c.name not in known]
-    return {
-        c.name: (
-            f"what is left in {c.name} is {rms(c.measured - c.after) / c.noise_floor:.2g} times"
-            " what the sensors' noise leaves where it is verified, and nothing like it where it"
-            " was fitted: the machine was another then (another load), or its motion there shows"
-            " what is missing; diagnose the other way round, or with more of such motion to fit"
+    fitted = {c.name: rms(c.measured - c.after) for c in here}
+    result = {}
+    for one in there:
+        left, floor = (
+            rms(one.measured - one.after),
+            max(one.noise_floor, floors.get(one.name, 0.0)),
         )
-        for c in far
-        if rms(c.measured - c.after) > least[c.name]
-    }
+        known = one.name in fitted and one.name in least
+        if not known or left <= max(least[one.name], _MORE * fitted[one.name]):
+            continue
+        if _is_far(one, floor):
+            result[one.name] = (
+                f"what is left in {one.name} is {left / floor:.2g} times what the sensors' noise"
+                f" leaves where it is verified, {left / max(fitted[one.name], 1e-300):.2g} times"
+                " what is left where it was fitted: the machine was another then (another load),"
+                " or its motion there shows what is missing; diagnose the other way round, or"
+                " with more of such motion to fit"
+            )
+    return result
 
 
 def readings_apart(training: Training, whole: Fitted) -> dict[str, str]:
@@ -102,17 +119,18 @@ def readings_apart(training: Training, whole: Fitted) -> dict[str, str]:
     if not skews_s:
         return {}
     columns, result = predictor.skew_columns, dict[str, str]()
-    held = {r: skews_s[r] for r, at in columns.items() if predictor.names[at] in whole.held}
-    forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
-    for reading, skew_s in held.items():
-        if not is_unnamed(reading, skew_s):
+    for reading in (r for r, at in columns.items() if predictor.names[at] in whole.held):
+        # Late positions make both chambers early: of one alone it is something else.
+        both = [skews_s[r] for r in (reading, reading ^ 1) if r in columns and reading != TORQUES]
+        if not is_unnamed(reading, skews_s[reading]) or any(s >= 0.0 for s in both):
             continue
-        cylinder = None if reading == TORQUES else robot.cylinders[reading // 2]
-        for k in forces:
-            own = cylinder is None or material.joint_of(k) == robot.joint_index(cylinder.joint)
-            if own and material.channels[k] not in result:
-                what = "torques" if cylinder is None else f"pressures of {cylinder.name}"
-                result[material.channels[k]] = _apart_text(what, material.channels[k], skew_s)
+        joints, what = predictor.torque_joints, "torques"
+        if reading != TORQUES:
+            cylinder = robot.cylinders[reading // 2]
+            joints, what = [robot.joint_index(cylinder.joint)], f"pressures of {cylinder.name}"
+        for k, name in enumerate(material.channels):
+            if not material.is_flow(k) and material.joint_of(k) in joints and name not in result:
+                result[name] = _apart_text(what, name, skews_s[reading])
     return result
 
 
@@ -128,7 +146,11 @@ def _apart_text(what: str, channel: str, skew_s: float) -> str:
 
 
 def with_more(
-    found: Sequence[Unexplained], more: Mapping[str, str], left: Sequence[Dependence]
+    found: Sequence[Unexplained],
+    more: Mapping[str, str],
+    left: Sequence[Dependence],
+    *,
+    confirmed: bool = False,
 ) -> tuple[Unexplained, ...]:
     """What has no name, with further channels in words, where nothing is said of them yet.
 
@@ -139,10 +161,13 @@ def with_more(
         Texts by channel.
     left : sequence of Dependence
         Strongest first.
+    confirmed : bool
+        Rows that took no part say so.
     """
     told, result = {one.channel for one in found}, list(found)
     for channel, text in more.items():
         best = next((d for d in left if d.name == channel), None)
         if best is not None and channel not in told:
-            result.append(Unexplained(channel, ("everywhere",), 1.0, None, text, best))
+            on = ("everywhere",)
+            result.append(Unexplained(channel, on, 1.0, None, text, best, confirmed=confirmed))
     return tuple(result)

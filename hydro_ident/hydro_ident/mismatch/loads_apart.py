@@ -7,7 +7,7 @@ the base where that is fitted, tells how much of it that would explain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,15 +43,17 @@ def with_loads(
     check : Check
         Rows to verify on.
     """
+    asked = {u.channel for u in found if u.depends_on == ("everywhere",)}
+    asked -= {c for c in asked if "/flow_" in c}
     material = training.predictor.material
-    flows = {name for k, name in enumerate(material.channels) if material.is_flow(k)}
-    asked = [u.depends_on == ("everywhere",) and u.channel not in flows for u in found]
-    if not any(asked) or untestable(material, CATALOGUE["payload_change"]):
+    if not asked or untestable(material, CATALOGUE["payload_change"]):
         return tuple(found)
-    hint = _between(training, whole) or _beside(training, whole, check)
+    hints = _between(training, whole) or _beside(training, whole, check)
     return tuple(
-        replace(one, text=one.text + hint) if own else one
-        for one, own in zip(found, asked, strict=True)
+        replace(one, text=one.text + hints[one.channel])
+        if one.channel in asked and one.channel in hints
+        else one
+        for one in found
     )
 
 
@@ -72,59 +74,71 @@ def loads_of_each(predictor: Predictor, model: Model) -> FloatArray:
     return np.asarray(column[:, None] * (material.recording[:, None] == recordings))
 
 
-def _between(training: Training, whole: Fitted) -> str:
-    """Loads that differ among the recordings that were fitted."""
-    material = training.predictor.material
+def _between(training: Training, whole: Fitted) -> dict[str, str]:
+    """Loads that differ among the recordings that were fitted, in words by channel."""
+    material, bench = training.predictor.material, whole.bench
     names = material.recordings
     if len(names) < 2:
-        return ""
-    bench, model = whole.bench, whole.model
-    columns = bench.beyond(loads_of_each(training.predictor, model)[training.mask])
-    forces = [k for k in range(len(material.channels)) if not material.is_flow(k)]
-    rows = np.isin(bench.channel, forces)
-    masses, share = _explained(columns[rows], bench.residual[rows])
-    if share < _SHARE:
-        return ""
+        return {}
+    columns = bench.beyond(loads_of_each(training.predictor, whole.model)[training.mask])
+    rows = {
+        name: bench.channel == k
+        for k, name in enumerate(material.channels)
+        if not material.is_flow(k)
+    }
+    masses, shares = _explained(columns, bench.residual, rows)
     # A load that all have is the base's.
+    if np.ptp(masses) < float(np.abs(masses).max()):
+        return {}
     told = ", ".join(f"{name} {m:+.3g}" for name, m in zip(names, masses, strict=True))
-    return (
-        f"; loads at the tip that differ by {np.ptp(masses):.3g} kg between the recordings would"
-        f" take {share:.0%} of it (about their mean: {told} kg): fit recordings of one load"
-    )
+    return {
+        channel: (
+            f"; loads at the tip that differ by {np.ptp(masses):.3g} kg between the recordings"
+            f" would take {share:.0%} of it (about their mean: {told} kg): fit recordings of one"
+            " load"
+        )
+        for channel, share in shares.items()
+        if share >= _SHARE
+    }
 
 
-def _beside(training: Training, whole: Fitted, check: Check) -> str:
-    """Other loads in the recordings to verify on."""
+def _beside(training: Training, whole: Fitted, check: Check) -> dict[str, str]:
+    """Other loads in the recordings to verify on, in words by channel."""
     predictor, material = check.predictor, check.predictor.material
     model, _ = at_own_instants(training, check, whole.model)
     left, columns = check.residual(model), loads_of_each(predictor, model)
-    rows, weights = _force_rows(check, left)
-    if not rows.any():
-        return ""
-    scaled = columns[rows] * weights[rows, None]
-    masses, share = _explained(scaled, left[rows] * weights[rows])
-    if share < _SHARE:
-        return ""
+    rows = {
+        name: check.rows_in_motion & (material.channel == k)
+        for k, name in enumerate(material.channels)
+        if not material.is_flow(k)
+    }
+    rows = {name: own for name, own in rows.items() if own.any()}
+    weights = np.zeros(material.size)
+    for own in rows.values():
+        weights[own] = 1.0 / max(float(np.sqrt(np.mean(left[own] ** 2))), 1e-300)
+    masses, shares = _explained(columns * weights[:, None], left * weights, rows)
     pairs = zip(material.recordings, masses, strict=True)
     told = ", ".join(f"{m:+.3g} kg in {name}" for name, m in pairs)
-    return f"; another load at the tip would take {share:.0%} of it ({told}): verify with one load"
+    return {
+        channel: (
+            f"; another load at the tip would take {share:.0%} of it ({told}): verify with one"
+            " load"
+        )
+        for channel, share in shares.items()
+        if share >= _SHARE
+    }
 
 
-def _force_rows(check: Check, left: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Rows of forces in motion, and their weights, (N,)."""
-    material, moving = check.predictor.material, check.rows_in_motion
-    rows, weights = np.zeros(material.size, dtype=np.bool_), np.ones(material.size)
-    for k in range(len(material.channels)):
-        own = moving & (material.channel == k)
-        if own.any() and not material.is_flow(k):
-            rows |= own
-            weights[own] = 1.0 / max(float(np.sqrt(np.mean(left[own] ** 2))), 1e-300)
-    return rows, weights
-
-
-def _explained(columns: FloatArray, left: FloatArray) -> tuple[FloatArray, float]:
-    """Sizes (R,) of columns that explain most, and the share of the squares that they do."""
-    sizes: FloatArray = np.linalg.lstsq(columns, left, rcond=None)[0].astype(np.float64)
-    whole = float(left @ left)
+def _explained(
+    columns: FloatArray, left: FloatArray, rows: Mapping[str, BoolArray]
+) -> tuple[FloatArray, dict[str, float]]:
+    """Sizes (R,) of columns that explain most of some rows, and their share in each channel."""
+    if not rows:
+        return np.zeros(columns.shape[1]), {}
+    every = np.any(list(rows.values()), axis=0)
+    sizes: FloatArray = np.linalg.lstsq(columns[every], left[every], rcond=None)[0].astype(float)
     rest = left - columns @ sizes
-    return sizes, 1.0 - float(rest @ rest) / whole if whole > 0.0 else 0.0
+    return sizes, {
+        name: 1.0 - float(rest[own] @ rest[own]) / max(float(left[own] @ left[own]), 1e-300)
+        for name, own in rows.items()
+    }

@@ -200,6 +200,11 @@ class Predictor:
             values |= {self.names[at]: own[i] for i, at in columns.items() if own}
         return np.array([values.get(name, 0.0) for name in self.names])
 
+    @property
+    def torque_joints(self) -> list[int]:
+        """Joints with rows of a torque that is measured."""
+        return self._by_torques
+
     def _joint_of(self, cylinder: int) -> int:
         robot = self.material.robot
         return robot.joint_index(robot.cylinders[cylinder].joint)

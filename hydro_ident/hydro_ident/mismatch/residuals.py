@@ -96,20 +96,27 @@ class Residuals:
     notes: tuple[str, ...]
     bank: Bank
 
-    def noise_floors(self) -> dict[str, float]:
-        """What the sensors' noise alone leaves, by channel."""
+    def noise_floors(self, traces: Sequence[Trace] | None = None) -> dict[str, float]:
+        """What the sensors' noise alone leaves, by channel.
+
+        Parameters
+        ----------
+        traces : sequence of Trace, optional
+            Whose sensors; by default those of what is fitted.
+        """
+        signals = self.signals if traces is None else SignalSurvey.of(self.robot, traces)
         material = self.training.predictor.material
         floors = dict(
             zip(
                 material.forces.channels,
-                force_noise(material.forces, self.signals, material.filters).tolist(),
+                force_noise(material.forces, signals, material.filters).tolist(),
                 strict=True,
             )
         )
         for chamber in chambers_of(self.robot):
             cylinder = self.base.model.robot.cylinders[chamber.index]
             floors[chamber.channel] = flow_noise(
-                self.robot, chamber, self.signals, material.windows,
+                self.robot, chamber, signals, material.windows,
                 1.0 / cylinder.bulk_modulus_pa,
             )  # fmt: skip
         return {name: float(floors[name]) for name in material.channels}

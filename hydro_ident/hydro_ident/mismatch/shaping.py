@@ -58,6 +58,8 @@ class Signals:
     ----------
     material : Material
     changes : ChangedTorques
+    spans : dict
+        What `under_way` keeps, by stretch and joint.
     """
 
     material: Material
@@ -78,6 +80,7 @@ class Signals:
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
     _motions: dict[int, tuple[Trace, Motion]] = field(default_factory=dict)
     changes: ChangedTorques = field(default_factory=ChangedTorques)
+    spans: dict[tuple[int, int], tuple[Motion, FloatArray]] = field(default_factory=dict)
 
     def regressor(self, stretch: Stretch, moved: Motion) -> FloatArray:
         """Filtered force regressor of a stretch, (T, n, p); not to be changed.

@@ -13,6 +13,7 @@ import math
 
 import numpy as np
 
+from hydro_ident.estimate.force_rows import Motion
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.force_rows import forces_of
 from hydro_ident.mismatch.material import Place, Stretch
@@ -21,13 +22,16 @@ from hydro_ident.mismatch.shaping import Signals
 from hydro_model.effects.targets import ActiveEffect, joint_of
 from hydro_model.robot import FloatArray
 
-#: Share of the squares left at a stretch's head that a mode under way there takes at least.
-_SHARE = 0.5
+#: Share of the squares left at a stretch's head from which a mode under way there is taken, and
+#: from which wholly.
+_SHARES = 0.4, 0.6
+#: Sizes that are fitted: of what the mode does, and of either state.
+_SIZES = 3
 #: The head of a stretch: so many of the mode's time constants, periods at least, seconds at most.
 _CONSTANTS, _PERIODS, _LONGEST_S = 2.0, 3.0, 10.0
 #: Rows of a head at least, and deviations from nothing of what a mode does along the stretch.
 _ROWS, _TOLD = 12, 5.0
-#: Base columns that hardly differ from others take nothing of their own.
+#: Columns that hardly differ from others span nothing of their own.
 _TINY = 1.0e-6
 
 
@@ -83,8 +87,12 @@ def _state(
     driven = at_rest[place.rows]
     if np.count_nonzero(head) < _ROWS or stretch.moved is None or not driven.any():
         return None
-    base = signals.regressor(stretch, stretch.moved)[:, joint]
-    values = _beyond(base, np.column_stack([left[place.rows], driven, *free]))
+    basis = _spanned(signals, stretch, stretch.moved, joint)
+    freedom = time_s.size - basis.shape[1] - _SIZES
+    if freedom < _ROWS:
+        return None
+    values = np.column_stack([left[place.rows], driven, *free])
+    values -= basis @ (basis.T @ values)
     y, columns = values[:, 0], values[:, 1:]
     scales = np.linalg.norm(columns, axis=0)
     if not scales.all():
@@ -93,13 +101,17 @@ def _state(
     sizes = np.linalg.pinv(gram) @ ((columns / scales).T @ y)
     swung = y - (columns / scales) @ sizes
     at_rest_left = y - columns[:, 0] * float(columns[:, 0] @ y) / scales[0] ** 2
-    most = (1.0 - _SHARE) * float(at_rest_left[head] @ at_rest_left[head])
-    deviation = math.sqrt(float(np.linalg.pinv(gram)[0, 0]) * float(np.mean(swung**2)))
-    if float(swung[head] @ swung[head]) > most or sizes[0] < _TOLD * deviation:
+    gone = float(swung[head] @ swung[head]) / max(
+        float(at_rest_left[head] @ at_rest_left[head]), 1e-300
+    )
+    deviation = math.sqrt(float(np.linalg.pinv(gram)[0, 0]) * float(swung @ swung) / freedom)
+    # By degrees: fits look at how little changes what it does.
+    share = (1.0 - gone - _SHARES[0]) / (_SHARES[1] - _SHARES[0])
+    if share <= 0.0 or sizes[0] < _TOLD * deviation:
         return None
     # What is tried may be a multiple of what is there: its state is that of the mode all along.
     state = sizes / scales
-    return np.asarray(state[1:] / state[0])
+    return np.asarray(min(share, 1.0) * state[1:] / state[0])
 
 
 def _head(since_s: FloatArray, one: ActiveEffect) -> BoolArray:
@@ -110,9 +122,14 @@ def _head(since_s: FloatArray, one: ActiveEffect) -> BoolArray:
     return np.asarray(since_s <= min(reach_s, _LONGEST_S))
 
 
-def _beyond(base: FloatArray, values: FloatArray) -> FloatArray:
-    """Columns (T, m) without what base columns (T, p), and a constant, may take of them."""
-    base = np.column_stack([base[:, base.any(axis=0)], np.ones(len(base))])
-    left, sizes, _ = np.linalg.svd(base / np.linalg.norm(base, axis=0), full_matrices=False)
-    basis = left[:, sizes > _TINY * sizes[0]]
-    return np.asarray(values - basis @ (basis.T @ values))
+def _spanned(signals: Signals, stretch: Stretch, moved: Motion, joint: int) -> FloatArray:
+    """Orthonormal basis of a joint's base columns and a constant, (T, r), kept by the motion."""
+    key = stretch.number, joint
+    kept = signals.spans.get(key)
+    if kept is None or kept[0] is not moved:
+        columns = signals.regressor(stretch, moved)[:, joint]
+        columns = np.column_stack([columns[:, columns.any(axis=0)], np.ones(len(columns))])
+        columns /= np.linalg.norm(columns, axis=0)
+        left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        kept = signals.spans[key] = moved, left[:, sizes > _TINY * sizes[0]]
+    return kept[1]

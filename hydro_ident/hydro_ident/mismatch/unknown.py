@@ -153,12 +153,14 @@ def unexplained(
         least_share = LEAST_SHARE_UNCONFIRMED if slow else LEAST_SHARE
         if one.share < least_share or one.size < _least_size(training, fitted, flaws, one, slow):
             continue
-        if _mere_delay(training, fitted, one) or encoders.makes(fitted, one):
+        if _mere_delay(training, fitted, one):
             continue
         name, unit = material.channels[one.channel], material.units[one.channel]
         there = holds(one)
         unheard = there is None and one.variable != "time"
         if there is False or (unheard and one.share < LEAST_SHARE_UNCONFIRMED):
+            continue
+        if encoders.makes(fitted, one):
             continue
         words = ChannelWords(material.robot, name)
         text = (

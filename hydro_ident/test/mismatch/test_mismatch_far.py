@@ -67,12 +67,18 @@ def test_a_model_that_other_recordings_contradict_lacks_something() -> None:
     """Ten times the noise and more, which is not little beside what is measured."""
     hardly, grossly, far = _channel(80.0, 73.0), _channel(220.0, 73.0), _channel(650.0, 60.0)
     least = {"lift/force": 0.0}
-    told = lacking_elsewhere([hardly], [far], least)
+    floors = {"lift/force": 60.0}
+    told = lacking_elsewhere([hardly], [far], least, floors)
     assert "11 times" in told["lift/force"]
-    assert lacking_elsewhere([hardly], [grossly], least) == {}
-    assert lacking_elsewhere([far], [far], least) == {}  # said of both
-    assert lacking_elsewhere([hardly], [far], {"lift/force": 700.0}) == {}
-    assert lacking_elsewhere([], [far], {}) == {}  # nothing of it was fitted
+    assert "8.1 times what is left where it was fitted" in told["lift/force"]
+    assert lacking_elsewhere([hardly], [grossly], least, floors) == {}
+    # As bad where it was fitted, and hardly worse there.
+    assert lacking_elsewhere([far], [far], least, floors) == {}
+    assert lacking_elsewhere([_channel(580.0, 60.0)], [far], least, floors) == {}
+    # Its sensors there are noisier, or off by as much.
+    assert lacking_elsewhere([hardly], [far], least, {"lift/force": 73.0}) == {}
+    assert lacking_elsewhere([hardly], [far], {"lift/force": 700.0}, floors) == {}
+    assert lacking_elsewhere([], [far], {}, floors) == {}  # nothing of it was fitted
 
 
 def test_what_transducers_of_the_usual_class_are_off_by_lacks_nothing() -> None:
@@ -109,7 +115,8 @@ def test_what_another_motion_knows_better_is_noted(
         rows = rows_of_training(work), work.check
         here, there = (channels_of(work, work.base, own) for own in rows)
         least = dict.fromkeys(work.training.predictor.material.channels, 0.0)
-        contradicted = lacking_elsewhere(here, there, least)
+        floors = work.noise_floors(work.check_traces)
+        contradicted = lacking_elsewhere(here, there, least, floors)
         assert list(contradicted) == names
         notes = apart_notes(ratios)
         assert [note.partition(":")[0] for note in notes] == names

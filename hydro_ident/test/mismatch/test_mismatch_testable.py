@@ -44,7 +44,7 @@ def test_what_the_file_lists_and_what_was_beaten_could_have_shown(
     assert named.names == ("coulomb_friction",)
     found = Finding(named, Verification(1e-4, {}, {}, 0.0, True, ""), ("lift/force",))
     search = Search(base, base, (named,), ())
-    answer = Answer(replace(work, base=base), search, base, (found,), (), (), ())
+    answer = Answer(replace(work, base=base), search, base, (found,), (), (), (), ())
     beyond = {one.name for one in not_testable(work.scan, (), _testable(answer))}
     # Nothing was scanned: all others are.
     assert "backlash" in beyond
