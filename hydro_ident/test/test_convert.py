@@ -12,11 +12,12 @@ import pytest
 import yaml
 from scipy.io import savemat
 
+from hydro_ident.bag.log_convert import Conversion
 from hydro_ident.bag.log_file import read_log
 from hydro_ident.bag.log_map import read_map
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.commands.convert import main, run
+from hydro_ident.commands.convert import main, run, summary_text
 from hydro_ident.errors import BagError
 from hydro_model.robot import Robot
 
@@ -294,3 +295,14 @@ def test_a_gzipped_csv_reads_as_the_csv(tmp_path: Path) -> None:
     packed.write_bytes(packed.read_bytes()[:100])
     with pytest.raises(BagError, match="cannot be read as text"):
         read_log(packed)
+
+
+def test_signals_by_the_hundred_hide_nothing_that_is_to_be_read(tmp_path: Path) -> None:
+    """What was done to times stands first, and of the rest a few are named, with their number."""
+    rest, remark = tuple(f"spare_{k}" for k in range(300)), "2 lines of the same time: the first"
+    done = Conversion(tmp_path, 100, 50.0, 0.02, 0.02, {"/joint_states": 100}, rest, (remark,))
+    lines = summary_text(done).splitlines()
+    assert lines[1].strip() == remark
+    assert lines[-1].startswith("  not in the mapping: spare_0, spare_1, ")
+    assert lines[-1].endswith(" and 288 more (all with --json)")
+    assert len(done.as_dict()["not_in_the_mapping"]) == 300  # type: ignore[arg-type]
