@@ -108,18 +108,18 @@ class Encoders:
         lines = np.zeros((material.size, 2 * (int(apart.max()) + 1)))
         lines[rows, 2 * apart], lines[rows, 2 * apart + 1] = turned.real, turned.imag
 
-        def sizes(of: Fitted) -> FloatArray:
+        def _sizes(of: Fitted) -> FloatArray:
             left = of.bench.beyond(lines[self.training.mask])
             return np.asarray(np.linalg.lstsq(left, of.bench.residual, rcond=None)[0])
 
         # Lines are found in rows that are not whitened.
         noise = independent_noise(self.training, whole)
         plain = fitted(self.training, whole.model, noise)
-        there, forced = sizes(plain), self._forced(plain.bench.channel)
+        there, forced = _sizes(plain), self._forced(plain.bench.channel)
         more, squares = np.zeros(there.size), 0.0
         for twin in self._twins:
             again = fitted(replace(self.training, predictor=twin), whole.model, noise)
-            more += (sizes(again) - there) / _TWINS
+            more += (_sizes(again) - there) / _TWINS
             added = (again.residual - plain.residual)[self.training.mask, None]
             squares += float(np.sum(plain.bench.beyond(added)[forced] ** 2)) / _TWINS
         more *= _there(plain.bench.residual[forced], squares)

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.mismatch import encoders
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.encoders import Encoders
+from hydro_ident.mismatch.fit_starts import Starts
 from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Bank, score
@@ -95,6 +98,35 @@ def test_a_contest_tells_springs_that_are_there_alone(
 def test_laws_without_acceleration_are_not_asked(clean: Residuals) -> None:
     dry = _fitted(clean, EffectSpec("coulomb_friction", "lift_cylinder", {"force": 1.0}))
     assert Encoders(clean.training).tell(clean.base, dry)
+
+
+@pytest.fixture(scope="module")
+def sprung(make_run: Make, lay_out: Callable[..., Residuals]) -> Residuals:
+    return _seen(make_run, lay_out, FINE_RAD, SPRING)
+
+
+def test_there_is_no_more_noise_than_a_fit_leaves(
+    sprung: Residuals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Encoders that are ten times as good as is thought of them hide no spring."""
+    found = _fitted(sprung, SPRING)
+    thought = 10.0 * encoders.encoder_noise(
+        SignalSurvey.of(
+            sprung.robot, [s.trace for s in sprung.training.predictor.material.stretches]
+        )
+    )
+    monkeypatch.setattr(encoders, "encoder_noise", lambda _: thought)
+    assert Encoders(sprung.training).tell(sprung.base, found)
+
+
+def test_fits_of_modes_begin_between_the_frequencies_that_are_tried(sprung: Residuals) -> None:
+    one = resolve(replace(load_robot("xs031"), effects=(SPRING,)))[0]
+    values = one.parameters.copy()
+    values[:2] = 100.0, 6.3  # a third of an octave is tried: 6.3 and 7.9 Hz
+    start = Starts(sprung.training)._tuned(sprung.base, replace(one, parameters=values))
+    # Less than half as far off as the one that was tried.
+    assert abs(start.parameters[1] - MODE["frequency"]) < 0.5 * (MODE["frequency"] - 6.3)
+    assert start.parameters[0] == pytest.approx(MODE["inertia"], rel=0.4)
 
 
 def _line(work: Residuals) -> Dependence:
