@@ -82,15 +82,28 @@ def test_a_signal_ends_at_zero_volts(
     assert wait_for(lambda: list(machine.commands()[-1].effort) == [0.0, 0.0])
 
 
+class CountingHotPath(HotPath):
+    """Counts the commands that it publishes, as a listener may hear the last ones later."""
+
+    published = 0
+
+    def _publish_command(self, stamp: int, voltage_v: Any) -> None:
+        self.published += 1
+        super()._publish_command(stamp, voltage_v)
+
+
 def test_it_ends_on_a_ramp_to_zero_while_samples_come(
-    machine: Any, monkeypatch: pytest.MonkeyPatch, patience_s: float
+    machine: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    wait_for: Callable[..., bool],
+    patience_s: float,
 ) -> None:
     # Its last samples are waited for, however long a busy machine keeps this process from them.
     for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
         monkeypatch.setattr(hot_path, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     core = ControllerCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
-    hot = HotPath(node, core, 0, QUIET, lambda error: None)
+    hot = CountingHotPath(node, core, 0, QUIET, lambda error: None)
     hot.start()
     cycle = 0
     while (
@@ -104,6 +117,7 @@ def test_it_ends_on_a_ramp_to_zero_while_samples_come(
         cycle += 1
         before, stamp = len(machine.commands()), machine.publish(cycle, machine.pose - 0.05)
         machine.commands_of(stamp, before, 0.2)
+    assert wait_for(lambda: len(machine.commands()) == hot.published)
     hot.destroy()
     node.destroy_node()
     voltage = np.array([c.effort for c in machine.commands()])
@@ -120,6 +134,7 @@ FAULT = [np.nan, -1.5]
 def test_its_end_releases_the_gate_without_a_trip(
     machine: Any,
     monkeypatch: pytest.MonkeyPatch,
+    wait_for: Callable[..., bool],
     patience_s: float,
     last: list[float] | None,
     samples_come: bool,
@@ -129,7 +144,8 @@ def test_its_end_releases_the_gate_without_a_trip(
         for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
             monkeypatch.setattr(hot_path, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
-    hot = HotPath(node, ControllerCore(machine.robot, Gains()), 0, QUIET, lambda error: None)
+    core = ControllerCore(machine.robot, Gains())
+    hot = CountingHotPath(node, core, 0, QUIET, lambda error: None)
     hot.start()
     for cycle in range(20):
         machine.answer(cycle, machine.pose - 0.05 * (cycle > 0))
@@ -142,6 +158,7 @@ def test_its_end_releases_the_gate_without_a_trip(
         if samples_come:
             before, stamp = len(machine.commands()), machine.publish(next(cycles), q)
             machine.commands_of(stamp, before, 0.2)
+    assert wait_for(lambda: len(machine.commands()) == hot.published)
     hot.destroy()
     node.destroy_node()
     gate = gate_after(machine.robot, machine.commands())
