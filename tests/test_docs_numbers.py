@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.stats import fisher_exact
 
 from hydro_ident.bench import page as bench
 from hydro_ident.study import discovered_summary as discovered
@@ -33,16 +34,21 @@ def test_the_study_tables_are_the_committed_results() -> None:
     assert with_tables(text, RESULTS) == text
 
 
-def test_what_is_told_of_a_run_that_is_not_finished_is_its_result() -> None:
-    part = json.loads((RESULTS / "study_part.json").read_text(encoding="utf-8"))
-    rates, text = part["table"]["rates"], (RESULTS.parent / "study.md").read_text(encoding="utf-8")
-    told = text.partition("**A fresher run")[2].partition("\n\n")[0]
-    assert f"halted after {part['done']} of its {part['plan']['cases']} cases" in told
-    assert told.count(part["plan"]["frozen"]) == 2
-    names = ["in_set", "outside_unknown", "outside_wrong_name", "clean_with_finding"]
-    names += ["clean_with_unknown", "several_all_in_sets"]
-    numbers = [(int(a), int(b)) for a, b in re.findall(r"(\d+)\s+times of (\d+)", told)]
-    assert numbers == [(rates[name]["hits"], rates[name]["of"]) for name in names]
+def test_what_is_told_of_the_study_is_its_result() -> None:
+    text = (RESULTS.parent / "study.md").read_text(encoding="utf-8")
+    fresh, before = (
+        json.loads((RESULTS / name).read_text(encoding="utf-8"))["table"]["rates"]
+        for name in ("study.json", "study_tuning.json")
+    )
+    told = " ".join(text[text.index("Names of strong effects") :].partition("\n\n")[0].split())
+    numbers = re.findall(r"(\d+) times of (\d+) \((\d+) of (\d+) before, p = ([\d.]+)", told)
+    names = ["in_set", "outside_unknown", "clean_with_unknown", "several_all_in_sets"]
+    assert len(numbers) == len(names)
+    for name, found in zip(names, numbers, strict=True):
+        (hits, of), (old, old_of) = ((r[name]["hits"], r[name]["of"]) for r in (fresh, before))
+        assert tuple(map(int, found[:4])) == (hits, of, old, old_of)
+        table = [[hits, of - hits], [old, old_of - old]]
+        assert float(found[4]) == pytest.approx(fisher_exact(table).pvalue, abs=0.005)
 
 
 @pytest.mark.parametrize(
