@@ -17,8 +17,8 @@ from hydro_ident.study.faults.__main__ import SCHEMA
 from hydro_ident.study.faults.__main__ import run as campaign
 from hydro_ident.study.faults.device_time import CONTROLLER_EVERY, LOCKSTEP_EVERY, run, summary
 from hydro_ident.study.faults.page import told, with_tables
+from hydro_ident.study.faults.sources import BESIDE, changed, digests
 from hydro_ident.study.faults.sources import FOLDERS as SOURCES
-from hydro_ident.study.faults.sources import changed, digests
 from hydro_model.robot_files import load_robot
 
 ROOT = Path(__file__).parents[1]
@@ -141,7 +141,7 @@ def test_the_committed_campaign_is_of_these_sources() -> None:
     found = committed()
     assert changed(found["device_time"]["sources"], ROOT) == []
     wall = found["wall_time"]
-    assert wall["changed_since"] == changed(wall["sources"], ROOT)
+    assert wall["changed_since"] == changed(wall["sources"], ROOT, wall=True)
     assert len(wall["sources"]) > 50
 
 
@@ -194,7 +194,33 @@ def test_a_part_that_was_not_run_again_stays_and_says_what_has_changed(tmp_path:
         f"{SOURCES[0]}/new.py",
     ]
     assert "Run of 2026-01-01, wall time" in told(found)
-    assert "Changed since that run: `gate.py`, `new.py`." in told(found)
+    assert "Changed since that run: of `hydro_hw_bridge` `gate.py`, `new.py`." in told(found)
+
+
+def test_a_run_is_of_whatever_runs_in_it() -> None:
+    """The real controller's core answers every third injection: a run is of its law, too."""
+    device, wall = digests(ROOT), digests(ROOT, wall=True)
+    for path in (
+        "hydro_control/hydro_control/core.py",
+        "hydro_control/hydro_control/law_kernels.py",
+        "hydro_msgs_docs/hydro_msgs_docs/topics.py",
+        "ros2_ws/src/hydro_model/hydro_model/kinematics.py",
+        "ros2_ws/src/hydro_model/hydro_model/valve.py",
+    ):
+        assert path in device
+    assert set(BESIDE) == set(wall) - set(device)
+    assert "hydro_ident/hydro_ident/bag/recorder.py" in wall
+    assert "hydro_ident/hydro_ident/identification_node.py" in wall
+
+
+def test_changed_sources_are_told_by_folder_and_not_where_none_had_a_digest() -> None:
+    paths = [f"hydro_hw_bridge/hydro_hw_bridge/part{k:02d}.py" for k in range(21)]
+    paths += ["hydro_control/hydro_control/core.py", "ros2_ws/src/hydro_model/hydro_model/urdf.py"]
+    wall = committed()["wall_time"] | {"changed_since": paths}
+    wall["sources"] = {paths[0]: "", paths[-2]: ""}
+    text = told({"wall_time": wall})
+    assert "Changed since that run: of `hydro_control` `core.py`; 21 sources of" in text
+    assert "no digests of `hydro_model`: whether these changed since is not known" in text
 
 
 def test_every_family_meets_both_clocks_and_both_publishers() -> None:

@@ -72,7 +72,8 @@ def run(arguments: Sequence[str]) -> int:
     if options.injections:
         done["device_time"] = _in_device_time(options.injections, options.seed) | _made(root)
     if options.processes:
-        done["wall_time"] = _in_wall_time(options.processes, options.seed, root) | _made(root)
+        done["wall_time"] = _in_wall_time(options.processes, options.seed, root)
+        done["wall_time"] |= _made(root, wall=True)
     result = _result({"seed": options.seed, **_earlier(options.json), **done}, root)
     if options.json is not None:
         write_result(options.json, result, page.PAGE, page.with_tables)
@@ -82,10 +83,10 @@ def run(arguments: Sequence[str]) -> int:
     return 1 if broken or nothing else 0
 
 
-def _made(root: Path) -> dict[str, Any]:
+def _made(root: Path, *, wall: bool = False) -> dict[str, Any]:
     """When a part was run, and of which sources."""
     date = datetime.now(timezone.utc).date().isoformat()
-    return {"date": date, "sources": sources.digests(root)}
+    return {"date": date, "sources": sources.digests(root, wall=wall)}
 
 
 def _earlier(path: Path | None) -> dict[str, Any]:
@@ -101,7 +102,7 @@ def _result(parts: Mapping[str, Any], root: Path) -> dict[str, Any]:
     result = {"schema": SCHEMA, **parts}
     for key in PARTS:
         if key in result:
-            since = sources.changed(result[key]["sources"], root)
+            since = sources.changed(result[key]["sources"], root, wall=key == "wall_time")
             result[key] = {**result[key], "changed_since": since}
     return result
 

@@ -11,6 +11,8 @@ from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
 #: Of the results folder, and the page beside it.
 RESULT, PAGE = "faults.json", "safety_case.md"
+#: More changed sources of one folder than this are counted, and not named.
+NAMED_AT_MOST = 20
 BEGIN, END = "<!-- faults: begin -->", "<!-- faults: end -->"
 
 
@@ -43,11 +45,33 @@ def told(result: Mapping[str, Any]) -> str:
 
 
 def _since(found: Mapping[str, Any]) -> str:
-    """Which sources are no longer those of a run."""
-    changed = found["changed_since"]
-    if not changed:
+    """Which sources are no longer those of a run, by folder."""
+    groups: dict[str, list[str]] = {}
+    for path in found["changed_since"]:
+        groups.setdefault(_folder(path), []).append(path)
+    if not groups:
         return ""
-    return f" Changed since that run: {', '.join(f'`{Path(path).name}`' for path in changed)}."
+    known = {_folder(path) for path in found["sources"]}
+    told = [_group(name, paths) for name, paths in sorted(groups.items()) if name in known]
+    unknown = [f"`{name}`" for name in sorted(groups) if name not in known]
+    text = f" Changed since that run: {'; '.join(told)}." if told else ""
+    if unknown:
+        text += f" It wrote down no digests of {', '.join(unknown)}: whether these changed"
+        text += " since is not known."
+    return text
+
+
+def _group(name: str, paths: list[str]) -> str:
+    if len(paths) > NAMED_AT_MOST:
+        return f"{len(paths)} sources of `{name}`"
+    return f"of `{name}` {', '.join(f'`{Path(path).name}`' for path in paths)}"
+
+
+def _folder(path: str) -> str:
+    """The folder that a source lies in, from its package on."""
+    parts = Path(path).parts
+    package = next((k for k, part in enumerate(parts) if part.startswith("hydro_")), -1)
+    return "/".join(parts[package + 1 : -1])
 
 
 def _device(found: Mapping[str, Any]) -> str:
