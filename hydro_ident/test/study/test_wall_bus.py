@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import bus_injections
-from hydro_hw_bridge.faults.bus_faults import CONTENT, TRANSPORT, BusFault
+from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, TRANSPORT, BusFault
 from hydro_hw_bridge.faults.naming import Diagnosis
+from hydro_ident.study.faults.promised import AGE_MS, ALL_FRAMES_MS, WATCHDOG_MS
 from hydro_ident.study.faults.wall_bus import DRAWN, _judged
+from hydro_ident.study.faults.wall_outcomes import WallOutcome
+from hydro_ident.study.faults.wall_time import WallRun
 from hydro_model.robot import Robot
 
 BEFORE = Diagnosis({"cycles_incomplete": 3, "trips": 1, "cycles_complete": 90}, ("", "", ""))
@@ -20,6 +24,46 @@ BEFORE = Diagnosis({"cycles_incomplete": 3, "trips": 1, "cycles_complete": 90}, 
 @pytest.fixture(scope="module")
 def codec(robot: Robot) -> Codec:
     return Codec.load(None, None, robot)
+
+
+class Quiet:
+    """What a run of processes needs to put a fault on a bus; what it was held to."""
+
+    limit_ms: float | None = None
+
+    def drive(self) -> None: ...
+
+    def put_on_the_bus(self, fault: dict[str, Any]) -> int:
+        self.fault = fault
+        return 0
+
+    def measured(self, kind: str, since_ns: int, limit_ms: float | None) -> WallOutcome:
+        self.limit_ms = limit_ms
+        return WallOutcome(kind, limit_ms, 1.0, 0.0, "")
+
+
+@pytest.mark.parametrize(
+    ("kind", "direction", "promised_ms"),
+    [
+        # A silent machine: as long as a command may be old, and never the watchdog's time.
+        ("lost", DEVICE, AGE_MS),
+        ("late", DEVICE, AGE_MS),
+        # Broken frames are no silence, and without the bridge's the amplifiers are alone.
+        ("bit_flip", DEVICE, WATCHDOG_MS),
+        ("lost", BRIDGE, WATCHDOG_MS),
+        ("late", BRIDGE, WATCHDOG_MS),
+        ("bit_flip", BRIDGE, WATCHDOG_MS),
+    ],
+)
+def test_a_bus_without_frames_is_held_to_what_is_promised_of_its_kind(
+    kind: str, direction: str, promised_ms: float
+) -> None:
+    assert (AGE_MS, WATCHDOG_MS) == (16.0, 54.0)  # 12 and 50 ms of the device, 4 of the way
+    run = Quiet()
+    WallRun.bus_fault(run, kind, direction, random.Random(1))  # type: ignore[arg-type]
+    assert (run.fault["kind"], run.fault["direction"]) == (kind, direction)
+    assert run.limit_ms == promised_ms
+    assert (kind, direction) in ALL_FRAMES_MS
 
 
 def _after(reason: str = "", **grown: int) -> Diagnosis:

@@ -13,13 +13,13 @@ from hydro_hw_bridge.faults.bus_faults import BusFault
 from hydro_hw_bridge.faults.injection import Injection
 from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.promised import wall_ms
 from hydro_ident.study.faults.wall_outcomes import WallOutcome
-from hydro_ident.study.faults.wall_time import STALLS, WAY_MS, WallRun
+from hydro_ident.study.faults.wall_time import STALLS, WallRun
 from hydro_model.robot import Robot
 
 #: Draws an injection: as those of `bus_injections`.
 Draw = Callable[[random.Random, Codec, int], Injection]
-CYCLE_MS = 2.0
 #: Without a stuck sensor, which needs a machine that moves; the bridge's own end of the bus, which
 #: no proxy reaches, is that of `wall_link`.
 DRAWN: dict[str, Draw] = {
@@ -69,7 +69,7 @@ class BusDeeds:
         cycles = injection.limit_cycles
         before = self._run.drive_and_ask()
         since = self._run.put_on_the_bus(fault)
-        limit_ms = None if cycles is None else CYCLE_MS * cycles + WAY_MS
+        limit_ms = None if cycles is None else wall_ms(cycles)
         found = self._run.measured(f"bus, drawn: {kind}", since, limit_ms)
         now = self._run.diagnosed()
         return found if found.broken else replace(found, broken=_judged(injection, before, now))

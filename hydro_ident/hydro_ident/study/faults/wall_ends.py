@@ -14,9 +14,10 @@ from hydro_hw_bridge.faults.measured_rig import ALL
 from hydro_hw_bridge.faults.naming import Named
 from hydro_hw_bridge.faults.other_injections import HARMLESS_SHOWS, SAID
 from hydro_hw_bridge.output_ramp import REENABLE_S
+from hydro_ident.study.faults.promised import AGE_MS, AT_ONCE_MS
 from hydro_ident.study.faults.stage import until
 from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
-from hydro_ident.study.faults.wall_time import AGE_MS, AT_ONCE_MS, LATCHED_S, WallRun
+from hydro_ident.study.faults.wall_time import LATCHED_S, WallRun
 
 #: Sizes of the faults of publishers that have one, in the unit of their kind.
 _AMOUNT = {"beyond": 10.5, "leap": 8.0, "second_controller": 5.0, "late": 15.0}

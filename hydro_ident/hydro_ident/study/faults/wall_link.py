@@ -12,9 +12,10 @@ from hydro_hw_bridge.faults.bus_faults import LINK
 from hydro_hw_bridge.faults.naming import Named
 from hydro_hw_bridge.simulated_faults import INTERFACE, begun_ns
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.promised import WATCHDOG_MS
 from hydro_ident.study.faults.stage import until
 from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
-from hydro_ident.study.faults.wall_time import LATCHED_S, WATCHDOG_MS, WallRun
+from hydro_ident.study.faults.wall_time import LATCHED_S, WallRun
 
 GONE, WELL = "gone", "ok"
 #: What each has to show as: counters, and words of the trip's reason.

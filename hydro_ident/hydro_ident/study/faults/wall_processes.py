@@ -12,17 +12,11 @@ from pathlib import Path
 
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.promised import AGE_MS, RAMP_MS, WATCHDOG_MS
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE
 from hydro_ident.study.faults.stage import executable, until
 from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
-from hydro_ident.study.faults.wall_time import (
-    AGE_MS,
-    LATCHED_S,
-    RAMP_MS,
-    WATCHDOG_MS,
-    WAY_MS,
-    WallRun,
-)
+from hydro_ident.study.faults.wall_time import LATCHED_S, WallRun
 
 SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
 #: When a signal comes after the start: anywhere between importing and being done.
@@ -89,7 +83,7 @@ class ProcessDeeds:
         self.run.drive(publishing=False)
         time.sleep(source.uniform(0.0, 0.05))
         since = self.stage.send("controller", number)
-        limit = RAMP_MS + WAY_MS if number is signal.SIGTERM else AGE_MS
+        limit = RAMP_MS if number is signal.SIGTERM else AGE_MS
         found = self.run.measured(kind, since, limit)
         if number is signal.SIGSTOP:
             self.stage.send("controller", signal.SIGCONT)

@@ -11,22 +11,17 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE
 from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.promised import ALL_FRAMES_MS
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd
 from hydro_ident.study.faults.stage import Stage, executable, until
 from hydro_ident.study.faults.valve_record import excess_v
 from hydro_ident.study.faults.wall_outcomes import WallOutcome
 
-#: Wall time promised from the fault to 0 V, ms: device time, and two cycles of the way there.
-WAY_MS = 4.0
-AT_ONCE_MS, AGE_MS, WATCHDOG_MS = 2.0 + WAY_MS, 12.0 + WAY_MS, 50.0 + WAY_MS
-#: The controller's own way to 0 V on SIGTERM: a ramp within the slew limit.
-RAMP_MS = 30.0
 #: After a stop the valves are watched for so long.
 LATCHED_S = 0.15
 #: So long after a trip was cleared its first second of driving is past, or was looked at.
@@ -218,7 +213,8 @@ class WallRun:
         fault |= {"seed": source.randrange(1 << 30), "amount": source.randint(8, 12)}
         self.drive()
         since = self.put_on_the_bus(fault)
-        return self.measured(f"bus: {kind} ({direction})", since, WATCHDOG_MS)
+        limit_ms = ALL_FRAMES_MS[kind, direction]
+        return self.measured(f"bus: {kind} ({direction})", since, limit_ms)
 
     def put_on_the_bus(self, fault: dict[str, Any]) -> int:
         """Let the proxy begin a fault; the monotonic time, ns, at which it did.
@@ -241,8 +237,7 @@ class WallRun:
         """Injections by kind, without those of processes and of the machine's two ends."""
         deeds: dict[str, Callable[[random.Random], WallOutcome]] = {
             f"bus: {kind} ({direction})": partial(self.bus_fault, kind, direction)
-            for kind in ("lost", "late", "bit_flip")
-            for direction in (DEVICE, BRIDGE)
+            for kind, direction in ALL_FRAMES_MS
         }
         deeds["parameters changed while driving"] = self.parameters
         return deeds
