@@ -14,7 +14,7 @@ from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, TRANSPORT
 from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_ident.study.faults.promised import AGE_MS, ALL_FRAMES_MS, WATCHDOG_MS
 from hydro_ident.study.faults.wall_bus import DRAWN, _judged
-from hydro_ident.study.faults.wall_outcomes import WallOutcome
+from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome
 from hydro_ident.study.faults.wall_time import WallRun
 from hydro_model.robot import Robot
 
@@ -84,21 +84,21 @@ def test_every_kind_that_a_proxy_can_make_is_drawn(codec: Codec) -> None:
 
 def test_a_fault_has_to_be_counted(codec: Codec) -> None:
     injection = bus_injections.split(random.Random(1), codec, 0)
-    assert "cycles_incomplete" in _judged(injection, BEFORE, _after(cycles_complete=190))
-    assert _judged(injection, BEFORE, _after(cycles_incomplete=5)) == ""
+    assert "cycles_incomplete" in _judged(injection, BEFORE, _after(cycles_complete=190)).broken
+    assert _judged(injection, BEFORE, _after(cycles_incomplete=5)) == Judgement()
 
 
 def test_driving_on_where_that_is_right(codec: Codec) -> None:
     injection = bus_injections.split(random.Random(1), codec, 0)
     assert injection.limit_cycles is None
     tripped = _after("lift: position jumped", cycles_incomplete=5, trips=2)
-    assert "tripped: lift: position jumped" in _judged(injection, BEFORE, tripped)
+    assert "tripped: lift: position jumped" in _judged(injection, BEFORE, tripped).broken
 
 
 def test_a_busy_computer_is_no_fault_of_the_bridge(codec: Codec) -> None:
     injection = bus_injections.split(random.Random(1), codec, 0)
     late = _after("no command for 14 ms", cycles_incomplete=5, trips=2)
-    assert _judged(injection, BEFORE, late) == ""
+    assert _judged(injection, BEFORE, late) == Judgement(excused="no command for 14 ms")
 
 
 def test_a_trip_has_to_name_its_fault(codec: Codec) -> None:
@@ -109,9 +109,9 @@ def test_a_trip_has_to_name_its_fault(codec: Codec) -> None:
         == "second bridge"
     )
     named = _after("a second bridge drives the valves", trips=2)
-    assert _judged(injection, BEFORE, named) == ""
+    assert _judged(injection, BEFORE, named) == Judgement()
     other = _after("emergency stop", trips=2)
-    assert "said nowhere: 'second bridge'" in _judged(injection, BEFORE, other)
+    assert "said nowhere: 'second bridge'" in _judged(injection, BEFORE, other).broken
 
 
 def test_noise_that_passes_its_check_may_trip_and_nothing_else_may(codec: Codec) -> None:
@@ -120,6 +120,7 @@ def test_noise_that_passes_its_check_may_trip_and_nothing_else_may(codec: Codec)
     before = replace(
         BEFORE, counters={**BEFORE.counters, "cycles_corrupt": 0, "cycles_duplicates": 0}
     )
-    assert _judged(bus_injections.babble(random.Random(1), codec, 0), before, tripped) == ""
+    noise = _judged(bus_injections.babble(random.Random(1), codec, 0), before, tripped)
+    assert noise == Judgement()
     other = _judged(bus_injections.corrupt(random.Random(1), codec, 0), before, tripped)
-    assert "tripped: two different frames" in other
+    assert "tripped: two different frames" in other.broken

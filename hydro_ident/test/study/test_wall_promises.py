@@ -12,11 +12,13 @@ import pytest
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_injections import lost
 from hydro_hw_bridge.faults.injection import Injection
+from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.faults.trial import Outcome
 from hydro_ident.study.faults.device_time import summary as device_summary
 from hydro_ident.study.faults.page import told
 from hydro_ident.study.faults.stage import Stage
-from hydro_ident.study.faults.wall_outcomes import WallOutcome, summary
+from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, summary, worst_of
+from hydro_ident.study.faults.wall_time import WallRun
 from hydro_model.robot import Robot
 
 LOST = "bus, drawn: lost"
@@ -46,8 +48,8 @@ def test_of_a_kind_in_processes_every_promise_has_its_row(stage: Stage) -> None:
     found += wall((6.0, 1.0), (6.0, 2.0), kind="machine: pump") + wall((None, None), kind="none")
     result = summary(found, stage, 0, 0)
     rows = published("wall_time", result)
-    # Kind, injections, promised, median, 90 %, worst, above, of them with the timer as late.
-    assert [row[:3] + row[5:7] for row in rows] == [
+    # Kind, injections, excused, promised, median, 90 %, worst, above, with the timer as late.
+    assert [[*row[:2], row[3], *row[6:8]] for row in rows] == [
         [LOST, "2", "16.0", "17.0", "1"],
         [LOST, "1", "54.0", "49.0", "0"],
         [LOST, "2", "-", "-", "-"],
@@ -62,8 +64,58 @@ def test_of_a_kind_in_processes_every_promise_has_its_row(stage: Stage) -> None:
 def test_a_run_of_before_is_told_by_kind(stage: Stage) -> None:
     result = summary(wall((54.0, 49.0), (54.0, 50.0), (None, None)), stage, 0, 0)
     for row in result["kinds"].values():
-        del row["promises"]
-    assert [row[:3] for row in published("wall_time", result)] == [[LOST, "3", "54.0"]]
+        del row["promises"], row["excused_by_a_stall"]
+    del result["excused_by_a_stall"]
+    # What was not counted then is not told as none.
+    assert [row[:4] for row in published("wall_time", result)] == [[LOST, "3", "-", "54.0"]]
+
+
+STALL, FAULT = "no command for 14 ms", "lift: position jumped"
+
+
+class Told(WallRun):
+    """Diagnostics, one after another, with these reasons of a trip."""
+
+    def __init__(self, *reasons: str) -> None:
+        self._told = iter(reasons)
+
+    def diagnosed(self) -> Diagnosis:
+        return Diagnosis({"trips": 1}, ("", next(self._told), ""))
+
+
+BEFORE = Diagnosis({"trips": 1}, ("", "", ""))
+
+
+def test_a_stall_in_the_place_of_what_had_to_be_seen_is_told_and_nothing_else_excuses() -> None:
+    missed, named = Named(("trips",), "emergency stop"), Named()
+    assert Told(STALL).not_shown(missed, BEFORE, drives_on=False) == Judgement(excused=STALL)
+    assert "shows in none of" in Told(FAULT).not_shown(missed, BEFORE, drives_on=False).broken
+    assert "shows in none of" in Told("").not_shown(missed, BEFORE, drives_on=False).broken
+    # A trip is no excuse where nothing is missing: a silent publisher's is named so.
+    assert Told(STALL).not_shown(named, BEFORE, drives_on=False) == Judgement()
+    assert Told(STALL).tripped() == Judgement(excused=STALL)
+    assert Told(FAULT).tripped() == Judgement(f"the bridge tripped: {FAULT}")
+    assert Told("").tripped() == Judgement()
+    # A diagnosis without a reason tells of no trip, however long that takes.
+    assert Told("", "", FAULT).until_tripped() == FAULT
+
+
+def test_what_was_excused_is_counted_by_kind_and_published(stage: Stage) -> None:
+    stalled = WallOutcome(LOST, 16.0, 12.0, 0.1, "")
+    found = [*wall((16.0, 11.0), (16.0, 12.0), (None, None)), worst_of(stalled, Judgement())]
+    found += [worst_of(stalled, Judgement(excused=STALL))] * 2
+    found += [worst_of(w, Judgement(excused=STALL)) for w in wall((None, None), kind="none")]
+    result = summary(found, stage, 0, 0)
+    assert (result["excused_by_a_stall"], result["broken"]) == (3, [])
+    assert result["kinds"][LOST]["excused_by_a_stall"] == 2
+    rows = published("wall_time", result)
+    assert [row[:4] for row in rows] == [
+        [LOST, "5", "2", "16.0"],
+        [LOST, "1", "0", "-"],
+        ["none", "1", "1", "-"],
+    ]
+    run = {"date": "2026-01-01", "minutes": 1.0, "changed_since": [], **result}
+    assert "0 broken promises beyond the time, 3 injections of which" in told({"wall_time": run})
 
 
 def test_of_a_kind_in_device_time_every_promise_has_its_row(robot: Robot) -> None:

@@ -177,7 +177,8 @@ def _done(
 
 def _line(one: wall_outcomes.WallOutcome) -> str:
     stop = "drives on" if one.stop_ms is None else f"0 V after {one.stop_ms:.1f} ms"
-    return f"{one.kind}: {stop}" + (f": {one.broken}" if one.broken else "")
+    excused = f"; not judged, as tripped by a stall: {one.excused}" if one.excused else ""
+    return f"{one.kind}: {stop}" + (f": {one.broken}" if one.broken else excused)
 
 
 if __name__ == "__main__":

@@ -125,23 +125,39 @@ def _wall(found: Mapping[str, Any]) -> str:
         f"Run of {found['date']}, wall time, real processes: {found['injections']} injections"
         f" in {found['minutes']:.0f} minutes"
         f" ({found['left_out']} tries left out, as the computer was too busy to drive),"
-        f" {len(found['broken'])} broken promises beyond the time,"
+        f" {len(found['broken'])} broken promises beyond the time"
+        f"{_excused(found)}"
         f" {found['trips_by_the_busy_computer']} trips in between that nobody asked for."
         f" A bare timer on the same machine woke {timer['wakes']} times, late by"
         f" {timer['p50']:.2f} ms (median), {timer['p99']:.2f} ms (99 %), {timer['p99.9']:.2f} ms"
         f" (99.9 %), {timer['max']:.1f} ms at most.{_since(found)}",
         "",
-        "| fault | injections | promised, ms | median, ms | 90 %, ms | worst, ms | above the"
-        " promise | of them with the timer as late | timer at worst then, ms |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| fault | injections | excused by a stall | promised, ms | median, ms | 90 %, ms"
+        " | worst, ms | above the promise | of them with the timer as late"
+        " | timer at worst then, ms |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for kind, row in found["kinds"].items():
         # A run of before promises were told apart has one row of all.
         rows = list(row.get("promises", [row]))
         driven_on = row["injections"] - sum(one["injections"] for one in rows)
         rows += [{"injections": driven_on}] if driven_on else []
-        lines += [f"| {kind} | {one['injections']} | {_wall_times(one)} |" for one in rows]
+        lines += [
+            f"| {kind} | {one['injections']} | {one.get('excused_by_a_stall', '-')}"
+            f" | {_wall_times(one)} |"
+            for one in rows
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _excused(found: Mapping[str, Any]) -> str:
+    """Of how many nothing can be said; a run of before did not count them."""
+    if "excused_by_a_stall" not in found:
+        return " (what a stall excused was not counted yet),"
+    return (
+        f", {found['excused_by_a_stall']} injections of which nothing more can be said, as a trip"
+        " that a stall of the computer makes stands in the place of what had to be seen,"
+    )
 
 
 def _wall_times(row: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 
 from hydro_hw_bridge.codec import Codec
@@ -14,8 +14,8 @@ from hydro_hw_bridge.faults.injection import Injection
 from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import wall_ms
-from hydro_ident.study.faults.wall_outcomes import WallOutcome
-from hydro_ident.study.faults.wall_time import STALLS, WallRun
+from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, judgement, worst_of
+from hydro_ident.study.faults.wall_time import WallRun
 from hydro_model.robot import Robot
 
 #: Draws an injection: as those of `bus_injections`.
@@ -72,19 +72,14 @@ class BusDeeds:
         limit_ms = None if cycles is None else wall_ms(cycles)
         found = self._run.measured(f"bus, drawn: {kind}", since, limit_ms)
         now = self._run.diagnosed()
-        return found if found.broken else replace(found, broken=_judged(injection, before, now))
+        return worst_of(found, _judged(injection, before, now))
 
 
-def _judged(injection: Injection, before: Diagnosis, now: Diagnosis) -> str:
-    """What a fault did that it must not, or did not show as; in words.
-
-    A busy computer makes trips of its own, whose reason stands in the place of the fault's.
-    """
+def _judged(injection: Injection, before: Diagnosis, now: Diagnosis) -> Judgement:
+    """What a fault did that it must not, or did not show as."""
     reason = now.texts[1]
     missing = injection.unnamed(now, before, lockstep=False)
     may_trip = "trips" in injection.named.shows or injection.fault.kind in _PASSING
     if injection.limit_cycles is None and reason and not may_trip:
         missing.append(f"tripped: {reason}")
-    if not missing or reason.startswith(STALLS):
-        return ""
-    return f"{injection.kind}: {'; '.join(missing)}"
+    return judgement([f"{injection.kind}: {text}" for text in missing], reason)

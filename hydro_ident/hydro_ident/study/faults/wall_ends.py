@@ -16,7 +16,7 @@ from hydro_hw_bridge.faults.other_injections import HARMLESS_SHOWS, SAID
 from hydro_hw_bridge.output_ramp import REENABLE_S
 from hydro_ident.study.faults.promised import AGE_MS, AT_ONCE_MS
 from hydro_ident.study.faults.stage import until
-from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
+from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, worst_of
 from hydro_ident.study.faults.wall_time import LATCHED_S, WallRun
 
 #: Sizes of the faults of publishers that have one, in the unit of their kind.
@@ -84,4 +84,4 @@ class EndDeeds:
         # Not only until the fault that comes next: the whole second.
         time.sleep(REENABLE_S)
         again = run.measured("driven again after a trip", time.monotonic_ns(), None)
-        return worst_of(again, found.broken)
+        return worst_of(again, Judgement(found.broken, found.excused))

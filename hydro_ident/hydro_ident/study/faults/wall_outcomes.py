@@ -7,7 +7,46 @@ from typing import Any
 
 import numpy as np
 
+from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
+from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.study.faults.stage import Stage
+
+#: Reasons of trips that a stall of any process on the way makes.
+STALLS = (TOO_OLD, NOTHING_HEARD, READ_LATE, "the amplifiers' watchdog")
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What was found of an injection beside the time.
+
+    Attributes
+    ----------
+    broken : str
+        What was not kept, in words; empty where all was.
+    excused : str
+        Reason of a trip by a computer that stalls, where it stands in the place of what had to
+        be seen: then nothing is known of that, and nothing is broken.
+    """
+
+    broken: str = ""
+    excused: str = ""
+
+
+def judgement(missing: list[str], reason: str) -> Judgement:
+    """What follows from what is missing, where a bridge has tripped or not.
+
+    Parameters
+    ----------
+    missing : list of str
+        In words; empty where nothing is.
+    reason : str
+        Of its trip; empty without one.
+    """
+    if not missing:
+        return Judgement()
+    if reason.startswith(STALLS):
+        return Judgement(excused=reason)
+    return Judgement("; ".join(missing))
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +62,8 @@ class WallOutcome:
         Greatest lateness of the bare timer meanwhile.
     broken : str
         What was not kept, beyond the time; empty where all was.
+    excused : str
+        As of a `Judgement`.
     """
 
     kind: str
@@ -30,14 +71,18 @@ class WallOutcome:
     stop_ms: float | None
     late_timer_ms: float
     broken: str
+    excused: str = ""
 
 
-def worst_of(outcome: WallOutcome, also: str) -> WallOutcome:
-    """An outcome of which something more was not kept.
+def worst_of(outcome: WallOutcome, also: Judgement | str) -> WallOutcome:
+    """An outcome of which something more was not kept, or could not be judged.
 
-    `also` says what, empty where nothing is: the first that was found stays.
+    `also` says what; a text is what was not kept, empty where nothing is. The first that was found
+    stays.
     """
-    return outcome if outcome.broken else replace(outcome, broken=also)
+    more = also if isinstance(also, Judgement) else Judgement(also)
+    broken, excused = outcome.broken or more.broken, outcome.excused or more.excused
+    return replace(outcome, broken=broken, excused=excused)
 
 
 def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int) -> dict[str, Any]:
@@ -54,6 +99,7 @@ def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int)
         "injections": len(found),
         "left_out": left_out,
         "trips_by_the_busy_computer": unasked,
+        "excused_by_a_stall": sum(bool(one.excused) for one in found),
         "kinds": {kind: _row(of) for kind, of in sorted(kinds.items())},
         "timer_late_ms": {
             **{f"p{p:g}": float(np.percentile(late_ms, p)) for p in (50, 99, 99.9)},
@@ -65,11 +111,15 @@ def summary(found: list[WallOutcome], stage: Stage, unasked: int, left_out: int)
 
 
 def _row(found: list[WallOutcome]) -> dict[str, Any]:
-    """A kind as a whole, and by each promise that injections of it were held to."""
-    row: dict[str, Any] = {"injections": len(found), **_times(found)}
+    """A kind as a whole, and by each promise that injections of it were held to, or none."""
     limits = sorted({one.limit_ms for one in found if one.limit_ms is not None})
-    by_limit = [[one for one in found if one.limit_ms == limit] for limit in limits]
-    return row | {"promises": [{"injections": len(of), **_times(of)} for of in by_limit]}
+    by_limit = [[one for one in found if one.limit_ms == limit] for limit in (*limits, None)]
+    return _told(found) | {"promises": [_told(of) for of in by_limit if of]}
+
+
+def _told(found: list[WallOutcome]) -> dict[str, Any]:
+    excused = sum(bool(one.excused) for one in found)
+    return {"injections": len(found), "excused_by_a_stall": excused, **_times(found)}
 
 
 def _times(found: list[WallOutcome]) -> dict[str, Any]:

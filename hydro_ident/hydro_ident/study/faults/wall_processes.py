@@ -10,12 +10,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import AGE_MS, RAMP_MS, WATCHDOG_MS
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE
 from hydro_ident.study.faults.stage import executable, until
-from hydro_ident.study.faults.wall_outcomes import WallOutcome, worst_of
+from hydro_ident.study.faults.wall_outcomes import WallOutcome, judgement, worst_of
 from hydro_ident.study.faults.wall_time import LATCHED_S, WallRun
 
 SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM)
@@ -25,6 +26,7 @@ IDENTIFYING_S, SENDING_S = (0.5, 4.0), (0.1, 0.8)
 WRITTEN_BYTES, WRITING_S = 20_000, 60.0
 #: What the gate says of messages whose numbers are not of one publisher.
 TWO_PUBLISHERS = "commands of two publishers"
+NOT_0_V = "not at 0 V"
 #: A path of the tilt joint; from elsewhere the controller refuses it, and holds.
 PATH = "joints: [tilt]\nstart: [-1.5]\nsegments: [{kind: move, to: [-1.4], duration_s: 2.0}]\n"
 
@@ -104,14 +106,13 @@ class ProcessDeeds:
         since = time.monotonic_ns()
         if not self.run.ros.transition("second", ACTIVATE):
             raise IdentError(f"the second controller: {self.stage.said('second')[-300:]}")
-        self.run.until_tripped()
-        reason = self.run.tripped_otherwise()
+        reason = self.run.until_tripped()
         # When it sent its first command nobody knows from outside: no time is promised.
         found = self.run.measured("process: a second controller", since, None)
-        broken = "" if TWO_PUBLISHERS in reason or not reason else reason
+        missing = [] if TWO_PUBLISHERS in reason else [f"the bridge tripped: {reason}"]
         stopped = self.stage.first_stop_ns(since) is not None
         self.stage.end("second")
-        return worst_of(found, broken or ("" if stopped else "not at 0 V"))
+        return worst_of(worst_of(found, judgement(missing, reason)), "" if stopped else NOT_0_V)
 
     def _rig(self, source: random.Random, number: signal.Signals, kind: str) -> WallOutcome:
         """Standing still: 0 V with its first cycles after it; gone: a new one is not driven."""
@@ -121,14 +122,16 @@ class ProcessDeeds:
         if number is signal.SIGSTOP:
             time.sleep(0.3)
             return self.run.measured(kind, self.stage.send("rig", signal.SIGCONT), AGE_MS)
-        self.run.until_tripped()
-        tripped = self.run.tripped_otherwise()
+        # That nothing is heard is the fault itself; another stall stands in its place.
+        reason = self.run.until_tripped()
+        missing = [] if reason.startswith(NOTHING_HEARD) else [f"the bridge tripped: {reason}"]
         self.stage.end("rig")
         self.stage.start_rig(self.run.machine_bus)
         time.sleep(2 * LATCHED_S)
         moved = self.stage.moved_ns(since) is not None
-        broken = "the new machine was driven without being cleared" if moved else tripped
-        return WallOutcome(kind, None, None, 0.0, broken)
+        broken = "the new machine was driven without being cleared" if moved else ""
+        found = WallOutcome(kind, None, None, 0.0, broken)
+        return worst_of(found, judgement(missing, reason))
 
     # -- processes that the valves do not depend on
 
@@ -190,7 +193,7 @@ class ProcessDeeds:
         if number is signal.SIGSTOP:
             self.stage.send(name, signal.SIGCONT)
             time.sleep(LATCHED_S)
-        return replace(found, broken=self.run.tripped_otherwise())
+        return worst_of(found, self.run.tripped())
 
 
 def _sent(

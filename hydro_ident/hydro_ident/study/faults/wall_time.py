@@ -7,20 +7,17 @@ import random
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from hydro_hw_bridge.faults.bus_injections import NOTHING_HEARD, TOO_OLD
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.supervision import READ_LATE
 from hydro_ident.errors import IdentError
 from hydro_ident.study.faults.promised import ALL_FRAMES_MS
 from hydro_ident.study.faults.ros_end import ACTIVATE, CONFIGURE, RosEnd
 from hydro_ident.study.faults.stage import Stage, executable, until
 from hydro_ident.study.faults.valve_record import excess_v
-from hydro_ident.study.faults.wall_outcomes import WallOutcome
+from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, judgement, worst_of
 
 #: After a stop the valves are watched for so long.
 LATCHED_S = 0.15
@@ -28,9 +25,6 @@ LATCHED_S = 0.15
 SLOW_NS = 20_000_000_000
 #: A computer that cannot drive for so long is too busy: the injection is left out, and counted.
 DRIVING_S = 30.0
-
-#: Reasons of trips that a stall of any process on the way makes.
-STALLS = (TOO_OLD, NOTHING_HEARD, READ_LATE, "the amplifiers' watchdog")
 
 
 class WallRun:
@@ -169,9 +163,14 @@ class WallRun:
 
     # -- injections
 
-    def until_tripped(self) -> None:
-        """Wait until the bridge has tripped, for whatever reason."""
-        until(self._reason, 5.0, "the bridge to trip")
+    def until_tripped(self) -> str:
+        """Wait until the bridge says that it has tripped; for which reason."""
+        # Its newest diagnosis may be of before, with the reason of a trip that was cleared.
+        end = time.monotonic() + 5.0
+        while not (reason := self.diagnosed().texts[1]):
+            if time.monotonic() > end:
+                raise IdentError("expected the bridge to trip within 5 s")
+        return reason
 
     def diagnosed(self) -> Diagnosis:
         """What the bridge says of itself from now on: its next diagnostics."""
@@ -182,27 +181,23 @@ class WallRun:
         texts = (values["message"], values["trip_reason"], values["readings_last_fault"])
         return Diagnosis(counters, texts)
 
-    def not_shown(self, named: Named, before: Diagnosis, *, drives_on: bool) -> str:
-        """What had to show in the bridge's next diagnostics and does not, in words.
+    def not_shown(self, named: Named, before: Diagnosis, *, drives_on: bool) -> Judgement:
+        """What had to show in the bridge's next diagnostics and does not.
 
         `named` is what had to, `before` the diagnosis before the fault; `drives_on` says whether
-        nothing may trip. A busy computer makes trips of its own, whose reason stands in the place
-        of the fault's.
+        nothing may trip.
         """
         now = self.diagnosed()
         reason = now.texts[1]
         missing = now.lacks(named, before)
         if drives_on and reason:
             missing.append(f"tripped: {reason}")
-        return "" if reason.startswith(STALLS) else "; ".join(missing)
+        return judgement(missing, reason)
 
-    def tripped_otherwise(self) -> str:
-        """What the bridge tripped for, in words, unless a computer that stalls makes that."""
-        reason = self._reason()
-        return f"the bridge tripped: {reason}" if reason and not reason.startswith(STALLS) else ""
-
-    def _reason(self) -> str:
-        return self.ros.diagnosis.get("can_bridge", {}).get("trip_reason", "")
+    def tripped(self) -> Judgement:
+        """Where nothing may trip: what the bridge's next diagnostics say."""
+        reason = self.diagnosed().texts[1]
+        return judgement([f"the bridge tripped: {reason}"] if reason else [], reason)
 
     def bus_fault(self, kind: str, direction: str, source: random.Random) -> WallOutcome:
         """The proxy loses, delays or flips the frames of one direction for 0.2 s.
@@ -230,8 +225,7 @@ class WallRun:
         since = time.monotonic_ns()
         taken = self.ros.set_parameter("can_bridge", name, value)
         found = self.measured("parameters changed while driving", since, None)
-        broken = f"{name} was taken" if taken else self.tripped_otherwise()
-        return replace(found, broken=broken)
+        return worst_of(worst_of(found, f"{name} was taken" if taken else ""), self.tripped())
 
     def deeds(self) -> dict[str, Callable[[random.Random], WallOutcome]]:
         """Injections by kind, without those of processes and of the machine's two ends."""
