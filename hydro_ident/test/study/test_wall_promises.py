@@ -137,3 +137,21 @@ def test_of_a_kind_in_device_time_every_promise_has_its_row(robot: Robot) -> Non
         [kind, "", "1", "50", "16"],
     ]
     assert result["kinds"][kind]["promised_ms"] == 50.0
+
+
+def test_what_waiting_for_a_core_can_have_cost_is_told_from_what_it_cannot(stage: Stage) -> None:
+    """Of stops later than promised: by the timer, by the processes' waiting, or by neither."""
+    found = [
+        # Promised 16 ms; the timer late by 0.1 ms, the processes waited one after the other.
+        WallOutcome(LOST, 16.0, stop, 0.1, "", waited_ms={"bridge": bridge, "rig": rig})
+        for stop, bridge, rig in ((12.0, 0.2, 0.1), (18.0, 1.5, 1.0), (18.0, 1.0, 0.5))
+    ]
+    found.append(WallOutcome(LOST, 16.0, 18.0, 2.5, "", waited_ms={"bridge": 0.0}))
+    row = summary(found, stage, 0, 0)["kinds"][LOST]
+    assert (row["above"], row["above_with_the_timer_as_late"]) == (3, 1)
+    assert (row["above_with_as_much_waiting"], row["above_with_neither"]) == (1, 1)
+    assert (row["waited_p50_ms"], row["waited_max_ms"]) == pytest.approx((0.9, 2.5))
+    assert row["waited_max_ms_by_process"] == {"bridge": 1.5, "rig": 1.0}
+    [cells] = published("wall_time", summary(found, stage, 0, 0))
+    # Above, with the timer, with waiting, with neither; timer at worst, waited median and worst.
+    assert cells[7:] == ["3", "1", "1", "1", "2.5", "0.9", "2.5"]

@@ -134,8 +134,9 @@ def _wall(found: Mapping[str, Any]) -> str:
         "",
         "| fault | injections | excused by a stall | promised, ms | median, ms | 90 %, ms"
         " | worst, ms | above the promise | of them with the timer as late"
-        " | timer at worst then, ms |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        " | with our processes waiting as long | with neither | timer at worst then, ms"
+        " | waited for a core, median, ms | at worst, ms |",
+        f"|{'---|' * 14}",
     ]
     for kind, row in found["kinds"].items():
         # A run of before promises were told apart has one row of all.
@@ -161,9 +162,14 @@ def _excused(found: Mapping[str, Any]) -> str:
 
 
 def _wall_times(row: Mapping[str, Any]) -> str:
-    """Cells behind the number of injections."""
-    if "max_ms" not in row:
-        return " | ".join(["-"] * 7)
-    cells = [f"{row[f'{key}_ms']:.1f}" for key in ("promised", "p50", "p90", "max")]
-    cells += [str(row["above"]), str(row["above_with_the_timer_as_late"])]
-    return " | ".join([*cells, f"{row['timer_max_ms']:.1f}"])
+    """Cells behind the numbers of injections; a dash for what was not measured."""
+    times = [f"{key}_ms" for key in ("promised", "p50", "p90", "max")]
+    above = [
+        "above",
+        *(f"above_with_{key}" for key in ("the_timer_as_late", "as_much_waiting", "neither")),
+    ]
+    waits = ["timer_max_ms", "waited_p50_ms", "waited_max_ms"]
+    cells = [f"{row[key]:.1f}" if key in row else "-" for key in times]
+    cells += [str(row.get(key, "-")) for key in above]
+    cells += [f"{row[key]:.1f}" if key in row else "-" for key in waits]
+    return " | ".join(cells)

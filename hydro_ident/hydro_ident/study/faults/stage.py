@@ -17,10 +17,14 @@ import numpy as np
 from hydro_hw_bridge.faults import bare_timer
 from hydro_hw_bridge.faults.measured_rig import STATES, record_of
 from hydro_ident.errors import IdentError
+from hydro_ident.study.faults.waiting import check_counted, longest_wait_ms, threads_waited_ns
 from hydro_model.robot import FloatArray, Robot
 
 READY_S = 120.0
 END_S = 10.0
+#: Processes between a command and the valves; the campaign itself where it publishes.
+ON_THE_WAY = ("controller", "bridge", "proxy", "rig")
+PUBLISHER = "publisher"
 
 
 def executable(package: str, name: str) -> str:
@@ -45,6 +49,8 @@ class Stage:
         self._record = record_of(len(robot.valves))
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._rigs = 0
+        self._waited: dict[str, dict[int, int]] = {}
+        check_counted(os.getpid())
 
     def start(self, name: str, *command: str, ready: str = "") -> None:
         """Start a process, and wait for a line of its output.
@@ -102,6 +108,7 @@ class Stage:
 
     def tell_timed(self, name: str, text: str) -> int:
         """A line of standard input that is answered by `at MONOTONIC_NS`: that time."""
+        self.mark()
         said = len(self.said(name))
         self.tell(name, text)
         until(lambda: "\n" in self.said(name)[said:], 5.0, f"{name} to do it")
@@ -110,6 +117,7 @@ class Stage:
     def send(self, name: str, number: signal.Signals) -> int:
         """Send a signal; the monotonic time just before, ns."""
         process = self._processes[name]
+        self.mark()
         now_ns = time.monotonic_ns()
         os.kill(process.pid, number)
         return now_ns
@@ -130,6 +138,32 @@ class Stage:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+    # -- who waits for a core
+
+    def mark(self) -> None:
+        """A fault begins: what `waited_ms` tells counts from now on."""
+        self._waited = self._waits()
+
+    def waited_ms(self, *, publishing: bool) -> dict[str, float]:
+        """How long each process on the way waited for a core since the mark, its longest thread.
+
+        `publishing` says whether the commands come from the campaign itself. Processes that are
+        gone, or were not there, are not told of.
+        """
+        now = self._waits()
+        return {
+            name: longest_wait_ms(self._waited[name], now[name])
+            for name in now
+            if name in self._waited and (publishing or name != PUBLISHER)
+        }
+
+    def _waits(self) -> dict[str, dict[int, int]]:
+        pids = {name: self._processes[name].pid for name in ON_THE_WAY if self.running(name)}
+        waits = {name: threads_waited_ns(pid) for name, pid in pids.items()}
+        # The campaign's main thread only looks on.
+        waits[PUBLISHER] = threads_waited_ns(os.getpid(), without=os.getpid())
+        return {name: threads for name, threads in waits.items() if threads}
 
     # -- what stands at the valves
 

@@ -54,6 +54,7 @@ class EndDeeds:
             named, limit_ms = Named((HARMLESS_SHOWS[kind],)), None
         before = run.drive_and_ask()
         cycles, amount = _CYCLES.get(kind, 1), _AMOUNT.get(kind, 0.0)
+        run.stage.mark()
         run.ros.begin_fault(kind, cycles, amount, source.randrange(2))
         until(lambda: run.ros.fault_at_ns is not None, 5.0, "the fault to begin")
         found = run.measured(f"publisher: {kind}", run.ros.fault_at_ns or 0, limit_ms)

@@ -61,6 +61,7 @@ class LinkDeeds:
     def _begin(self, word: str) -> int:
         """Let the interface be as the word says; the monotonic time, ns, at which it was."""
         said = len(self._run.stage.said("bridge"))
+        self._run.stage.mark()
         self._control.write_text(word, encoding="utf-8")
         told = partial(self._told_ns, word, said)
         until(lambda: told() is not None, 5.0, f"the interface to be '{word}'")

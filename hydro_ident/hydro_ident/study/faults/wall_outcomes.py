@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,9 @@ class WallOutcome:
         What was not kept, beyond the time; empty where all was.
     excused : str
         As of a `Judgement`.
+    waited_ms : mapping of str to float
+        How long each process on the way to the valves waited for a core, its longest thread, from
+        just before the fault until the stop was seen.
     """
 
     kind: str
@@ -72,6 +76,17 @@ class WallOutcome:
     late_timer_ms: float
     broken: str
     excused: str = ""
+    waited_ms: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def above_ms(self) -> float:
+        """By how much it came later than promised; 0 or less where it did not."""
+        return (self.stop_ms or 0.0) - (self.limit_ms or 0.0)
+
+    @property
+    def all_waited_ms(self) -> float:
+        """Of all processes: a command passes through one after the other."""
+        return sum(self.waited_ms.values())
 
 
 def worst_of(outcome: WallOutcome, also: Judgement | str) -> WallOutcome:
@@ -119,7 +134,8 @@ def _row(found: list[WallOutcome]) -> dict[str, Any]:
 
 def _told(found: list[WallOutcome]) -> dict[str, Any]:
     excused = sum(bool(one.excused) for one in found)
-    return {"injections": len(found), "excused_by_a_stall": excused, **_times(found)}
+    counts = {"injections": len(found), "excused_by_a_stall": excused}
+    return {**counts, **_times(found), **_waits([one for one in found if one.waited_ms])}
 
 
 def _times(found: list[WallOutcome]) -> dict[str, Any]:
@@ -127,14 +143,31 @@ def _times(found: list[WallOutcome]) -> dict[str, Any]:
     if not stops:
         return {}
     times = [one.stop_ms or 0.0 for one in stops]
-    above = [o for o in stops if (o.stop_ms or 0.0) > (o.limit_ms or 0.0)]
-    stalls = [o for o in above if (o.stop_ms or 0.0) - (o.limit_ms or 0.0) <= o.late_timer_ms]
+    above = [one for one in stops if one.above_ms > 0.0]
+    late = [one.above_ms <= one.late_timer_ms for one in above]
+    waited = [one.above_ms <= one.all_waited_ms for one in above]
     return {
         "promised_ms": stops[0].limit_ms,
         "p50_ms": float(np.percentile(times, 50)),
         "p90_ms": float(np.percentile(times, 90)),
         "max_ms": max(times),
         "above": len(above),
-        "above_with_the_timer_as_late": len(stalls),
+        "above_with_the_timer_as_late": sum(late),
+        "above_with_as_much_waiting": sum(waited),
+        "above_with_neither": sum(not (a or b) for a, b in zip(late, waited, strict=True)),
         "timer_max_ms": max(one.late_timer_ms for one in stops),
+    }
+
+
+def _waits(found: list[WallOutcome]) -> dict[str, Any]:
+    """How long processes waited for a core: all of them, and the worst of each."""
+    if not found:
+        return {}
+    waits = [one.all_waited_ms for one in found]
+    names = sorted({name for one in found for name in one.waited_ms})
+    worst = {name: max(one.waited_ms.get(name, 0.0) for one in found) for name in names}
+    return {
+        "waited_p50_ms": float(np.percentile(waits, 50)),
+        "waited_max_ms": max(waits),
+        "waited_max_ms_by_process": worst,
     }

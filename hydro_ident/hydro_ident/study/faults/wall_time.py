@@ -112,6 +112,7 @@ class WallRun:
                     self._cleared_ns = now_ns
             time.sleep(0.03)
         self.unasked_trips += max(cleared - 1, 0)
+        self.stage.mark()
 
     def measured(
         self, kind: str, since_ns: int, limit_ms: float | None, *, latched: bool = True
@@ -128,14 +129,17 @@ class WallRun:
                     return WallOutcome(kind, limit_ms, None, 0.0, "not at 0 V within 2 s")
                 time.sleep(0.01)
             stop_ms = (at - since_ns) / 1e6
+            waited_ms = self.stage.waited_ms(publishing=self.ros.publishing)
             time.sleep(LATCHED_S)
             if latched and self.stage.moved_ns(at) is not None:
                 broken = "the valves moved again without being cleared"
         else:
             time.sleep(LATCHED_S)
+            waited_ms = self.stage.waited_ms(publishing=self.ros.publishing)
         broken = broken or self._leapt(since_ns)
         span_ns = int(1e6 * (stop_ms or 0.0))
-        return WallOutcome(kind, limit_ms, stop_ms, self._timer_ms(since_ns, span_ns), broken)
+        late_ms = self._timer_ms(since_ns, span_ns)
+        return WallOutcome(kind, limit_ms, stop_ms, late_ms, broken, waited_ms=waited_ms)
 
     def _leapt(self, until_ns: int) -> str:
         """A step too large in the second after the trip was cleared, in words.
