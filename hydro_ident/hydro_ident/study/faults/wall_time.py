@@ -19,6 +19,8 @@ from hydro_ident.study.faults.stage import Stage, executable, until
 from hydro_ident.study.faults.valve_record import excess_v
 from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, judgement, worst_of
 
+#: So often the valves are looked at for a stop.
+SEEN_S = 0.002
 #: After a stop the valves are watched for so long.
 LATCHED_S = 0.15
 #: So long after a trip was cleared its first second of driving is past, or was looked at.
@@ -127,7 +129,8 @@ class WallRun:
             while (at := self.stage.first_stop_ns(since_ns)) is None:
                 if time.monotonic() > deadline:
                     return WallOutcome(kind, limit_ms, None, 0.0, "not at 0 V within 2 s")
-                time.sleep(0.01)
+                # Soon: what waited for a core is counted until then.
+                time.sleep(SEEN_S)
             stop_ms = (at - since_ns) / 1e6
             waited_ms = self.stage.waited_ms(publishing=self.ros.publishing)
             time.sleep(LATCHED_S)
