@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hydro_hw_bridge.codec import Codec
-from hydro_hw_bridge.faults.bus_injections import lost
-from hydro_hw_bridge.faults.injection import Injection
+from hydro_hw_bridge.faults.bus_injections import lost, sensor
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, Injection
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
 from hydro_hw_bridge.faults.trial import Outcome
 from hydro_ident.study.faults.device_time import summary as device_summary
@@ -137,6 +137,32 @@ def test_of_a_kind_in_device_time_every_promise_has_its_row(robot: Robot) -> Non
         [kind, "", "1", "50", "16"],
     ]
     assert result["kinds"][kind]["promised_ms"] == 50.0
+
+
+def test_in_lockstep_only_what_stops_at_once_is_a_promised_stop_and_the_page_says_so(
+    robot: Robot,
+) -> None:
+    codec = Codec.load(None, None, robot)
+    draws = [lost(random.Random(number), codec, 0) for number in range(200)]
+    slow = next(one for one in draws if one.limit_cycles == AGE)
+    at_once = sensor(random.Random(1), codec, 0)
+    assert at_once.limit_cycles == AT_ONCE
+    found = [
+        Outcome(injection, lockstep, stop, True, "", (), 1.0, 0.0, ())
+        for injection, lockstep, stop in (
+            (slow, False, 6),
+            (slow, True, 60),
+            (at_once, False, 1),
+            (at_once, True, 1),
+        )
+    ]
+    result = device_summary(found, 0.002) | {"silent": {}}
+    assert published("device_time", result) == [
+        [f"bus: {at_once.kind}", "2", "2", "2", "2"],
+        ["bus: lost (device)", "2", "1", "12", "12"],
+    ]
+    text = told({"device_time": {"date": "2026-01-01", "changed_since": [], **result}})
+    assert "with a promised stop, above 2 ms not in lockstep" in text
 
 
 def test_what_waiting_for_a_core_can_have_cost_is_told_from_what_it_cannot(stage: Stage) -> None:

@@ -84,9 +84,12 @@ def _device(found: Mapping[str, Any]) -> str:
         " one whose trip was cleared is held to 10 V/s and judged by that,"
         " a bridge started anew to the slew limit."
         f" Worst case to 0 V {found['worst_ms']:.0f} ms, but for encoders that are stuck."
+        " Promises of more than one cycle (2 ms) and their worst cases are of injections that are"
+        " not in lockstep, where the machine's time waits for whoever is late."
         f"{_since(found)}",
         "",
-        "| fault | injections | of them with a promised stop | promised, ms | worst, ms |",
+        "| fault | injections | of them with a promised stop, above 2 ms not in lockstep"
+        " | promised, ms | worst, ms |",
         "|---|---|---|---|---|",
     ]
     for kind, row in found["kinds"].items():
