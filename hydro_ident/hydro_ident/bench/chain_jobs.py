@@ -7,11 +7,10 @@ import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-import numpy as np
-
 from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
-from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.bench.job import Row, against_limit, ratio_of
 from hydro_ident.bench.processes import cpu_s
+from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 
 SECONDS, _SETTLE_S = 20.0, 1.0
@@ -28,13 +27,17 @@ class Round:
     Attributes
     ----------
     latency_s : dict of str to float
-        By `QUANTILES`.
+        By `QUANTILES`, over all cycles: those never answered are infinitely late.
     core_share : dict of str to float
         CPU time of each process by wall time.
+    lost, cycles : int
+        Cycles that were never answered, of how many.
     """
 
     latency_s: dict[str, float]
     core_share: dict[str, float]
+    lost: int
+    cycles: int
 
 
 def measured(chain: AbstractContextManager[Running], seconds: float) -> Round:
@@ -67,7 +70,8 @@ def measured(chain: AbstractContextManager[Running], seconds: float) -> Round:
             f" {_LOST_SHARE:.0%}: the machine is too busy to measure it"
         )
     shares = {name: (after[name] - before[name]) / wall for name in after}
-    return Round({q: float(np.percentile(times, at)) for q, at in QUANTILES.items()}, shares)
+    late = {name: lateness(times, lost, at) for name, at in QUANTILES.items()}
+    return Round(late, shares, lost, cycles)
 
 
 def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
@@ -83,15 +87,23 @@ def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
     pairs = [
         (measured(_patient(seconds), seconds), measured(floor(), seconds)) for _ in range(rounds)
     ]
+    products, echoes = zip(*pairs, strict=True)
+    counts = {
+        "lost_ours": sum(one.lost for one in products),
+        "cycles_ours": sum(one.cycles for one in products),
+        "lost_theirs": sum(one.lost for one in echoes),
+        "cycles_theirs": sum(one.cycles for one in echoes),
+    }
     rows = []
     for name in QUANTILES:
-        ours = statistics.median(one.latency_s[name] for one, _ in pairs)
-        theirs = statistics.median(one.latency_s[name] for _, one in pairs)
+        ours = statistics.median(one.latency_s[name] for one in products)
+        theirs = statistics.median(one.latency_s[name] for one in echoes)
         job = f"bridge and controller, sensor frame to valve frame, {name}"
         peer = "rclpy echo over the same bus (floor)"
-        rows.append(Row(job, peer, ours, theirs, theirs / ours, _FLOOR_GOAL))
+        ratio = ratio_of(theirs, ours)
+        rows.append(Row(job, peer, ours, theirs, ratio, _FLOOR_GOAL, rounds, **counts))
     for name in ("bridge", "controller"):
-        share = statistics.median(one.core_share[name] for one, _ in pairs)
+        share = statistics.median(one.core_share[name] for one in products)
         job = f"{name} at 500 Hz: share of a core"
         rows.append(against_limit(job, "30 % of a core", share, _CPU_LIMIT))
     return rows

@@ -18,7 +18,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from hydro_ident.bench import (
@@ -92,6 +91,8 @@ def _run(arguments: Sequence[str]) -> int:
             for row in growth.growth_rows(options.growth, Path(folder)):
                 rows.append(row)
                 _say(page.line(row))
+    if said := page.lost_cycles(rows):
+        _say(f"\n{said}")
     if options.json is not None:
         _write(options.json, rows)
     return 0
@@ -111,8 +112,9 @@ def _publish(folder: Path) -> None:
 
 
 def _write(path: Path, rows: Sequence[Row]) -> None:
+    text = json.dumps([row.as_json() for row in rows], indent=2, allow_nan=False) + "\n"
     try:
-        write_atomically(path, json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+        write_atomically(path, text)
     except OSError as error:
         raise IdentError(f"{path}: cannot be written: {error.strerror}") from error
 

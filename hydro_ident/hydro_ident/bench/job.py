@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +43,13 @@ class Row:
     job, peer : str
     ours, theirs : float
         Seconds, or the unit that the job's name ends in: medians of the rounds; with a limit as
-        peer, the limit.
+        peer, the limit. Infinite where that share of the cycles was never answered.
     ratio, goal : float
-        Theirs by ours, measured and wanted.
+        Theirs by ours, measured and wanted; 0 where ours is infinite.
+    rounds : int or None
+        Measurements that the medians are of; None in results of before they were written down.
+    lost_ours, cycles_ours, lost_theirs, cycles_theirs : int or None
+        Of jobs in cycles: how many were never answered, of how many, in all rounds.
     """
 
     job: str
@@ -52,6 +58,47 @@ class Row:
     theirs: float
     ratio: float
     goal: float
+    rounds: int | None = None
+    lost_ours: int | None = None
+    cycles_ours: int | None = None
+    lost_theirs: int | None = None
+    cycles_theirs: int | None = None
+
+    @property
+    def met(self) -> bool:
+        """Whether the goal is met: what never came is late, whatever the peer's is."""
+        return math.isfinite(self.ours) and self.ratio >= self.goal
+
+    def as_json(self) -> dict[str, Any]:
+        """The row as JSON can say it: null for what is infinite, nothing for what is not known."""
+        return {
+            key: None if isinstance(value, float) and math.isinf(value) else value
+            for key, value in asdict(self).items()
+            if value is not None
+        }
+
+    @classmethod
+    def of_json(cls, found: Mapping[str, Any]) -> Row:
+        """The row that `as_json` gave.
+
+        Parameters
+        ----------
+        found : mapping
+        """
+        endless = {
+            key: math.inf for key in ("ours", "theirs", "ratio") if found.get(key, 0.0) is None
+        }
+        return cls(**{**found, **endless})
+
+
+def ratio_of(theirs: float, ours: float) -> float:
+    """How many times ours fits into theirs; 0 where ours is infinite.
+
+    Parameters
+    ----------
+    theirs, ours : float
+    """
+    return 0.0 if math.isinf(ours) else theirs / ours
 
 
 def seconds_of(work: Callable[[], object]) -> float:

@@ -3,15 +3,17 @@
     scripts/soak.sh [--minutes 10] [--json F]
 
 Rig, bridge and controller with the tip going to and fro. Prints a histogram of the times from
-sensor frame to valve frame, the cycles that were not answered, how often the bridge's gate tripped
-(a command older than its limit: 0 V until cleared, which the soak does), and how
-the memory of every process grew after the first tenth of the time.
+sensor frame to valve frame, the cycles that were not answered (infinitely late in the percentiles,
+but for those between a trip and its end), how often the bridge's gate tripped (a command older
+than its limit: 0 V until cleared, which the soak does), and how the memory of every process grew
+after the first tenth of the time.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -22,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
+from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 from hydro_ident.study.peak import status_kb
 from hydro_model.command import run_command
@@ -62,9 +65,10 @@ class Soaked:
     trips : int
         Of the bridge's gate, each cleared.
     waited : int
-        Cycles that passed while a trip was noticed and cleared; most of those lost.
+        Of those lost, the ones from the last answer before a trip until it was cleared.
     latency_ms : mapping
-        By percentile.
+        By percentile, over all cycles but those `waited`: infinite where that share was never
+        answered, null in JSON.
     histogram : list of int
         Counts by `EDGES_MS`, then those above.
     memory : mapping from process to Memory
@@ -109,7 +113,7 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
         times_ms = 1e3 * running.bus.latencies_s()
     if not times_ms.size:
         raise IdentError("soak: no cycle was answered")
-    edges = [-np.inf, *EDGES_MS, np.inf]
+    edges, unanswered = [-np.inf, *EDGES_MS, np.inf], max(lost - trips.waited, 0)
     kept = {name: values[_SAMPLES // 10 :] for name, values in sizes.items()}
     return Soaked(
         minutes,
@@ -117,7 +121,7 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
         lost,
         trips.cleared,
         trips.waited,
-        {f"p{q:g}": float(np.percentile(times_ms, q)) for q in QUANTILES},
+        {f"p{q:g}": lateness(times_ms, unanswered, q) for q in QUANTILES},
         np.histogram(times_ms, edges)[0].tolist(),
         {name: Memory(v[0], v[-1], max(v)) for name, v in kept.items()},
     )
@@ -134,7 +138,7 @@ class Trips:
     ----------
     cleared : int
     waited : int
-        Cycles that passed meanwhile.
+        Cycles from the last answer before a trip until it was cleared that got no answer.
     """
 
     def __init__(self, running: Running) -> None:
@@ -155,12 +159,16 @@ class Trips:
         """
         bus = self._running.bus
         while (left := until - time.monotonic()) > 0.0:
-            answered, cycles = bus.answered, bus.cycles
+            answered = bus.answered
             time.sleep(min(left, _LOOK_S))
             self._running.check()
-            if bus.answered == answered and self._running.rearm():
+            if bus.answered != answered:
+                continue
+            cycles, silence = bus.cycles, bus.silence
+            if self._running.rearm():
                 self.cleared += 1
-                self.waited += bus.cycles - cycles
+                # Answers come again before the command that clears has ended.
+                self.waited += silence + (bus.cycles - cycles) - (bus.answered - answered)
 
 
 def _take_sizes(running: Running, sizes: dict[str, list[float]]) -> None:
@@ -177,7 +185,10 @@ def text_of(found: Soaked) -> str:
         "",
     ]
     lines += ["sensor frame to valve frame:"]
-    lines += [f"  {name:6} {value:8.3f} ms" for name, value in found.latency_ms.items()]
+    lines += [
+        f"  {name:6} {value:8.3f} ms" if math.isfinite(value) else f"  {name:6} never answered"
+        for name, value in found.latency_ms.items()
+    ]
     most = max(found.histogram) or 1
     ends = [f"up to {edge:g} ms" for edge in EDGES_MS] + [f"above {EDGES_MS[-1]:g} ms"]
     for end, count in zip(ends, found.histogram, strict=True):
@@ -193,6 +204,19 @@ def text_of(found: Soaked) -> str:
     return "\n".join(lines)
 
 
+def json_of(found: Soaked) -> str:
+    """A soak as JSON, null for what was never answered.
+
+    Parameters
+    ----------
+    found : Soaked
+    """
+    said = asdict(found)
+    times = found.latency_ms.items()
+    said["latency_ms"] = {name: t if math.isfinite(t) else None for name, t in times}
+    return json.dumps(said, indent=2, allow_nan=False) + "\n"
+
+
 def _run(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n\n")[2])
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
@@ -204,7 +228,7 @@ def _run(arguments: Sequence[str]) -> int:
     print(text_of(found), flush=True)
     if options.json is not None:
         try:
-            write_atomically(options.json, json.dumps(asdict(found), indent=2) + "\n")
+            write_atomically(options.json, json_of(found))
         except OSError as error:
             raise IdentError(f"{options.json}: cannot be written: {error.strerror}") from error
     return 0

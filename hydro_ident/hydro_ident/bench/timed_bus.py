@@ -18,6 +18,27 @@ from hydro_model.robot import FloatArray
 _OPEN = 500
 
 
+def lateness(times: FloatArray, unanswered: int, percent: float) -> float:
+    """A percentile of the times of cycles, those that nobody answered infinitely late.
+
+    It is a time that was measured (the smallest that at least this share does not exceed): between
+    a time and none there is nothing to interpolate.
+
+    Parameters
+    ----------
+    times : (answered,) array
+    unanswered : int
+    percent : float
+
+    Returns
+    -------
+    float
+        In the unit of the times; infinite where that share was not answered.
+    """
+    every = np.concatenate([times, np.full(unanswered, np.inf)])
+    return float(np.percentile(every, percent, method="inverted_cdf"))
+
+
 class TimedBus(Bus):
     """The device's end of a bus; frames pass as they are.
 
@@ -45,7 +66,7 @@ class TimedBus(Bus):
 
     def begin(self) -> None:
         """Forget what was noted."""
-        self.cycles = 0
+        self.cycles = self._cycles_at_answer = 0
         self._latencies_s = array("d")
         self._open: OrderedDict[int, float] = OrderedDict()
 
@@ -78,12 +99,18 @@ class TimedBus(Bus):
                 newest = next((c for c in reversed(self._open) if command.answers(c)), None)
                 if newest is not None:
                     self._latencies_s.append(now - self._open.pop(newest))
+                    self._cycles_at_answer = self.cycles
         return message
 
     @property
     def answered(self) -> int:
         """Cycles that were answered."""
         return len(self._latencies_s)
+
+    @property
+    def silence(self) -> int:
+        """Cycles that were sent since the newest answer."""
+        return self.cycles - self._cycles_at_answer
 
     def latencies_s(self) -> FloatArray:
         """A copy of the times of the cycles that were answered, s; (answered,).
