@@ -18,7 +18,7 @@ from hydro_hw_bridge.bus_name import BusName
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Readings, Status
 from hydro_ident.bench import fit, fit_jobs, growth
-from hydro_ident.bench.chain import LARGEST_AGE_MS, floor, product
+from hydro_ident.bench.chain import LARGEST_AGE_MS, echo, product
 from hydro_ident.bench.chain_jobs import QUANTILES, measured
 from hydro_ident.bench.command import main
 from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
@@ -171,10 +171,10 @@ def unless_too_busy() -> Iterator[None]:
 
 
 @pytest.mark.ros
-def test_the_floor_answers_the_rig() -> None:
+def test_the_echo_answers_the_rig() -> None:
     """As the product does in a soak."""
     with unless_too_busy():
-        one = measured(floor(), 1.0)
+        one = measured(echo(), 1.0)
     assert set(one.latency_s) == set(QUANTILES)
     assert 0.0 < one.latency_s["p50"] <= one.latency_s["p99.9"]
     assert len(one.core_share) == 2

@@ -58,7 +58,7 @@ def test_lost_cycles_of_both_are_in_the_rows(monkeypatch: pytest.MonkeyPatch) ->
         return chain_jobs.Round({"p50": 1e-3, "p99.9": late}, shares, lost, 10_000)
 
     monkeypatch.setattr(chain_jobs, "_patient", lambda _: "ours")
-    monkeypatch.setattr(chain_jobs, "floor", lambda: "echo")
+    monkeypatch.setattr(chain_jobs, "echo", lambda: "echo")
     monkeypatch.setattr(chain_jobs, "measured", measured)
     middle, late, *_ = chain_jobs.chain_rows(3, 1.0)
     for row in (middle, late):

@@ -98,7 +98,7 @@ def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]
 
 
 @contextmanager
-def floor() -> Iterator[Running]:
+def echo() -> Iterator[Running]:
     """The echo in the place of bridge and controller."""
     with ExitStack() as stack:
         bus_name, bus, device, folder = _rig(stack)

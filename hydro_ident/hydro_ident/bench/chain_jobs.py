@@ -7,16 +7,17 @@ import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, floor, product
+from hydro_ident.bench.chain import LARGEST_AGE_MS, Running, echo, product
 from hydro_ident.bench.job import Row, against_limit, ratio_of
 from hydro_ident.bench.processes import cpu_s
 from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 
 SECONDS, _SETTLE_S = 20.0, 1.0
-_FLOOR_GOAL, _CPU_LIMIT = 1.0 / 1.5, 0.30
+_ECHO_GOAL, _CPU_LIMIT = 1.0 / 1.5, 0.30
 #: With more of the cycles unanswered than this the machine cannot keep the rate.
 _LOST_SHARE = 0.02
+ECHO = "rclpy echo over the same bus"
 QUANTILES = {"p50": 50.0, "p99.9": 99.9}
 
 
@@ -75,7 +76,7 @@ def measured(chain: AbstractContextManager[Running], seconds: float) -> Round:
 
 
 def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
-    """Latencies against the floor and CPU against its limit, in turns.
+    """Latencies against the echo and CPU against its limit, in turns.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
         Of each.
     """
     pairs = [
-        (measured(_patient(seconds), seconds), measured(floor(), seconds)) for _ in range(rounds)
+        (measured(_patient(seconds), seconds), measured(echo(), seconds)) for _ in range(rounds)
     ]
     products, echoes = zip(*pairs, strict=True)
     counts = {
@@ -99,9 +100,8 @@ def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
         ours = statistics.median(one.latency_s[name] for one in products)
         theirs = statistics.median(one.latency_s[name] for one in echoes)
         job = f"bridge and controller, sensor frame to valve frame, {name}"
-        peer = "rclpy echo over the same bus (floor)"
         ratio = ratio_of(theirs, ours)
-        rows.append(Row(job, peer, ours, theirs, ratio, _FLOOR_GOAL, rounds, **counts))
+        rows.append(Row(job, ECHO, ours, theirs, ratio, _ECHO_GOAL, rounds, **counts))
     for name in ("bridge", "controller"):
         share = statistics.median(one.core_share[name] for one in products)
         job = f"{name} at 500 Hz: share of a core"

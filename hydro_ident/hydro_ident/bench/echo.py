@@ -1,4 +1,4 @@
-"""The least that ROS and the bus cost: the same messages and frames with nothing done in between.
+"""What a user would write with rclpy: the same messages and frames, nothing done in between.
 
     python -m hydro_ident.bench.echo {frames,commands} BUS
 
@@ -109,7 +109,7 @@ if __name__ == "__main__":
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    # As the controller: the threads' turns shall not be the floor.
+    # As the controller: the threads' turns shall not be what is compared.
     sys.setswitchinterval(0.0005)
     prepare_middleware()
     rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
