@@ -76,7 +76,7 @@ def test_the_peer_finds_the_same_to_its_digits_where_noise_is_taken_for_white(
 def test_memory_is_that_of_processes_which_do_the_fit(tmp_path: Path) -> None:
     if reason := fit_jobs.missing_peer():
         pytest.skip(reason)
-    row = fit_jobs.memory_row(tmp_path, SAMPLES)
+    row = fit_jobs.memory_row(tmp_path, 1, SAMPLES)
     assert row.job.endswith("MiB")
     assert min(row.ours, row.theirs) > 30.0
     assert row.ratio == row.theirs / row.ours

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from hydro_ident.bench import bag_jobs
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_ident.bench import bag_jobs, limits
+from hydro_ident.study.closed_loop import Run, run_closed_loop
+from hydro_model.robot_files import load_robot
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +63,58 @@ def test_the_sum_is_that_of_the_bytes(bag: Path) -> None:
                 )
                 total += int(words.sum()) + int(data[whole:].sum())
     assert bag_jobs.unpacked(file)[1] == total % 2**64
+
+
+def test_a_tick_with_listed_effects_is_timed_as_the_controller_answers_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cores: list[limits.TimedCore] = []
+
+    def driven(rig: RigCore, core: limits.TimedCore, seconds: float) -> Run:
+        cores.append(core)
+        return run_closed_loop(rig, core, seconds)
+
+    monkeypatch.setattr(limits, "run_closed_loop", driven)
+    assert 0.0 < limits.listed_tick(load_robot("xs031"), 0.5) < 0.1
+    (core,) = cores
+    assert len(core.spent_s) == 250
+    compensated = {one.effect.name for one in core.law.plan.active}
+    listed = ("coulomb_friction", "valve_deadband", "internal_leakage", "valve_spool_lag")
+    assert compensated.issuperset(listed)
+
+
+def test_works_take_turns_after_each_has_been_done_once() -> None:
+    done: list[str] = []
+    works = {name: partial(done.append, name) for name in "ab"}
+    took = limits.in_turns(works, 2)
+    assert done == ["a", "b"] * 3
+    assert set(took) == set(works)
+
+
+def test_every_installed_executable_is_started(bag: Path) -> None:
+    with_help = limits.executables()
+    assert {"diagnose", "inspect", "recorder", "controller", "can_bridge"} <= set(with_help)
+    rows = limits.command_starts(bag, 1)
+    assert [row.job for row in rows] == [limits.EMPTY, limits.HELP, limits.INSPECTED]
+    empty, slowest, _ = rows
+    assert empty.ours < slowest.ours
+    assert slowest.peer.endswith(f"of {len(with_help)})")
+
+
+#: What a command's help imports of what is heavy, where that is not easily helped: the parameters
+#: of a controller's node are those of its core, and recorder and player are nodes.
+_NEEDED = {"controller": {"scipy", "numba"}, "recorder": {"rclpy"}, "player": {"rclpy"}}
+
+
+@pytest.mark.parametrize("name", limits.executables())
+def test_help_imports_nothing_heavy(name: str) -> None:
+    script = (
+        f"import sys\nsys.argv = [{name!r}, '--help']\n"
+        f"from {limits.executables()[name]} import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print('\\n', *{'scipy', 'plotly', 'numba', 'rclpy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) > 3
+    assert set(done.stdout.splitlines()[-1].split()) <= _NEEDED.get(name, set())

@@ -105,7 +105,7 @@ def chain_rows(rounds: int, seconds: float = SECONDS) -> list[Row]:
     for name in ("bridge", "controller"):
         share = statistics.median(one.core_share[name] for one in products)
         job = f"{name} at 500 Hz: share of a core"
-        rows.append(against_limit(job, "30 % of a core", share, _CPU_LIMIT))
+        rows.append(against_limit(job, "30 % of a core", share, _CPU_LIMIT, rounds=rounds))
     return rows
 
 

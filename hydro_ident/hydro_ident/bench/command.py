@@ -149,7 +149,7 @@ def _bag(folder: Path, rounds: int) -> Iterator[Row]:
 
 
 def _control(folder: Path, rounds: int) -> Iterator[Row]:
-    yield limits.control_tick()
+    yield from limits.control_ticks(rounds)
 
 
 def _start(folder: Path, rounds: int) -> Iterator[Row]:
@@ -162,7 +162,7 @@ def _fit(folder: Path, rounds: int) -> Iterator[Row]:
         print(missing, file=sys.stderr)
         return
     yield from _timed(fit_jobs.fit_jobs(), rounds)
-    yield fit_jobs.memory_row(folder)
+    yield fit_jobs.memory_row(folder, rounds)
 
 
 def _diagnose(folder: Path, rounds: int) -> Iterator[Row]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import importlib.util
+import statistics
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -55,24 +56,28 @@ def _check(task: Task, lags: int) -> None:
     compare(fit_ours(task, lags), fit_theirs(task), lags)
 
 
-def memory_row(folder: Path, samples: int = SAMPLES) -> Row:
+def memory_row(folder: Path, rounds: int, samples: int = SAMPLES) -> Row:
     """Peak memory of both.
 
     Parameters
     ----------
     folder : Path
         For the data of a while.
+    rounds : int
+        Processes of each, in turns: the median counts.
     samples : int
         Of the recording.
     """
     path = folder / "fit.npz"
     save_task(path, make_task(samples))
-    ours, theirs = (
-        spent("hydro_ident.bench.fit_jobs", [which, str(path)]).peak_mb for which in _WAYS
-    )
+    peaks = [
+        [spent("hydro_ident.bench.fit_jobs", [way, str(path)]).peak_mb for way in _WAYS]
+        for _ in range(rounds)
+    ]
+    ours, theirs = (statistics.median(found) for found in zip(*peaks, strict=True))
     path.unlink()
     name = f"{_name(samples)}: peak memory of the process, MiB"
-    return Row(name, _peer(), ours, theirs, theirs / ours, _MEMORY_GOAL)
+    return Row(name, _peer(), ours, theirs, theirs / ours, _MEMORY_GOAL, rounds)
 
 
 def _name(samples: int) -> str:

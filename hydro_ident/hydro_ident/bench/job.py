@@ -128,11 +128,17 @@ def run(job: Job, rounds: int) -> Row:
     job.check()
     pairs = [(seconds_of(job.ours), seconds_of(job.theirs)) for _ in range(rounds)]
     ours, theirs = (statistics.median(times) for times in zip(*pairs, strict=True))
-    return Row(job.name, job.peer, ours, theirs, theirs / ours, job.goal)
+    return Row(job.name, job.peer, ours, theirs, theirs / ours, job.goal, rounds)
 
 
 def against_limit(
-    name: str, limit: str, measured: float, allowed: float, goal: float = 1.0
+    name: str,
+    limit: str,
+    measured: float,
+    allowed: float,
+    goal: float = 1.0,
+    *,
+    rounds: int = 1,
 ) -> Row:
     """A row for work that has no peer but a limit to keep.
 
@@ -146,5 +152,7 @@ def against_limit(
         Seconds, or the unit that the name ends in.
     goal : float
         How many times below the limit is aimed at.
+    rounds : int
+        Measurements that `measured` is the median of.
     """
-    return Row(name, limit, measured, allowed, allowed / measured, goal)
+    return Row(name, limit, measured, allowed, allowed / measured, goal, rounds)

@@ -2,32 +2,91 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from hydro_control.answer import Answer
+from hydro_control.core import ControllerCore
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw
 from hydro_control.required_motion import Reference
+from hydro_control.sample import Sample
+from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.rig.truth_files import load_truth
+from hydro_ident.bag.recording import Recording
 from hydro_ident.bench.job import Row, against_limit, seconds_of
+from hydro_ident.bench.processes import entry
+from hydro_ident.study.closed_loop import run_closed_loop
+from hydro_ident.study.known_effects import known_effects
 from hydro_ident.study.synthetic import STEP_S, synthetic_recording
+from hydro_model.paths import load_path
+from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
+ROBOT, TRUTH, PATH = "xs031", "realistic", "xs031/parallelogram"
+#: Packages whose installed executables are started.
+PACKAGES = ("hydro_ident", "hydro_control", "hydro_hw_bridge")
+BASE = "control law, one tick, p99"
+LISTED = "control law with friction, overlap, leakage and spool lag listed, one tick, p99"
+EMPTY, HELP = "start of the interpreter, python -c pass", "start of a command, the slowest --help"
+INSPECTED = "start of a command, inspect of a small bag"
 _TICK_LIMIT_S, _START_LIMIT_S = 1e-4, 0.5
 _WARM_UP = 100
 
 
-def control_tick(seconds: float = 20.0) -> Row:
-    """99th percentile of a control law's answer to the samples of a recording.
+class TimedCore(ControllerCore):
+    """A controller that notes how long its answers take.
 
-    `seconds` is how long the recording is.
+    Attributes
+    ----------
+    spent_s : list of float
     """
-    robot = load_robot("xs031")
+
+    def __post_init__(self) -> None:
+        self.spent_s: list[float] = []
+        super().__post_init__()
+
+    def answer(self, sample: Sample) -> Answer | None:
+        """As `ControllerCore.answer`.
+
+        Parameters
+        ----------
+        sample : Sample
+        """
+        began = time.perf_counter()
+        found = super().answer(sample)
+        self.spent_s.append(time.perf_counter() - began)
+        return found
+
+
+def control_ticks(rounds: int, seconds: float = 20.0) -> list[Row]:
+    """99th percentiles of a tick: the law of the base model, the controller with listed effects.
+
+    Parameters
+    ----------
+    rounds : int
+        Of both, in turns: the median counts.
+    seconds : float
+        How long one is driven, at most the path's own time.
+    """
+    robot = load_robot(ROBOT)
     run = synthetic_recording(robot, seconds, seed=1)
+    pairs = [(_base_tick(robot, run), listed_tick(robot, seconds)) for _ in range(rounds)]
+    return [
+        against_limit(name, "100 us", statistics.median(found), _TICK_LIMIT_S, rounds=rounds)
+        for name, found in zip((BASE, LISTED), zip(*pairs, strict=True), strict=True)
+    ]
+
+
+def _base_tick(robot: Robot, run: Recording) -> float:
     law, still, spent = ControlLaw(robot, Gains()), np.zeros(robot.dof), []
     columns = (run.q, run.p_a, run.p_b, run.supply, run.tank, run.q_ref)
     for k in range(len(run)):
@@ -36,34 +95,77 @@ def control_tick(seconds: float = 20.0) -> Row:
         began = time.perf_counter()
         law.step(k * STEP_S, q, p_a, p_b, supply, tank, reference)
         spent.append(time.perf_counter() - began)
-    worst = float(np.percentile(spent[_WARM_UP:], 99.0))
-    return against_limit("control law, one tick, p99", "100 us", worst, _TICK_LIMIT_S)
+    return _p99(spent)
+
+
+def listed_tick(robot: Robot, seconds: float) -> float:
+    """99th percentile of a controller's answers that drives the realistic rig along a path, s.
+
+    Its model lists what a diagnosis of that rig may name; so more is evaluated a tick.
+
+    Parameters
+    ----------
+    robot : Robot
+        By the datasheet.
+    seconds : float
+    """
+    truth, path = load_truth(TRUTH, robot), load_path(PATH)
+    rig = RigCore(robot, truth, seed=1, tip_m=path.sample(0.0)[0].tolist())
+    core = TimedCore(known_effects(robot, truth), Gains(), path)
+    run_closed_loop(rig, core, min(seconds, path.duration_s))
+    return _p99(core.spent_s)
+
+
+def _p99(spent_s: list[float]) -> float:
+    return float(np.percentile(spent_s[_WARM_UP:], 99.0))
+
+
+def executables() -> dict[str, str]:
+    """Modules of the installed executables' `main`, by name, of `PACKAGES`."""
+    return {
+        one.name: one.module
+        for package in PACKAGES
+        for one in importlib.metadata.distribution(package).entry_points
+        if one.group == "console_scripts"
+    }
 
 
 def command_starts(bag: Path, rounds: int) -> list[Row]:
-    """Starts of commands: help, and a look at a small bag.
+    """Starts of the interpreter alone, of every command's help, and of a look at a small bag.
 
-    `rounds` is how often each is started: the median counts.
+    Parameters
+    ----------
+    bag : Path
+    rounds : int
+        How often each is started, in turns: the median counts. Of helps the slowest is a row.
     """
-    starts = {
-        "start of a command, diagnose --help": ["hydro_ident.commands.diagnose", "--help"],
-        "start of a command, inspect --help": ["hydro_ident.commands.inspect", "--help"],
-        "start of a command, inspect of a small bag": ["hydro_ident.commands.inspect", str(bag)],
-    }
+    helps = {name: [*entry(module), "--help"] for name, module in executables().items()}
+    look = [*entry("hydro_ident.commands.inspect"), str(bag)]
+    words = {EMPTY: ["-c", "pass"], INSPECTED: look, **helps}
+    took = in_turns({name: partial(_start, given) for name, given in words.items()}, rounds)
+    slowest = max(helps, key=lambda name: took[name])
+    limits = {EMPTY: "0.5 s", HELP: f"0.5 s ({slowest}, of {len(helps)})", INSPECTED: "0.5 s"}
+    took[HELP] = took[slowest]
     return [
-        against_limit(name, "0.5 s", _start(arguments, rounds), _START_LIMIT_S)
-        for name, arguments in starts.items()
+        against_limit(name, limit, took[name], _START_LIMIT_S, rounds=rounds)
+        for name, limit in limits.items()
     ]
 
 
-def _start(arguments: list[str], rounds: int) -> float:
-    module, *rest = arguments
-    # As the installed executables do it.
-    program = f"import sys; from {module} import main; sys.exit(main())"
-    command = [sys.executable, "-c", program, *rest]
+def in_turns(works: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Medians of the times of works that are done one after the other, each round anew, s.
 
-    def once() -> None:
-        subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
+    Parameters
+    ----------
+    works : mapping of str to callable
+        Each is done once before.
+    rounds : int
+    """
+    for work in works.values():
+        work()
+    times = [{name: seconds_of(work) for name, work in works.items()} for _ in range(rounds)]
+    return {name: statistics.median(one[name] for one in times) for name in works}
 
-    once()
-    return statistics.median(seconds_of(once) for _ in range(rounds))
+
+def _start(words: list[str]) -> None:
+    subprocess.run([sys.executable, *words], stdout=subprocess.DEVNULL, check=True)

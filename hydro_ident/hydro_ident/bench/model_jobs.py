@@ -186,7 +186,7 @@ def real_time_rows(rounds: int) -> list[Row]:
         work = partial(simulate, robot, times, volts, START)
         spent = statistics.median(seconds_of(work) for _ in range(rounds))
         name = f"simulation, two joints, {SIMULATED_S:g} s, {text}"
-        rows.append(against_limit(name, "real time", spent, SIMULATED_S, goal))
+        rows.append(against_limit(name, "real time", spent, SIMULATED_S, goal, rounds=rounds))
     return rows
 
 
