@@ -59,7 +59,8 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         nargs="+",
         metavar="MINUTES",
-        help="also how time and memory of inspect, identify, recorder and player grow with a bag",
+        help="also how time and memory of inspect, identify, recorder, player and (up to 10"
+        " minutes) diagnose grow with a bag",
     )
     parser.add_argument(
         "--publish",

@@ -1,7 +1,8 @@
 """How time and memory of the streaming commands grow with the length of a bag.
 
 `inspect` and `identify` read it, `player` plays it at a multiple of real time, and `recorder`
-records what is played.
+records what is played. `diagnose` is beside them, up to ten minutes: its memory may grow as its
+time does.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from hydro_ident.study.peak import status_kb
 
 #: Commands that read a bag as fast as they can, and what counts as their time.
 READERS, WALL = ("inspect", "identify"), "time"
+#: Reads a bag several times and holds what it needs of it: of bags up to so many minutes.
+HELD, HELD_MINUTES = "diagnose", 10.0
 #: Commands through which a bag passes at its own pace, and what counts there.
 LIVE, CPU = ("recorder", "player"), "processor time"
 #: Times real time: 10 000 messages a second. At twice that some of a million were lost.
@@ -74,18 +77,37 @@ def growth_rows(minutes: Sequence[float], folder: Path) -> Iterator[Row]:
         A command failed, or messages were lost on their way.
     """
     runs = [_of_length(length, folder) for length in minutes]
-    span = f"{min(minutes):g} to {max(minutes):g} minutes"
     for command in (*READERS, *LIVE):
-        grown = [one[command] for one in runs]
-        what = WALL if command in READERS else CPU
+        yield from exponent_rows(command, [one[command] for one in runs])
+    if len(held := [one[HELD] for one in runs if HELD in one]) > 1:
+        yield from exponent_rows(HELD, held)
+
+
+def exponent_rows(command: str, grown: Sequence[Grown]) -> Iterator[Row]:
+    """Exponents over all lengths, and over the last decade where there is more than that.
+
+    Over all lengths a command's start, which does not grow, hides how the rest does.
+
+    Parameters
+    ----------
+    command : str
+    grown : sequence of Grown
+        At least two lengths.
+    """
+    longest = max(one.minutes for one in grown)
+    last = [one for one in grown if one.minutes >= 0.0999 * longest]
+    for some in [grown, last] if 1 < len(last) < len(grown) else [grown]:
+        lengths = [one.minutes for one in some]
+        span = f"{min(lengths):g} to {longest:g} minutes"
         for name, values, most in (
-            (what, [one.seconds for one in grown], LINEAR),
-            ("peak memory", [one.peak_mb for one in grown], FLAT),
+            (CPU if command in LIVE else WALL, [one.seconds for one in some], LINEAR),
+            ("peak memory", [one.peak_mb for one in some], LINEAR if command == HELD else FLAT),
         ):
-            found = exponent([one.minutes for one in grown], values)
+            found = exponent(lengths, values)
             ratio = most / max(found, 0.01 * most)
             job = f"{command}, a bag of {span}: exponent of {name}"
-            yield Row(job, "linear" if most == LINEAR else "flat", found, most, ratio, 1.0)
+            peer = "linear" if most == LINEAR else "flat"
+            yield Row(job, peer, found, most, ratio, 1.0, rounds=1)
 
 
 def exponent(lengths: Sequence[float], values: Sequence[float]) -> float:
@@ -103,7 +125,8 @@ def _of_length(minutes: float, folder: Path) -> dict[str, Grown]:
     """What every command needs for a bag of this length."""
     bag = bag_of(minutes, folder)
     found = {}
-    for command in READERS:
+    held = (HELD,) if minutes <= HELD_MINUTES else ()
+    for command in (*READERS, *held):
         one = watched(command, bag)
         found[command] = Grown(minutes, one.seconds, one.peak_mb)
     for command, (seconds, peak_mb) in passed_on(bag, folder / f"live_{minutes:g}").items():
