@@ -9,4 +9,4 @@ shopt -s inherit_errexit
 case ${1:-} in -h|--help) sed -n '2,5s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 0 ;; esac
 # shellcheck source=scripts/env.sh
 source "$(dirname "${BASH_SOURCE[0]}")/env.sh"
-exec python -m hydro_ident.bench "$@"
+exec python -m hydro_ident.bench --root "$hydro_root" "$@"

@@ -23,6 +23,7 @@ from hydro_ident.bench.chain_jobs import QUANTILES, measured
 from hydro_ident.bench.command import main
 from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
 from hydro_ident.bench.job import Row, against_limit
+from hydro_ident.bench.limits import BASE, HELP
 from hydro_ident.bench.page import line, with_tables
 from hydro_ident.bench.soak import EDGES_MS, Trips, soak, text_of
 from hydro_ident.bench.timed_bus import TimedBus
@@ -220,7 +221,7 @@ def test_the_page_is_made_from_the_results(
     places = [f"<!-- {name}: begin -->\nold\n<!-- {name}: end -->" for name in ("bench", "growth")]
     page.write_text("\nbetween\n".join(["before", *places, "behind"]) + "\n")
     assert with_tables(page.read_text(), results).count("No run has been published") == 2
-    rows = [Row("a job", "a peer", 0.5, 2.0, 4.0, 3.0), against_limit("slow", "1 s", 2.0, 1.0)]
+    rows = [Row(BASE, "a peer", 0.5, 2.0, 4.0, 3.0), against_limit(HELP, "1 s", 2.0, 1.0)]
     results.mkdir()
     (results / "bench.json").write_text(json.dumps([asdict(row) for row in rows]))
     assert main(["--publish", str(tmp_path)]) == 0

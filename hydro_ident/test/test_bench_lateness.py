@@ -14,6 +14,7 @@ import pytest
 from hydro_ident.bench import chain_jobs, page
 from hydro_ident.bench.command import _write
 from hydro_ident.bench.job import Row
+from hydro_ident.bench.made import file_of
 from hydro_ident.bench.soak import Memory, Soaked, Trips, json_of, text_of
 from hydro_ident.bench.timed_bus import lateness
 
@@ -75,7 +76,8 @@ def test_a_row_without_an_end_is_valid_json_and_said_in_words(tmp_path: Any) -> 
     theirs = Row("a job, p99.9", "an echo", 0.002, math.inf, math.inf, 0.667, 3, **counts)
     both = Row("a job, p99.9", "an echo", math.inf, math.inf, 0.0, 0.667, 3, **counts)
     file = tmp_path / "bench.json"
-    _write(file, [ours, theirs, both])
+    _write(file, [ours, theirs, both], {})
+    file_of(file).unlink()
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is not JSON")

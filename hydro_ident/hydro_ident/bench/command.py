@@ -6,7 +6,9 @@
 Peers are optional (requirements-bench.in); those that are not installed are said and skipped.
 That results agree is checked before anything is timed. Ratios are those of medians over rounds;
 the absolute times of a shared machine mean little. `--publish` measures nothing: it makes the
-tables of performance.md in DIR anew from results/bench.json and results/growth.json in it.
+tables of performance.md in DIR anew from results/bench.json and results/growth.json in it, and
+says which of the measured sources have changed since. What rows are made of stands beside them, in
+F_made.json.
 """
 
 from __future__ import annotations
@@ -17,8 +19,9 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from hydro_ident.bench import (
     bag_jobs,
@@ -27,15 +30,15 @@ from hydro_ident.bench import (
     fit_jobs,
     growth,
     limits,
+    made,
     model_jobs,
+    names,
     page,
 )
 from hydro_ident.bench.job import Job, Row, run
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
 from hydro_model.output import write_atomically
-
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,6 +71,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="only make the tables of the documentation in DIR anew from its results",
     )
+    parser.add_argument(
+        "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"
+    )
     return parser
 
 
@@ -76,9 +82,11 @@ def _run(arguments: Sequence[str]) -> int:
     if options.rounds < 1 or (options.growth is not None and len(options.growth) < 2):
         raise IdentError("bench: expected --rounds of 1 or more and --growth of 2 lengths or more")
     if options.publish is not None:
-        _publish(options.publish)
+        _publish(options.publish, options.root)
         return 0
-    threads = ", ".join(f"{name}={os.environ.get(name, 'unset')}" for name in _THREADS)
+    # What runs, whatever is edited meanwhile.
+    of = None if options.json is None else made.made(options.root)
+    threads = ", ".join(f"{name}={os.environ.get(name, 'unset')}" for name in made.THREADS)
     _say(f"threads: {threads}")
     _say(f"cores: {os.cpu_count()}, rounds: {options.rounds}; seconds unless a job says otherwise")
     _say(f"\n{page.HEAD}")
@@ -86,16 +94,18 @@ def _run(arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in options.only:
             for row in _GROUPS[name](Path(folder), options.rounds):
+                names.refuse_unknown([row.job], name)
                 rows.append(row)
                 _say(page.line(row))
         if options.growth is not None:
             for row in growth.growth_rows(options.growth, Path(folder)):
+                names.refuse_unknown([row.job], "growth")
                 rows.append(row)
                 _say(page.line(row))
     if said := page.lost_cycles(rows):
         _say(f"\n{said}")
-    if options.json is not None:
-        _write(options.json, rows)
+    if of is not None:
+        _write(options.json, rows, of)
     return 0
 
 
@@ -103,19 +113,27 @@ def _say(text: str) -> None:
     print(text, flush=True)
 
 
-def _publish(folder: Path) -> None:
+def _publish(folder: Path, root: Path) -> None:
     path = folder / page.PAGE
     try:
+        for file in (folder / "results" / name for name in page.RESULTS):
+            if not file.is_file():
+                continue
+            found = json.loads(file.read_text(encoding="utf-8"))
+            names.refuse_unknown([one["job"] for one in found], str(file))
+            if (of := made.renewed(file, root)) is not None:
+                write_atomically(made.file_of(file), of)
         text = path.read_text(encoding="utf-8")
         write_atomically(path, page.with_tables(text, folder / "results"))
     except OSError as error:
         raise IdentError(f"{path}: cannot be published: {error.strerror}") from error
 
 
-def _write(path: Path, rows: Sequence[Row]) -> None:
+def _write(path: Path, rows: Sequence[Row], of: Mapping[str, Any]) -> None:
     text = json.dumps([row.as_json() for row in rows], indent=2, allow_nan=False) + "\n"
     try:
         write_atomically(path, text)
+        write_atomically(made.file_of(path), made.text_of(of, text))
     except OSError as error:
         raise IdentError(f"{path}: cannot be written: {error.strerror}") from error
 

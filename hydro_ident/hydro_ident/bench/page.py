@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hydro_ident.bench import made
 from hydro_ident.bench.job import Row
 from hydro_ident.study.placed import NOT_PUBLISHED, placed, published
 
@@ -60,7 +61,8 @@ def table(folder: Path, result: str) -> str:
     lines = [f"{head} met |", f"{rule}---|"]
     rows = [Row.of_json(one) for one in found]
     lines += [f"{line(row)} {'yes' if row.met else 'no'} |" for row in rows]
-    return "\n".join([*lines, "", lost_cycles(rows)]).rstrip("\n") + "\n"
+    told = f"{lost_cycles(rows)}{made.sentence(folder, result)}"
+    return "\n".join([*lines, "", told])
 
 
 def with_tables(text: str, folder: Path) -> str:
