@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Measures speed against what a user would take instead, side by side, and prints ratios.
+# Measures speed against what a user would take instead, a floor or a limit, and prints ratios.
 #   scripts/bench.sh [--json F] [--rounds N] [--only GROUP...] [--growth MINUTES MINUTES...]
 # Results for the documentation: scripts/bench.sh --json hydro_msgs_docs/results/bench.json
 #   scripts/bench.sh --publish hydro_msgs_docs

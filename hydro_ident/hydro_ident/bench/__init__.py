@@ -1,1 +1,1 @@
-"""Measurements of speed against what a user would take instead, side by side."""
+"""Measurements of speed against what a user would take instead, a floor or a limit."""

@@ -1,4 +1,4 @@
-"""`bench`: our work against what a user would take instead, in one process, in turns.
+"""`bench`: our work against what a user would take instead, a floor or a limit, in turns.
 
     scripts/bench.sh [--json F] [--rounds 5] [--only GROUP ...] [--growth MINUTES MINUTES ...]
     scripts/bench.sh --publish DIR
