@@ -1,6 +1,7 @@
-"""Every command in the pages exists, takes the arguments that the pages give it, and is run.
+"""Every command in the pages exists and takes the arguments that the pages give it.
 
-What runs it stands in docs_commands.yaml: a test, or a person and why.
+What runs it stands in docs_commands.yaml: a test, or a person and why. Every line of a block of
+shell commands counts, whatever it begins with: those of other people's programs stand there, too.
 """
 
 from __future__ import annotations
@@ -39,19 +40,8 @@ PAGES = [
 TABLE = ROOT / "tests/docs_commands.yaml"
 #: Nodes: they take ROS parameters, which other tests compare with the pages.
 NODES = {"can_bridge", "controller", "identification_node", "visual_joints"}
-#: Commands of other people's packages and of the system that the pages may name.
-FOREIGN = {
-    "sudo",
-    "source",
-    "echo",
-    "plotjuggler",
-    "diagnostic_aggregator",
-    "robot_state_publisher",
-    "rviz2",
-    "rqt_robot_monitor",
-    "ros2 service",
-    "ros2 bag",
-}
+#: Languages of fenced blocks in the pages; one without any could hide a command.
+LANGUAGES = {"bash", "text", "yaml", "xml", "python", "math", "mermaid"}
 _START = (
     r"(?:ros2 (?:run|service|bag) |\$\(hydro_exe |(?:\./)?scripts/\w+\.(?:sh|py)\b|python -m )"
 )
@@ -71,7 +61,8 @@ class Shown:
     def words(self, alternative: int = 0) -> list[str]:
         """Its words, with what may be left out, without brackets; numbers for their letters."""
         line = re.sub(r"\$\(hydro_exe (\w+) (\w+)\)", r"ros2 run \1 \2", self.line)
-        line = re.sub(r"\s#\s.*", "", line)
+        # The bare names are those of scripts/completion.sh.
+        line = re.sub(r"^\w+(?= )", lambda name: _BARE.get(name[0], name[0]), line)
         line = re.sub(r"\[([^]|]*)\|([^]]*)\]", rf"\{alternative + 1}", line)
         words = [word.strip("[]") for word in shlex.split(line) if word.strip("[]")]
         words = words[: words.index(">")] if ">" in words else words
@@ -88,6 +79,10 @@ def executables() -> dict[tuple[str, str], str]:
     return found
 
 
+#: Bare name to what it stands for.
+_BARE = {name: f"ros2 run {package} {name}" for package, name in executables()}
+
+
 def blocks(text: str) -> Iterator[tuple[str, str]]:
     """Fenced blocks as (language, content), indented ones (in lists) too."""
     pattern = r"^( *)```(\w*)\n(.*?)^\1```"
@@ -95,22 +90,28 @@ def blocks(text: str) -> Iterator[tuple[str, str]]:
         yield language, re.sub(rf"^{indent}", "", body, flags=re.M)
 
 
+def indented(text: str) -> Iterator[str]:
+    """Blocks by indentation: four spaces or more after an empty line, outside of lists."""
+    plain = re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S)
+    for before, body in re.findall(r"^(.*)\n\s*\n((?: {4,}.+\n?|\n(?= {4}))+)", plain, re.M):
+        # In a list, that is a paragraph of its item.
+        if not re.match(r" *([-*]|\d+\.) | {2,}", before):
+            yield re.sub(r"^ {4}", "", body, flags=re.M)
+
+
 def shown_commands() -> list[Shown]:
     """Commands in blocks, indented lines and code spans of the pages."""
     found = []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        lines = [ln for kind, body in blocks(text) for ln in _joined(body) if _command(kind, ln)]
-        plain = re.sub(r"^ *```.*?^ *```", "", text, flags=re.M | re.S)
-        lines += re.findall(rf"^ {{4,}}({_START}.*)$", plain, re.M)
+        shell = [body for kind, body in blocks(text) if kind == "bash"] + [*indented(text)]
+        lines = [ln for body in shell for ln in _joined(body)]
+        plain = re.sub(r"^ *```bash.*?^ *```", "", text, flags=re.M | re.S)
+        lines += re.findall(rf"^ *({_START}.*)$", plain, re.M)
         lines += re.findall(rf"`({_START}[^`]*)`", plain)
-        found += [Shown(page.name, line.strip()) for line in lines if line.strip()]
-    return list(dict.fromkeys(found))
-
-
-def _command(kind: str, line: str) -> bool:
-    """Whether a line of a block is a command: all of bash, elsewhere what begins like one."""
-    return kind == "bash" or re.match(rf" *{_START}", line) is not None
+        plain_lines = (re.sub(r"\s#\s.*", "", line) for line in lines)
+        found += [Shown(page.name, one.strip()) for ln in plain_lines for one in ln.split(" && ")]
+    return list(dict.fromkeys(one for one in found if one.line))
 
 
 def _joined(body: str) -> list[str]:
@@ -177,7 +178,8 @@ def options(words: Sequence[str]) -> set[str]:
 def check_script(words: list[str]) -> None:
     script = ROOT / words[0]
     assert script.is_file(), f"no {words[0]}"
-    if script.name == "env.sh":
+    if script.name in ("env.sh", "completion.sh"):  # sourced
+        assert len(words) == 1
         return
     if script.name == "test.sh":
         assert options(words[1:]) <= {"-m", "-n", "-s", "-x", "--help"}  # pytest's own
@@ -209,7 +211,27 @@ def check_executable(package: str, name: str, arguments: list[str]) -> None:
         run_parser(entry(package, name), name, arguments)
 
 
+@cache
+def table() -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    return found
+
+
 SHOWN = shown_commands()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_block_of_a_page_says_what_language_it_is_in(page: Path) -> None:
+    kinds = {kind for kind, _ in blocks(page.read_text(encoding="utf-8"))}
+    assert kinds <= LANGUAGES
+
+
+def test_every_line_of_a_block_counts_whatever_it_begins_with() -> None:
+    page = "Text:\n\n    frobnicate --all\n    # why\n\n    ls\n\n- item\n\n    more of it\n"
+    (body,) = indented(page)
+    assert [line for line in _joined(body) if line] == ["frobnicate --all", "ls"]
+    with pytest.raises(AssertionError, match="nobody checks 'frobnicate --all'"):
+        check(Shown("page.md", "frobnicate --all"), ["frobnicate", "--all"])
 
 
 def test_pages_show_commands() -> None:
@@ -228,15 +250,18 @@ def check(shown: Shown, words: list[str]) -> None:
         check_executable(words[2], words[3], words[4:])
     elif words[:2] == ["python", "-m"]:
         check_module(words[2:])
-    elif re.match(r"(\./)?scripts/", words[0]):
-        check_script(words)
+    elif name_of(words):
+        check_script(words[1:] if words[0] == "source" else words)
     else:
-        command = words[2] if words[:2] == ["ros2", "run"] else words[0]
-        known = FOREIGN & {command, " ".join(words[:2])}
-        assert known, f"{shown.page}: nobody checks '{shown.line}'"
+        assert foreign(shown), f"{shown.page}: nobody checks '{shown.line}'"
         for word in words[1:]:
             if word.startswith(("hydro_msgs_docs/", "scripts/")):
                 assert (ROOT / word).exists(), word
+
+
+def foreign(shown: Shown) -> list[str]:
+    """Beginnings in the table of other people's commands that a shown one has."""
+    return [one for one in table()["foreign"] if re.match(rf"{re.escape(one)}(?!\w)", shown.line)]
 
 
 def name_of(words: Sequence[str]) -> str:
@@ -245,21 +270,26 @@ def name_of(words: Sequence[str]) -> str:
         return f"{words[2]} {words[3]}"
     if words[:2] == ["python", "-m"]:
         return words[2]
-    if words[0] == "source":
-        return words[1]
-    return words[0].removeprefix("./") if "scripts/" in words[0] else ""
+    script = words[1] if words[0] == "source" else words[0]
+    found = re.fullmatch(r"(?:\./)?(scripts/\S+)", script)
+    return found[1] if found else ""
 
 
 def test_every_shown_command_is_run_by_a_test_or_says_why_not() -> None:
-    table = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
-    run, by_hand = set(table["run"]), set(table["by_hand"])
+    run, by_hand = set(table()["run"]), set(table()["by_hand"])
     assert run & by_hand == set()
     assert run | by_hand == {name for shown in SHOWN if (name := name_of(shown.words()))}
 
 
+def test_other_peoples_commands_are_shown_and_say_why_no_test_runs_them() -> None:
+    met = [one for shown in SHOWN if not name_of(shown.words()) for one in foreign(shown)]
+    assert set(met) == set(table()["foreign"])
+    assert all(len(why.split()) >= 3 for why in table()["foreign"].values())
+
+
 @pytest.mark.parametrize(
     "named",
-    sorted(set(yaml.safe_load(TABLE.read_text(encoding="utf-8"))["run"].values())),
+    sorted(set(table()["run"].values())),
 )
 def test_the_test_that_runs_a_command_exists(named: str) -> None:
     file, name = named.split("::")
@@ -269,14 +299,15 @@ def test_the_test_that_runs_a_command_exists(named: str) -> None:
 
 
 def test_what_is_said_of_commands_run_by_hand_is_there() -> None:
-    table = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
     places = (ROOT / "tests", ROOT / "hydro_msgs_docs", *PACKAGES.values())
-    for name, why in table["by_hand"].items():
+    of_others = table()["foreign"]
+    for name, why in (table()["by_hand"] | of_others).items():
         for file in re.findall(r"\w+\.(?:py|md)\b", why):
             found = [path for place in places for path in place.rglob(file)]
+            found += [path for path in PAGES if path.name == file]
             assert found, f"{name}: no {file}"
             shown = name in found[0].read_text(encoding="utf-8")
-            assert shown or file.endswith(".py"), f"{file} does not show {name}"
+            assert shown or file.endswith(".py") or name in of_others, f"{file}: no {name}"
 
 
 def test_who_drives_a_bus_says_with_which_calibration() -> None:
