@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import shutil
@@ -23,10 +24,11 @@ from hydro_ident.study.kills import (
     PROMISE_S,
     TOPICS,
     Publisher,
-    kill_recorders,
     publishing,
 )
+from hydro_ident.study.kills import _run as kills
 
+ROOT = Path(__file__).resolve().parents[2]
 DOMAIN = 10 + (os.getpid() + 73) % 90
 PATIENCE_S = 120.0
 TOPIC = "/joint_states"
@@ -132,11 +134,19 @@ def _skip_without_mounts(tmp_path: Path) -> None:
 
 
 @pytest.mark.ros
-def test_killed_at_random_moments_it_loses_at_most_three_tenths_of_a_second() -> None:
-    for kill in kill_recorders(6, seed=os.getpid()):
+def test_killed_at_random_moments_it_loses_at_most_three_tenths_of_a_second(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "kills.json"
+    words = ["--count", "6", "--seed", str(os.getpid()), "--json", str(file), "--root", str(ROOT)]
+    code = kills(words)
+    found = json.loads(file.read_text(encoding="utf-8"))["kills"]
+    assert code == any(kill["lost_s"] > PROMISE_S for kill in found)
+    assert capsys.readouterr().out.startswith("6 kills: lost ")
+    for kill in found:
         # A machine that keeps the publisher waiting keeps the recorder waiting, too.
-        assert kill.lost_s <= PROMISE_S + 3.0 * kill.late_s, kill
-        assert kill.missing == 0, kill
+        assert kill["lost_s"] <= PROMISE_S + 3.0 * kill["late_s"], kill
+        assert kill["missing"] == 0, kill
 
 
 @pytest.mark.ros
