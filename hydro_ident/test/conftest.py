@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -266,6 +268,81 @@ def lay_out() -> Callable[..., Any]:
 def make_run() -> tuple[Callable[..., Robot], Callable[..., SimulatedRun]]:
     """`true_crane` and `simulated_run`, for other machines and motions."""
     return true_crane, simulated_run
+
+
+class ReportReader(HTMLParser):
+    """Of a report: collects sections, addresses and figures, and checks that tags close."""
+
+    #: Sections in the order of the questions.
+    ORDER = (
+        *("verdict", "health", "excitation", "parameters", "predictions", "laws"),
+        *("correlation", "free_run", "control", "provenance"),
+    )
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.sections: tuple[str, ...] = ()
+        self.addresses: list[str] = []
+        self.figures: list[dict[str, Any]] = []
+        self.text = ""
+        self.style = ""
+        self._json = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.addresses += [v or "" for k, v in attrs if k in ("src", "href", "srcset", "action")]
+        if tag == "section":
+            self.sections += (given.get("id") or "",)
+        self._json = given.get("type") == "application/json"
+        if tag not in ("meta", "wbr"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._json:
+            self.figures.append(json.loads(data))
+            self._json = False
+        elif self.open and self.open[-1] == "style":
+            self.style += data
+        elif self.open and self.open[-1] != "script":
+            self.text += data
+
+
+@pytest.fixture(scope="session")
+def read() -> Callable[[str], ReportReader]:
+    """Reads a report."""
+
+    def one(report: str) -> ReportReader:
+        reader = ReportReader()
+        reader.feed(report)
+        assert reader.open == []
+        return reader
+
+    return one
+
+
+@pytest.fixture
+def figures_of(read: Callable[[str], ReportReader]) -> Callable[[str], list[dict[str, Any]]]:
+    """A report's figures, when plotly takes them and each axis has a title with its unit."""
+    go = pytest.importorskip("plotly.graph_objects", reason="plotly is not installed")
+
+    def checked(report: str) -> list[dict[str, Any]]:
+        figures = read(report).figures
+        for figure in figures:
+            # Plotly's own validators: a misspelt or impossible property raises. Names that begin
+            # with two dashes are colours of the style sheet, which the page's script looks up.
+            go.Figure(json.loads(re.sub(r'"--[a-z]+"', '"#000000"', json.dumps(figure))))
+            axes = [k for k in figure["layout"] if re.match(r"[xy]axis", k)]
+            assert {t["yaxis"] for t in figure["data"]} <= {k.replace("axis", "") for k in axes}
+            for axis in axes:
+                title = figure["layout"][axis]["title"]["text"]
+                assert re.search(r" in \S+|\(no unit\)|\(name\)", title), title
+        return figures
+
+    return checked
 
 
 @pytest.fixture

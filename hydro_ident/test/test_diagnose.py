@@ -154,15 +154,29 @@ def test_the_report_says_in_words_what_the_result_says(found: Diagnosis) -> None
 
 
 @pytest.mark.needs("plotly")
+def test_its_sections_and_axes_are_those_of_a_report(
+    found: Diagnosis,
+    read: Callable[[str], Any],
+    figures_of: Callable[[str], list[dict[str, Any]]],
+) -> None:
+    report = report_html(found, Provenance("diagnose", "1", "r", {}, {}).as_dict())
+    reader = read(report)
+    assert reader.sections == reader.ORDER
+    assert {one.removeprefix("#") for one in reader.addresses} == set(reader.ORDER) - {"verdict"}
+    assert len(figures_of(report)) > 20
+
+
+@pytest.mark.needs("plotly")
 def test_a_browser_opens_it_without_errors(
     found: Diagnosis, tmp_path: Path, browser_check: Callable[..., dict[str, Any]]
 ) -> None:
     file = tmp_path / "report.html"
     origin = Provenance("diagnose", "1", "r", {}, {}).as_dict()
     file.write_text(report_html(found, origin), encoding="utf-8")
-    # Its parts are those of the other reports, which are opened at every width.
-    views = browser_check(file, 390, 1400)["views"]
+    views = browser_check(file)["views"]
     assert [view["found"] for view in views] == [[]] * len(views)
+    looked = [(v["width"], v["scheme"]) for v in views if "width" in v]
+    assert looked == [(w, s) for w in (390, 820, 1400) for s in ("light", "dark")]
     assert views[0]["drawn"] == views[0]["figures"] > 20
 
 
