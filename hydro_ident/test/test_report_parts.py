@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -12,9 +13,10 @@ from hydro_ident.inspection import Range
 from hydro_ident.parameters import Parameter
 from hydro_ident.recording_summary import JointMotion, RecordingSummary
 from hydro_ident.report.page import Row, number, paragraph, percent, table, written
-from hydro_ident.report.palette import JOINTS
+from hydro_ident.report.palette import JOINTS, joint_colour
 from hydro_ident.report.parameter_section import (
     ParameterRow,
+    change_figure,
     identified_row,
     parameter_table,
 )
@@ -199,3 +201,15 @@ def test_ranges_are_told_in_bar_and_degrees_beside_si() -> None:
 )  # fmt: skip
 def test_degrees_are_written_with_their_sign(typed: str, read: str) -> None:
     assert written(typed) == read
+
+
+def test_more_joints_than_colours_are_told_apart_where_they_share_a_figure() -> None:
+    joints = [f"joint{k}" for k in range(4 * len(JOINTS))]
+    rows = [ParameterRow(f"{j}.x", 1.1, (1.0, 1.2), "N", 1.0, "", False, j) for j in joints]
+    drawn = change_figure(rows, joints).partition('application/json">')[2].partition("</script>")
+    markers = {trace["name"]: trace["marker"] for trace in json.loads(drawn[0])["data"]}
+    looks = {(marker["color"], marker["symbol"]) for marker in markers.values()}
+    assert len(looks) == len(markers) == len(joints)
+    # A robot of six joints or fewer looks as ever, and each has its colour everywhere.
+    assert {markers[joint]["symbol"] for joint in joints[: len(JOINTS)]} == {"circle"}
+    assert all(markers[joint]["color"] == joint_colour(joints, joint) for joint in joints)

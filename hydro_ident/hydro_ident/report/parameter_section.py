@@ -13,7 +13,7 @@ from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_ident.report.figure import Figure, unit_text
 from hydro_ident.report.page import Row, also, folded, number, paragraph, percent, table
-from hydro_ident.report.palette import joint_colour
+from hydro_ident.report.palette import joint_colour, joint_symbol
 from hydro_model.robot import Robot
 
 #: The heading of what is compared with stands between these.
@@ -261,7 +261,11 @@ def change_figure(
                 "y": [p.name for p in own],
                 "yaxis": "y",
                 "error_x": error,
-                "marker": {"color": colour, "size": 8},
+                "marker": {
+                    "color": colour,
+                    "symbol": joint_symbol(joints, joint),
+                    "size": 8,
+                },
             }
         )
     layout = {"xaxis": {"zeroline": True}}
