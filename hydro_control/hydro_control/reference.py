@@ -71,7 +71,10 @@ class ReferencePlayer:
         self.play(_hold("joint", np.array(q, dtype=float)), stamp_s)
 
     def moving(self, stamp_s: float) -> bool:
-        """A plan is not played to its end yet."""
+        """A plan is not played to its end yet.
+
+        `stamp_s` is the time of the sample.
+        """
         return stamp_s < self._start_s + self._plan.path.duration_s
 
     def sample(self, stamp_s: float) -> Reference:
@@ -79,7 +82,10 @@ class ReferencePlayer:
         return Reference(self._plan.space, *self._plan.path.sample(stamp_s - self._start_s))
 
     def stop(self, stamp_s: float) -> None:
-        """Come to rest within `STOP_S` along what is played: nothing else has been checked."""
+        """Come to rest within `STOP_S` along what is played: nothing else has been checked.
+
+        `stamp_s` is the time from which on.
+        """
         now, path = self.sample(stamp_s), self._plan.path
         if not (np.any(now.velocity) or np.any(now.acceleration)):
             # At rest, or still waiting for its start: it does not set out any more.

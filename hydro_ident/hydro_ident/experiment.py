@@ -219,6 +219,8 @@ def design_validation(
 
     Nothing of it is optimised: moves and phases follow from the seed alone, the size from the
     limits. Parameters and errors as `design_excitation`.
+
+    `start` (n,) is the pose in which it begins.
     """
     size = _VALIDATION_SHARE * 2.0 * half_range(robot)
     capped = np.where([j.prismatic for j in robot.joints], size, np.minimum(size, _VALIDATION_RAD))

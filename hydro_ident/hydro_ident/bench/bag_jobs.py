@@ -48,7 +48,10 @@ def write_small(folder: Path) -> Path:
 
 
 def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
-    """Reading all topics of a bag into columns; peers that are missing are said."""
+    """Reading all topics of a bag into columns; peers that are missing are said.
+
+    `say` is told of each.
+    """
     (file,) = bag.glob("*.mcap")
     expected = {
         topic: np.concatenate([one.fields[f] for f in VECTOR_FIELDS if f in one.fields], axis=1)

@@ -102,7 +102,10 @@ def ratio_of(theirs: float, ours: float) -> float:
 
 
 def seconds_of(work: Callable[[], object]) -> float:
-    """Wall time of doing it once, s."""
+    """Wall time of doing it once, s.
+
+    `work` is what is done.
+    """
     began = time.perf_counter()
     work()
     return time.perf_counter() - began

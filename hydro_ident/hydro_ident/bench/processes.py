@@ -49,7 +49,10 @@ class Processes:
             )
 
     def transition(self, what: str, node: str) -> None:
-        """Ask a lifecycle node for a transition; IdentError where it refuses."""
+        """Ask a lifecycle node for a transition; IdentError where it refuses.
+
+        `what` is its name, as `lifecycle` takes it.
+        """
         words = [sys.executable, *entry(LIFECYCLE), what, f"/{node}", "--timeout", "120"]
         done = subprocess.run(words, env=self.environment, capture_output=True, check=False)
         if done.returncode:

@@ -92,7 +92,10 @@ def as_dict(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, Any]:
 
 
 def is_void(row: Tracking) -> bool:
-    """Whether a run was faster than its reference allows."""
+    """Whether a run was faster than its reference allows.
+
+    `row` holds the figures of the run.
+    """
     return row.max_speed_m_s > (1.0 + SPEED_EXCESS) * row.reference_speed_m_s
 
 
@@ -100,6 +103,8 @@ def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str
     """How many times larger each other run's true RMSE is.
 
     `against` is the run that the others are divided by.
+
+    `rows` hold the figures of every run, by its name and by what measured them.
     """
     best = rows[against]["truth"].rmse_mm
     return [
@@ -110,7 +115,10 @@ def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str
 
 
 def table(rows: Mapping[str, Mapping[str, Tracking]]) -> str:
-    """The table for the terminal."""
+    """The table for the terminal.
+
+    `rows` are as for `ratios`.
+    """
     width = max(len(name) for name in rows) + 2
     lines = []
     for source, title in (("truth", "true tip"), ("encoders", "by encoders")):

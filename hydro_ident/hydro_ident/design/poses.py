@@ -65,7 +65,10 @@ def static_poses(
 
 
 def short_order(start: FloatArray, poses: FloatArray) -> list[int]:
-    """Indices of the poses, each the nearest to the one before."""
+    """Indices of the poses, each the nearest to the one before.
+
+    `start` (n,) is the pose before the first.
+    """
     left, at, order = list(range(len(poses))), start, list[int]()
     while left:
         nearest = min(left, key=lambda i: float(np.abs(poses[i] - at).max()))

@@ -94,7 +94,10 @@ def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
 
 
 def misfit(blocks: Blocks, weight: FloatArray) -> tuple[float, float]:
-    """Least sum of weighted squares, and that of y alone."""
+    """Least sum of weighted squares, and that of y alone.
+
+    `weight` is that of each row.
+    """
     unit, _ = unit_columns(blocks)
     x, y = _stacked(unit, weight)
     theta = np.linalg.lstsq(x, y, rcond=RANK)[0]

@@ -211,7 +211,10 @@ class Tally:
     def score(
         self, name: str, unit: str, noise_floor: float, recordings: tuple[str, ...]
     ) -> ChannelScore:
-        """The channel's score."""
+        """The channel's score.
+
+        `recordings` are the names of those that it is of.
+        """
         kept = np.concatenate(self._kept, axis=1)
         rows = kept[0], kept[1], kept[2], kept[3]
         return ChannelScore(name, unit, *rows, noise_floor, recordings, self, kept[4])

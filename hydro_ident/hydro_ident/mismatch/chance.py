@@ -111,6 +111,8 @@ def lost_by_fits(
     A refit of the base, and taking some trials out, make the residual of every block smaller
     than the noise: its products with a column c have the variance ``sum_b c_b' (I - Q Q')_bb c_b``
     with the fit's directions Q, where noise itself would give ``c' c``.
+
+    `taken` are the trials that were taken out.
     """
     fresh = bench.beyond(used_columns(taken, mask.size)[mask])
     directions = np.concatenate([bench.basis, np.linalg.qr(fresh)[0]], axis=1)
@@ -224,5 +226,8 @@ def chances(
 
 
 def p_value(value: float, chance: FloatArray) -> float:
-    """Share of draws that reach a value, the observed one counted in."""
+    """Share of draws that reach a value, the observed one counted in.
+
+    `chance` are the draws.
+    """
     return float((1 + np.sum(chance >= value)) / (1 + chance.size))

@@ -40,7 +40,10 @@ _ROUNDS = 4
 
 
 def searched(work: Residuals, base: Fitted) -> tuple[Search, Fitted, list[Finding], list[Finding]]:
-    """Search and confirm; where nothing stands, what failed may have stood in another's place."""
+    """Search and confirm; where nothing stands, what failed may have stood in another's place.
+
+    `base` is the fit that is searched from.
+    """
     rejected: list[Finding] = []
     for _ in range(_ROUNDS):
         excluded = {(f.named.term.effect.name, f.named.term.target) for f in rejected}

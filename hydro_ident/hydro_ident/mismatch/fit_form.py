@@ -46,7 +46,10 @@ class Rows:
     variable: str
 
     def columns(self, kind: Kind, shape: float, offset: bool) -> FloatArray:
-        """Columns (n, k) of a form times the factor, with a constant last where asked for."""
+        """Columns (n, k) of a form times the factor, with a constant last where asked for.
+
+        `shape` is the form's one number that it is not linear in.
+        """
         found = kind.columns(self.at, shape)
         if offset:
             found = np.concatenate([found, np.ones((found.shape[0], 1))], axis=1)

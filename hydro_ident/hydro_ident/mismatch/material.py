@@ -194,6 +194,8 @@ class Material:
 
         A window that touches an unknown volume counts nothing, in no column: one that lacks a part
         of its balance would be a flow that nothing explains.
+
+        `steps` are the volumes.
         """
         start = stretch.starts[chamber]
         known = np.isfinite(steps)

@@ -91,5 +91,8 @@ def held_to_others(work: Residuals, whole: Fitted, index: int) -> Residuals:
 
 
 def explains(names: Collection[tuple[str, int | None]], index: int) -> bool:
-    """Whether any of some effects, by name and cylinder, makes one cylinder's valve late."""
+    """Whether any of some effects, by name and cylinder, makes one cylinder's valve late.
+
+    `names` are these pairs.
+    """
     return any(name in OF_VALVES and cylinder == index for name, cylinder in names)

@@ -86,7 +86,10 @@ def length_s(traces: Sequence[Trace]) -> float:
 
 
 def partly(what: str, whole: tuple[Trace, ...], parts: tuple[Trace, ...]) -> tuple[str, ...]:
-    """How much of long recordings was looked at."""
+    """How much of long recordings was looked at.
+
+    `what` begins the sentence; `parts` are the stretches that were looked at.
+    """
     if parts is whole:
         return ()
     return (

@@ -147,6 +147,8 @@ def own_forces(robot: Robot, torque: bool) -> ForceModel:
 
     An identified robot's file has them where its base parameters name one; what it was read to
     has an array for them in any case.
+
+    `torque` is as for `force_model`.
     """
     has = any(c.barrel is not None or c.rod is not None for c in robot.cylinders)
     named = {own.name for own in robot.base_parameters} & set(robot.part_names)

@@ -210,6 +210,8 @@ class Signals:
         """Signals of a cylinder as recorded or as the model's laws shape them; not to be changed.
 
         They are kept as long as the same model is asked for: candidates share them.
+
+        `shaped` asks for the latter.
         """
         self._keep(model)
         key = stretch.number, cylinder, shaped

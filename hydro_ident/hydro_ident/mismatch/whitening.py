@@ -77,7 +77,10 @@ class Layout:
         return Layout(self.channel[mask], self.recording[mask], self.time_s[mask], linked)
 
     def blocks(self, length_s: float) -> IndexArray:
-        """Number of the block of time that each row is in, the same for all channels."""
+        """Number of the block of time that each row is in, the same for all channels.
+
+        `length_s` is that of a block.
+        """
         if not self.channel.size:
             return np.zeros(0, dtype=np.intp)
         number = np.floor(self.time_s / length_s).astype(np.intp)

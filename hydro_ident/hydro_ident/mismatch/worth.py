@@ -93,7 +93,10 @@ def worthy(
     whole: FloatArray,
     gain: float,
 ) -> bool:
-    """As `worth`, of an effect that adds `whole` (N,) to the prediction and gains so much."""
+    """As `worth`, of an effect that adds `whole` (N,) to the prediction and gains so much.
+
+    `start` is the fit without it.
+    """
     material, mask = training.predictor.material, training.mask
     # What a refit of everything else leaves of it, in the channel's own unit.
     own = training.bench(current.bench.noise, whole, current.columns)

@@ -1,8 +1,8 @@
 """Figures as plotly takes them: plain data, thinned honestly, a title and a unit on every axis.
 
 Shared arguments: `xy` are both coordinates; `panel` is the number of the diagram, from the top;
-`dash` and `width` (px) are the line's; `legend` says whether it is listed there; `low` and `high`
-are the band's edges. `x` is broken where it jumps, `y` goes with it.
+`colour`, `dash` and `width` (px) are the line's; `legend` says whether it is listed there; `low`
+and `high` are the band's edges. `x` is broken where it jumps, `y` goes with it.
 """
 
 from __future__ import annotations

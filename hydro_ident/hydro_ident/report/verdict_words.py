@@ -99,7 +99,10 @@ def health_line(recordings: Sequence[RecordingSummary]) -> list[str]:
 
 
 def shortened(words: Sequence[str], most: int = _LINES) -> str:
-    """The first few of a list, and how many more there are."""
+    """The first few of a list, and how many more there are.
+
+    `words` is that list.
+    """
     unique = list(dict.fromkeys(words))
     more = len(unique) - most
     return ", ".join(unique[:most]) + (f" and {more} more" if more > 0 else "")

@@ -167,7 +167,10 @@ def without(robot: Robot, name: str) -> Robot:
 
 
 def gains_of(file: Path) -> Gains:
-    """The gains of a `controller.yaml`."""
+    """The gains of a `controller.yaml`.
+
+    `file` is that.
+    """
     parameters = yaml.safe_load(file.read_text(encoding="utf-8"))["controller"]["ros__parameters"]
     return Gains(**{name: parameters[name] for name in asdict(Gains())})
 

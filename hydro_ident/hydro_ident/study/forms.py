@@ -50,7 +50,10 @@ def described(case: Path) -> list[str]:
 
 
 def truth_text(out: Path, truth: Mapping[str, Any]) -> str:
-    """What a case hides, with what it repeats by: drawn again from its seed."""
+    """What a case hides, with what it repeats by: drawn again from its seed.
+
+    `truth` is what the generator wrote down.
+    """
     import numpy as np
 
     from hydro_ident.study.generate import CaseSpec, make_case

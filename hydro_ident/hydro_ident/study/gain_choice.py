@@ -98,7 +98,10 @@ def models(robot: Robot, truth: Truth) -> dict[str, Robot]:
 
 
 def track(robot: Robot, truth: Truth, model: Robot, gains: Gains, seed: int = 0) -> Tracking:
-    """Tracking figures of one run along the reference path."""
+    """Tracking figures of one run along the reference path.
+
+    `model` is the controller's.
+    """
     path = load_path("xs031/parallelogram")
     start_m = path.sample(0.0)[0]
     rig = RigCore(robot, truth, seed=seed, tip_m=start_m.tolist())

@@ -108,7 +108,10 @@ def digest(*parts: object) -> str:
 
 
 def kinds(seed: int, cases: int) -> list[CaseKind]:
-    """The kind of every case, in an order that the seed shuffles."""
+    """The kind of every case, in an order that the seed shuffles.
+
+    `cases` is how many.
+    """
     exact = {kind: share * cases for kind, share in SHARES.items()}
     counts = {kind: int(value) for kind, value in exact.items()}
     by_rest = sorted(SHARES, key=lambda kind: counts[kind] - exact[kind])

@@ -29,7 +29,10 @@ class Goal:
     bound: float
 
     def value(self, table: Mapping[str, Any]) -> float | None:
-        """The measured figure; None where no case tells."""
+        """The measured figure; None where no case tells.
+
+        `table` holds the study's figures.
+        """
         entry = table[self.section].get(self.key)
         found = entry
         if entry is not None and self.section != "numbers":
@@ -37,7 +40,10 @@ class Goal:
         return None if found is None else float(found)
 
     def interval(self, table: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Its 95 % interval, where it has one."""
+        """Its 95 % interval, where it has one.
+
+        `table` holds the study's figures.
+        """
         entry = table[self.section].get(self.key)
         if self.section == "numbers" or entry is None or entry["ci95"] is None:
             return None
@@ -45,7 +51,10 @@ class Goal:
         return float(low), float(high)
 
     def met(self, table: Mapping[str, Any]) -> bool | None:
-        """Whether the measured figure, as it is, has the bound; None where there is none."""
+        """Whether the measured figure, as it is, has the bound; None where there is none.
+
+        `table` holds the study's figures.
+        """
         value = self.value(table)
         if value is None:
             return None

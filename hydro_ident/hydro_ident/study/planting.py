@@ -73,7 +73,10 @@ def plant(
     noise: int,
     random: np.random.Generator,
 ) -> tuple[Planted, ...] | None:
-    """Effects of the case's kind with their sizes, or None where none can be seen."""
+    """Effects of the case's kind with their sizes, or None where none can be seen.
+
+    `noise` is its seed.
+    """
     table = OUTSIDE if kind == "outside" else KNOWN
     planted: list[Planted] = []
     for _ in range(12):

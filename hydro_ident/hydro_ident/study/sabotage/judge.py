@@ -75,6 +75,8 @@ def judged(copy: str, root: str, tests: list[str], modules: list[str], out: str)
     """Run tests on a copy of the package, in a fork, and write the report.
 
     `root` is the folder of the sources.
+
+    `modules` are those that must be of the copy.
     """
     signal.alarm(_PATIENCE_S)
     os.chdir(root)
