@@ -27,6 +27,7 @@ from hydro_ident.mismatch.settings import (
 )
 from hydro_ident.mismatch.skew import PRESSURE_DELAY, least_skew
 from hydro_ident.mismatch.training import Training
+from hydro_model.effects.catalogue import end_s, start_s
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
@@ -117,10 +118,16 @@ def worthy(
     if begins(active) or ends(active):
         # No other recording has the same instant, and sensors that drift step a little, too.
         left = current.residual[mask]
+        beyond = _beyond_steps(training, current, active, whole)[mask]
+
+        def is_much(part: FloatArray, k: int, least: float) -> bool:
+            own = channel == k
+            share = LEAST_SHARE_UNCONFIRMED * np.sum(left[own] ** 2)
+            return bool(np.sum(part[own] ** 2) >= share and rms(part[own]) >= least)
+
         if not any(
-            np.sum(fresh[channel == k] ** 2)
-            >= LEAST_SHARE_UNCONFIRMED * np.sum(left[channel == k] ** 2)
-            and rms(fresh[channel == k]) >= least_unconfirmed(training, start.model, k)
+            is_much(fresh, k, least_unconfirmed(training, start.model, k))
+            or is_much(beyond, k, max(PRECISION * sizes[k], _STATIC_SHARE * drifts[k]))
             for k in acting
         ):
             return False
@@ -131,6 +138,20 @@ def worthy(
         return True
     share = _OPENING_SHARE if beside else ADDED_SHARE
     return gain >= share**2 * _explained(training, current, bench, acting)
+
+
+def _beyond_steps(
+    training: Training, current: Fitted, active: ActiveEffect, whole: FloatArray
+) -> FloatArray:
+    """What neither a refit nor a step of every channel's sensors can make of it, (N,).
+
+    A load weighs on each cylinder by where the joints stand, and goes with their motion.
+    """
+    material = training.predictor.material
+    acts = (material.time_s >= start_s(active)) & (material.time_s < end_s(active))
+    steps = np.equal.outer(material.channel, np.arange(len(material.channels))) & acts[:, None]
+    taken = np.concatenate([current.columns, steps[:, steps.any(axis=0)]], axis=1)
+    return whole - taken @ training.bench(current.bench.noise, whole, taken).solve()
 
 
 def _is_all_of(part: FloatArray, left: FloatArray) -> bool:

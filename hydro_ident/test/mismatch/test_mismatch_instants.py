@@ -14,6 +14,7 @@ from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun, both_at_own_instants
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.named import Contender, named_of
@@ -21,13 +22,15 @@ from hydro_ident.mismatch.notes import instant_notes
 from hydro_ident.mismatch.onset import beginning, begins
 from hydro_ident.mismatch.outcome import MATCHES
 from hydro_ident.mismatch.places import ends_of, instants_of
+from hydro_ident.mismatch.precision import least_unconfirmed
 from hydro_ident.mismatch.refinement import refine
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import RefineSettings
 from hydro_ident.mismatch.spoilt import sides_of
 from hydro_ident.mismatch.verify import verify
+from hydro_ident.mismatch.worth import worthy
 from hydro_model.effects.catalogue import end_s, resolve, start_s
-from hydro_model.robot import EffectSpec, Robot
+from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot
 
 MASS_KG, SECONDS, HERE_S, THERE_S = 80.0, 18.0, 11.0, 5.0
@@ -78,6 +81,32 @@ def test_a_load_begins_where_the_other_recording_has_it(loaded: Residuals, whole
         for m in (whole.model, there)
     ]
     assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_load_counts_by_what_no_stepping_sensor_makes(loaded: Residuals) -> None:
+    """Nine tenths of what sensors may step by: a load, which weighs by where the joints stand."""
+    training, base = loaded.training, loaded.base
+    one = resolve(replace(load_robot("xs031"), effects=(_load(HERE_S),)))[0]
+    column = training.predictor.contribution(base.model, one)
+    channel, mask = training.predictor.material.channel, training.mask
+    fresh = column - base.columns @ training.bench(base.bench.noise, column, base.columns).solve()
+    forces = [k for k in np.unique(channel[column != 0.0]) if column[channel == k].any()]
+    ratios = [
+        rms(fresh[mask & (channel == k)]) / least_unconfirmed(training, base.model, k)
+        for k in forces
+    ]
+    load = column * (0.9 / max(ratios))
+    step = np.zeros_like(load)
+    for k in forces:
+        own = (channel == k) & (column != 0.0)
+        step[own] = rms(load[own])
+
+    def counts(whole: FloatArray) -> bool:
+        current = replace(base, residual=whole)
+        return worthy(training, base, current, base.bench, one, whole, 1e9)
+
+    assert counts(load)
+    assert not counts(step)
 
 
 @pytest.mark.parametrize("refused", [0, 2])
