@@ -55,7 +55,7 @@ def segments_through(start: FloatArray, waypoints: Sequence[Waypoint]) -> tuple[
     Raises
     ------
     ControlError
-        No waypoints, times that do not grow, wrong sizes, values that are not finite or
+        No waypoints, times that do not grow from 0 s, wrong sizes, values that are not finite or
         larger than `LARGEST`, or a velocity left at the end.
     """
     size = len(start)
@@ -64,11 +64,15 @@ def segments_through(start: FloatArray, waypoints: Sequence[Waypoint]) -> tuple[
     times = [point.time_s for point in waypoints]
     if not states or (len(states) == 1 and times[0] == 0.0):
         raise ControlError("a trajectory should have a point after time 0, found none")
+    if times[0] < 0.0:  # a single point has no pair of times to look at
+        raise ControlError(
+            f"times of a trajectory should grow from 0 s, found {times[0]:g} s at point 0"
+        )
     if times[0] > 0.0:
         states.insert(0, (start, still, still))
         times.insert(0, 0.0)
     for index, (before, after) in enumerate(pairwise(times)):
-        if not 0.0 <= before < after:
+        if not before < after:
             raise ControlError(
                 f"times of a trajectory should grow from 0 s, found {after:g} s after"
                 f" {before:g} s at point {index + 1}"

@@ -187,6 +187,8 @@ def test_joint_names_in_any_order() -> None:
         ("joint", ["lift"], points((1.0, [0.6]), (1.0, [0.7])), "1 s after 1 s at point 2"),
         ("joint", ["lift"], points((2.0, [0.6]), (1.0, [0.7])), "1 s after 2 s"),
         ("joint", ["lift"], points((-1.0, [0.6]), (1.0, [0.7])), "should grow from 0 s"),
+        ("joint", ["lift"], points((-1.0, [0.6])), "grow from 0 s, found -1 s at point 0"),
+        ("tip", ["tip_link"], points((-1.0, TIP.tolist())), "found -1 s at point 0"),
         ("joint", ["lift"], points((1.0, [np.nan])), "not finite"),
         ("joint", ["lift"], points((0.0, [0.6])), "a point after time 0"),
         ("joint", ["lift"], points((0.0, [1.2]), (1.0, [0.7])), "starts 0.600 rad or m"),

@@ -81,6 +81,31 @@ def test_a_sent_stop_ends_what_is_played(
     assert process.poll() is None
 
 
+def test_a_single_point_before_time_0_is_refused_and_the_arm_held_on(
+    machine: Any,
+    controller: Callable[..., subprocess.Popen[str]],
+    wait_for: Callable[..., bool],
+) -> None:
+    from builtin_interfaces.msg import Duration
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    process = controller()
+    machine.answer(0)
+    message = JointTrajectory(joint_names=["lift"])
+    message.points.append(JointTrajectoryPoint(positions=[0.6], time_from_start=Duration(sec=-1)))
+    publisher = machine.publisher(topics.JOINT_TRAJECTORY, topics.reliable())
+    assert wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(message)
+
+    def refused() -> bool:
+        messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
+        return any("grow from 0 s, found -1 s at point 0" in m for m in messages)
+
+    assert wait_for(lambda: refused() or process.poll() is not None)
+    assert process.poll() is None
+    machine.answer(1)
+
+
 @pytest.mark.parametrize(("arguments", "found"), [((), "neither"), (("a.yaml", "--stop"), "both")])
 def test_a_path_or_a_stop_is_sent(
     run_module: Callable[..., Any], arguments: tuple[str, ...], found: str
