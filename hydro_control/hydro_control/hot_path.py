@@ -213,13 +213,18 @@ class HotPath:
         last = self._core.last
         if not self._driven or last is None:
             return
-        end = time.monotonic() + _RAMP_S
+        now = time.monotonic()
+        end, silent = now + _RAMP_S, now + _LAST_SAMPLE_S
         stamp, voltage, at_zero = last.stamp_ns, last.output.voltage_v, False
         try:
-            while not at_zero and time.monotonic() < end and self._wait.wait(_LAST_SAMPLE_S):
+            # Only time tells that no sample comes: the wake of a `stop` that fell into the last
+            # cycle is still to be taken, and ends the first wait at once.
+            while not at_zero and (left := min(end, silent) - time.monotonic()) > 0.0:
+                self._wait.wait(left)
                 sample = self._sample()
                 if sample is None or sample.stamp_ns <= stamp:
                     continue
+                silent = time.monotonic() + _LAST_SAMPLE_S
                 stamp, voltage = sample.stamp_ns, self._core.wind_down()
                 self._publish_command(stamp, voltage)
                 at_zero = not np.any(voltage)

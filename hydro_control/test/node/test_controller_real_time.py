@@ -7,8 +7,10 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hydro_control.core import Answer, ControllerCore, Sample
@@ -16,6 +18,7 @@ from hydro_control.gains import Gains
 from hydro_msgs_docs import topics
 
 rclpy = pytest.importorskip("rclpy")
+from hydro_control import hot_path  # noqa: E402
 from hydro_control.hot_path import HotPath  # noqa: E402
 from hydro_msgs_docs.real_time import RealTime, RealTimeOptions  # noqa: E402
 
@@ -112,3 +115,53 @@ def test_a_blocked_loop_counts_late_cycles_and_collects_no_garbage_meanwhile(
         node.destroy_node()
     assert not any(core.collecting)
     assert gc.isenabled()
+
+
+class HeldCore(ControllerCore):
+    """A controller whose law takes until it is let go, once it is told to."""
+
+    hold: bool
+    held: threading.Event
+    go: threading.Event
+
+    def answer(self, sample: Sample) -> Answer | None:
+        if self.hold:
+            self.held.set()
+            assert self.go.wait(60.0)
+        return super().answer(sample)
+
+
+def test_an_end_that_falls_into_a_cycle_is_on_a_ramp_as_well(
+    machine: Any, monkeypatch: pytest.MonkeyPatch, patience_s: float
+) -> None:
+    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
+        monkeypatch.setattr(hot_path, name, patience_s)
+    node = rclpy.create_node("hot", context=machine.context)
+    core = HeldCore(machine.robot, replace(Gains(), slew_limit_v_s=100.0))
+    core.hold, core.held, core.go = False, threading.Event(), threading.Event()
+    hot = HotPath(node, core, 0, RealTime(RealTimeOptions(), print), lambda error: None)
+    hot.start()
+    cycle, away = 0, machine.pose - 0.05
+    while abs(machine.answer(cycle, away if cycle else machine.pose).effort[0]) < 1.0:
+        cycle += 1
+    core.hold = True
+    cycle, before = cycle + 1, len(machine.commands())
+    held = machine.publish(cycle, away)
+    ending = threading.Thread(target=hot.stop)
+    try:
+        assert core.held.wait(patience_s)
+        ending.start()
+        time.sleep(0.2)  # it has asked, and waits for the cycle to end
+    finally:
+        core.go.set()
+    assert machine.commands_of(held, before, patience_s)
+    time.sleep(0.1)  # no sample is there yet when the way down begins
+    while ending.is_alive():
+        cycle += 1
+        before, stamp = len(machine.commands()), machine.publish(cycle, away)
+        machine.commands_of(stamp, before, 0.2)
+    hot.destroy()
+    node.destroy_node()
+    voltage = np.array([c.effort for c in machine.commands()])
+    assert np.abs(np.diff(voltage, axis=0)).max() <= 0.2 + 1e-9
+    assert voltage[-1].tolist() == [0.0, 0.0]
