@@ -263,8 +263,9 @@ class Adaptation:
             time_s = self._settled * self.dt_s
             x = piston_positions(self._axes, q)
             self._listed.observe(Motion(time_s, q, qd, qdd, arm, x, pressures, p_s, p_t, force))
-            columns = self._listed.columns(columns)
+            # Flows past the valve are those of its opening, which has to be known first.
             signal = self._listed.openings(signal)
+            columns = self._listed.columns(columns)
         self._slid_s = np.where(np.abs(xd) > SLIDING_M_S, self._slid_s + EVERY * self.dt_s, 0.0)
         slides = self._slid_s > SLIDING_S
         self.frozen = not slides.any()

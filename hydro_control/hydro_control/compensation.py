@@ -190,13 +190,16 @@ class Compensation:
         return out
 
     def openings(self, signal: FloatArray) -> FloatArray:
-        """Openings (n,) that signals give."""
-        return np.array(
+        """Openings (n,) that signals give, and which `columns` takes from here on."""
+        out = np.array(
             [
                 u if inverse is None else inverse.opening(u)
                 for inverse, u in zip(self._inverses, signal.tolist(), strict=True)
             ]
         )
+        for row, opening in zip(self._rows, out.tolist(), strict=True):
+            row[sig.VALVE_SIGNAL] = opening
+        return out
 
     def _total(self, axis: int, stage: Stage) -> float:
         return self._laws[axis].total(stage, self._rows[axis])
