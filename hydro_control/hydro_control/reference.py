@@ -218,7 +218,7 @@ class ReferencePlayer:
         self, space: Literal["tip", "joint"], at: FloatArray, first: FloatArray, q: FloatArray
     ) -> tuple[Segment, ...]:
         try:
-            return approach_to(self.robot, space, at, first, q)
+            return approach_to(self.robot, space, at, first, q, self._tip_speed_m_s)
         except RobotError as error:
             raise ControlError(f"the robot cannot go to the path's start: {error}") from error
 

@@ -111,6 +111,17 @@ def test_an_approach_of_the_tip_is_as_slow_as_the_joints_are(checked: bool) -> N
     assert 0.9 * 0.02 < speeds[:, 0].max() <= 0.02
 
 
+def test_an_approach_is_as_slow_as_the_tip_has_to_be() -> None:
+    """0.1 rad/s of both joints would be beyond 0.2 m/s."""
+    start = POSE + 0.05
+    path = joint_path(start.tolist(), (start + 0.01).tolist())
+    plan = ReferencePlayer(ROBOT, POSE, 0.2).plan_path(path, 0.0, POSE)
+    times = np.linspace(0.0, plan.path.duration_s, 801)
+    places = np.array([tip_position(ROBOT, plan.path.sample(t)[0]) for t in times])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
+    assert 0.18 < speeds.max() <= 0.2
+
+
 def test_an_approach_that_never_ends_is_refused() -> None:
     player = ReferencePlayer(slow(0.001), POSE)
     path = joint_path([float(POSE[0]) + 0.1, float(POSE[1])], [0.7, -1.5])
