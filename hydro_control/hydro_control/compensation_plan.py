@@ -9,6 +9,7 @@ from types import MappingProxyType
 from hydro_control.doubtful import doubt
 from hydro_model.effects import ActiveEffect, resolve
 from hydro_model.effects.applied import with_changes
+from hydro_model.effects.catalogue import acts_at
 from hydro_model.robot import Robot
 
 _MEASURED = "the pressures at the valve are measured, or else the robot file's constants"
@@ -76,7 +77,9 @@ def plan(robot: Robot) -> CompensationPlan:
     unsure = {key: why for key, (_, why) in doubts.items() if why}
     kept = tuple(e for e in robot.effects if f"{e.name}:{e.target}" not in unsure)
     robot = replace(robot, effects=kept) if unsure else robot
-    listed = tuple(dict.fromkeys(one.effect.name for one in resolve(robot)))
+    # A payload that was set down again is listed still, and nothing of it is left to compensate.
+    acting = (one for one in resolve(robot) if one.effect.terms or acts_at(one, float("inf")))
+    listed = tuple(dict.fromkeys(one.effect.name for one in acting))
     changed = with_changes(robot)
     return CompensationPlan(
         robot=changed,

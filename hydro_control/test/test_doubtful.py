@@ -105,3 +105,10 @@ def test_an_unsure_payload_stays_out_of_the_bodies() -> None:
     assert (sure.robot.link_inertia != ROBOT.link_inertia).any()
     assert (unsure.robot.link_inertia == ROBOT.link_inertia).all()
     assert not unsure.names
+
+
+def test_a_payload_that_was_set_down_is_not_said_to_be_compensated() -> None:
+    held = EffectSpec("payload_change", "xs031", {"mass": 50.0})
+    gone = EffectSpec("payload_change", "xs031", {"mass": 50.0, "end_s": 12.0})
+    assert plan(replace(ROBOT, effects=(held,))).names == ("payload_change",)
+    assert plan(replace(ROBOT, effects=(gone,))).names == ()
