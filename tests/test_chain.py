@@ -160,7 +160,9 @@ def test_stopping_the_script_ends_every_child_with_the_valves_at_zero(
     process = start(tmp_path, "stopped", "--real-time", "--duration", "600")
     log = tmp_path / "logs/stopped.bridge.log"
     deadline = time.monotonic() + PATIENCE_S
-    while not (log.exists() and "driving" in log.read_text()):
+    # A machine that is too busy for 500 Hz may trip before it is seen to drive.
+    words = ("driving", "tripped")
+    while not (log.exists() and any(word in log.read_text() for word in words)):
         assert time.monotonic() < deadline, log.read_text() if log.exists() else "no log"
         assert process.poll() is None
         time.sleep(0.05)
