@@ -24,6 +24,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 
 from hydro_hw_bridge import bridge as bridge_module  # noqa: E402
 from hydro_hw_bridge import bridge_loops as loops_module  # noqa: E402
+from hydro_hw_bridge import claims  # noqa: E402
 from hydro_hw_bridge.bridge import CanBridge  # noqa: E402
 from hydro_hw_bridge.link import UNSENT  # noqa: E402
 from hydro_msgs_docs.messages import joint_state  # noqa: E402
@@ -139,6 +140,9 @@ def bench(
         return SlowBus(bus.name, bus._bus, codec)
 
     monkeypatch.setattr(bridge_module, "open_bus", slow)
+    # Nobody else is on this bus; how long it listens is tested in test_claims.py.
+    monkeypatch.setattr(claims, "LISTEN_S", 0.02)
+    monkeypatch.setattr(claims, "CONTEST_S", 0.02)
     # Time for all its last frames, should the machine be busy.
     monkeypatch.setattr(loops_module, "LAST_S", PATIENCE_S)
     rclpy.init(

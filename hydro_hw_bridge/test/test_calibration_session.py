@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from hydro_hw_bridge import claims
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.calibration_session import MAX_REPEATS, Session
@@ -67,8 +68,10 @@ class Device:
 
 
 @pytest.fixture
-def buses() -> Iterator[tuple[Bus, Bus]]:
-    """Two ends of one bus of python-can inside this process."""
+def buses(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bus, Bus]]:
+    """Two ends of one bus of python-can inside this process, with no bridge to listen for."""
+    monkeypatch.setattr(claims, "LISTEN_S", 0.02)
+    monkeypatch.setattr(claims, "CONTEST_S", 0.02)
     name = f"virtual:calibration_{os.getpid()}"
     with open_bus(name) as one, open_bus(name) as other:
         yield one, other
