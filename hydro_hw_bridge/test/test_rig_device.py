@@ -25,6 +25,8 @@ BUS = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 17_000) % 20_000}"
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 120.0
 MAIN = "from hydro_hw_bridge.rig.command import main; raise SystemExit(main())"
+#: Alone on its bus it need not listen for another device for as long as one may be silent.
+ALONE = f"from hydro_hw_bridge.rig import device; device.LISTEN_S = 0.1; {MAIN}"
 Policy = Callable[[Readings], tuple[tuple[float, float], bool] | None]
 
 
@@ -35,7 +37,8 @@ def _command(*arguments: str) -> list[str]:
 @contextmanager
 def _rig(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
     pipe = subprocess.PIPE
-    command = _command("--can", BUS, "--joints", "0.5", "-1.5", *arguments)
+    options = ("--can", BUS, "--joints", "0.5", "-1.5", *arguments)
+    command = [sys.executable, "-c", ALONE, *options]
     with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
         try:
             assert process.stdout is not None
