@@ -220,8 +220,11 @@ def test_an_exception_in_the_loop_ends_at_zero_volts_and_is_told(
     machine: Any,
     wait_for: Callable[..., bool],
     monkeypatch: pytest.MonkeyPatch,
+    patience_s: float,
     core: type[FailingCore],
 ) -> None:
+    for name in ("_LAST_SAMPLE_S", "_RAMP_S"):
+        monkeypatch.setattr(hot_path, name, patience_s)
     node = rclpy.create_node("hot", context=machine.context)
     told: list[BaseException] = []
     wound = []
