@@ -43,6 +43,15 @@ def average_lag_s(alpha: float, dt_s: float) -> float:
     return dt_s * (1.0 - alpha) / alpha
 
 
+def average_age_s2(alpha: float, dt_s: float) -> float:
+    """Mean square of how old the average's inputs are: ``dt^2 (1 - a) (2 - a) / a^2``.
+
+    Half of it, times the acceleration, is what the average trails a parabola by less than its
+    ramp. `alpha` is the weight of the newest input.
+    """
+    return dt_s**2 * (1.0 - alpha) * (2.0 - alpha) / alpha**2
+
+
 def difference_lag_s(alpha: float, dt_s: float) -> float:
     """By how much `FilteredDifference` is late: half a sample more than its average.
 

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.axes import Axis
-from hydro_control.filters import Ewma, FilteredDifference, average_lag_s, difference_lag_s
+from hydro_control.filters import (
+    Ewma,
+    FilteredDifference,
+    average_age_s2,
+    average_lag_s,
+    difference_lag_s,
+)
 from hydro_control.gains import Gains
 from hydro_model.robot import FloatArray
 
@@ -57,6 +63,7 @@ class StateFilter:
         self._velocity = FilteredDifference(gains.alpha_qd, dt_s)
         self._pressure = Ewma(gains.alpha_p)
         self._position_lag_s = average_lag_s(gains.alpha_q, dt_s)
+        self._position_age_s2 = average_age_s2(gains.alpha_q, dt_s)
         self._velocity_lag_s = difference_lag_s(gains.alpha_qd, dt_s)
         self._force_lag_s = force_lag_s + average_lag_s(gains.alpha_p, dt_s)
 
@@ -96,8 +103,9 @@ class StateFilter:
         State
         """
         late, ahead = self._velocity_lag_s, lead_s + self._position_lag_s
+        bent_s2 = 0.5 * (lead_s**2 - self._position_age_s2)
         return State(
-            now.q + ahead * now.qd + (0.5 * ahead + late) * ahead * acceleration,
+            now.q + ahead * now.qd + (late * ahead + bent_s2) * acceleration,
             now.qd + (lead_s + late) * acceleration,
             now.force + (lead_s + self._force_lag_s) * force_rate,
             now.pressures,

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hydro_control.axes import axes_of
 from hydro_control.filters import Ewma, FilteredDifference, alpha_for, time_constant_s
+from hydro_control.gains import Gains
+from hydro_control.state import StateFilter
+from hydro_model.robot_files import load_robot
 
 DT = 0.002
 
@@ -63,3 +68,20 @@ def test_reset_forgets() -> None:
     difference.update(np.ones(1))
     difference.reset()
     assert difference.update(np.array([7.0]))[0] == 0.0
+
+
+@pytest.mark.parametrize("alpha_q", [0.04, 0.3, 1.0])
+def test_a_predicted_state_of_a_parabola_is_the_parabola(alpha_q: float) -> None:
+    """However late filters make positions and velocities: one acceleration, from its start on."""
+    robot = load_robot("xs031")
+    gains = replace(Gains(), alpha_q=alpha_q, alpha_qd=0.2, alpha_p=0.5)
+    late = StateFilter(axes_of(robot), gains, DT, np.zeros(robot.dof))
+    q, qd, qdd = np.array([0.4, -1.0]), np.array([0.1, -0.2]), np.array([0.3, 0.5])
+    still, lead_s = np.zeros((2, len(robot.cylinders))), 0.03
+    for k in range(2000):
+        t = k * DT
+        now = late.measured(q + qd * t + 0.5 * qdd * t**2, still, 2e7, 0.0, 1)
+    ahead = late.predicted(now, lead_s, qdd, np.zeros(robot.dof))
+    t += lead_s
+    np.testing.assert_allclose(ahead.q, q + qd * t + 0.5 * qdd * t**2, atol=1e-9)
+    np.testing.assert_allclose(ahead.qd, qd + qdd * t, atol=1e-9)
