@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -27,29 +27,6 @@ PACKAGES = {
 }
 #: Units that names end in; the text may give the name without.
 _UNIT = re.compile(r"_(pa|s|m|n|v|hz|kg|rad|ns|ms|m3|pct|m_s|v_s|mm|cycles)$")
-#: For these a plain word in shared text counts yet: a changed source is another than that which
-#: the committed campaigns of faults and files were run of, or kernels are compiled anew.
-OF_CAMPAIGNS: tuple[str, ...] = (
-    "ros2_ws/src/hydro_model/hydro_model/command_kernels.py, look_ahead: tolerance",
-    "ros2_ws/src/hydro_model/hydro_model/fields.py, Fields, matrix: shape",
-    "ros2_ws/src/hydro_model/hydro_model/simulate_kernels.py, states_of: model",
-    "ros2_ws/src/hydro_model/hydro_model/valve.py, signed_root: difference_pa",
-    "hydro_hw_bridge/hydro_hw_bridge/parameters.py, Settings: robot",
-    "hydro_hw_bridge/hydro_hw_bridge/parameters.py, Settings: can",
-    "hydro_hw_bridge/hydro_hw_bridge/parameters.py, Settings: clock",
-    "hydro_hw_bridge/hydro_hw_bridge/rig/plant.py, Plant, rates: asked",
-    "hydro_hw_bridge/hydro_hw_bridge/rig/truth.py, check_physical: where",
-    "hydro_control/hydro_control/law_kernels.py, flow_kernel: pressures",
-    "hydro_control/hydro_control/law_kernels.py, voltage_kernel: signal",
-    "hydro_control/hydro_control/law_kernels.py, voltage_kernel: pressures",
-    "hydro_ident/hydro_ident/bag/reading_rate.py, SecondLook, text: every",
-    "hydro_ident/hydro_ident/bag/series.py, too_empty: filled",
-    "hydro_ident/hydro_ident/study/faults/page.py, told: result",
-    "hydro_ident/hydro_ident/study/faults/ros_end.py, RosEnd, begin_fault: valve",
-    "hydro_ident/hydro_ident/study/faults/stage.py, executable: package",
-    "hydro_ident/hydro_ident/study/faults/stage.py, Stage, start_rig: bus",
-    "hydro_ident/hydro_ident/study/faults/stage.py, until: what",
-)
 _RECORDS = ("dataclass", "NamedTuple", "TypedDict")
 
 
@@ -70,7 +47,7 @@ class Argument:
     def documented(self) -> bool:
         return (
             said(self.name, self.text)
-            or said(self.name, self.shared, plain=f"{self.where}: {self.name}" in OF_CAMPAIGNS)
+            or said(self.name, self.shared, plain=False)
             or is_its_type(self.name, self.annotation)
         )
 
@@ -229,12 +206,3 @@ def test_a_plain_word_in_a_text_that_many_share_describes_nothing(
     shared: str, documented: bool
 ) -> None:
     assert Argument("", "count", "int", "Add some.", shared).documented is documented
-
-
-def test_what_still_counts_by_a_plain_word_is_there_and_needs_it() -> None:
-    found = {
-        f"{one.where}: {one.name}": replace(one, where="")
-        for path in sorted({ROOT / name.split(",")[0] for name in OF_CAMPAIGNS})
-        for one in arguments(path)
-    }
-    assert [name for name in OF_CAMPAIGNS if found[name].documented] == []

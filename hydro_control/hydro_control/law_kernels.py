@@ -164,9 +164,9 @@ def flow_kernel(
     """Flow terms of eq. 23 (corrected) and the edges' openings of eq. 24, (n,) each.
 
     `out` is what `required_kernel` filled, its columns and its force with what the listed
-    effects add; `force_rate` is the filtered rate of that force, `leak` the flow term of what
-    passes the valve. Returns `STARVED` where a valve is kept shut, as the chamber that it should
-    feed would empty into the supply, else 0.
+    effects add; `pressures` (2, m) are the chambers', gauge; `force_rate` is the filtered rate
+    of that force, `leak` the flow term of what passes the valve. Returns `STARVED` where a valve
+    is kept shut, as the chamber that it should feed would empty into the supply, else 0.
     """
     gains, limited, least = arrays.gains, 0, _open_root(0.0)
     for i in range(force.shape[0]):
@@ -196,6 +196,8 @@ def voltage_kernel(
     arrays: Any, signal: Array, pressures: Array, before_v: Array, out_v: Array
 ) -> int:
     """Voltages (m,) in the robot's order: relieved, saturated, and slewed from `before_v`.
+
+    `signal` (n,) is by joint, `pressures` (2, m) are the chambers', gauge.
 
     Returns `RELIEVED` where a valve is throttled for the pressure of the chamber that it feeds.
     """

@@ -99,9 +99,9 @@ class Settings:
     """The checked values of `PARAMETERS`, same names; `required_subscribers` by topic.
 
     `real_time` holds the values of `hydro_msgs_docs.real_time.OPTIONS`.
-    `dbc`, `mapping`, `calibration`, `slew_limit_v_s`, `reenable_slew_v_s`, `max_age_ms`,
-    `min_supply_pa` and `slow_rate_hz` are as the texts of `PARAMETERS` say, which `can_bridge
-    --help` prints.
+    `robot`, `can`, `clock`, `dbc`, `mapping`, `calibration`, `slew_limit_v_s`,
+    `reenable_slew_v_s`, `max_age_ms`, `min_supply_pa` and `slow_rate_hz` are as the texts of
+    `PARAMETERS` say, which `can_bridge --help` prints.
     """
 
     robot: str

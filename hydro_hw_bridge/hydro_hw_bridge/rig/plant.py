@@ -204,7 +204,8 @@ class Plant:
     def rates(self, asked: FloatArray, *, pump: bool = True) -> FloatArray:
         """Time derivative of the whole state, in its layout.
 
-        `pump` is False while it is off.
+        `asked` (m,) are the normalised spool positions that the amplifiers ask for; `pump` is
+        False while it is off.
         """
         out = np.zeros_like(self.state)
         kernel.rates(self.state, asked, pump, *self.records, out)

@@ -297,7 +297,7 @@ def check_physical(link: LinkTruth, where: str) -> None:
 
     With the centre of mass as origin that is a positive mass and a positive definite second
     moment (Wensing, Kim and Slotine, IEEE RA-L 3(1), 2018). A link without mass and inertia,
-    a mere frame, passes too.
+    a mere frame, passes too. `where` begins the error: the file and the link.
     """
     moment = link.second_moment()
     if link.mass_kg == 0.0 and not np.any(moment):

@@ -178,7 +178,10 @@ class SecondLook:
         return int(min(spacings, default=1.0))
 
     def text(self, every: int) -> str:
-        """In words, how far a recording was interpolated, or its readings were held."""
+        """In words, how far a recording was interpolated, or its readings were held.
+
+        `every` is how many samples there are for each reading, as `SecondLook.every` says.
+        """
         rate = 1.0 / self.period_s
         # What is interpolated changes in every sample, what is held in one of many.
         still = all(

@@ -83,7 +83,7 @@ class Series:
 
 
 def too_empty(cells: int, filled: int) -> bool:
-    """Whether a table of so many cells holds too few numbers to be made."""
+    """Whether a table of so many `cells` holds too few numbers (`filled`) to be made."""
     return cells > max(_FREE_CELLS, _MOST_EMPTY * filled)
 
 

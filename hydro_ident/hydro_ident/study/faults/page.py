@@ -35,7 +35,7 @@ def with_tables(text: str, folder: Path) -> str:
 
 
 def told(result: Mapping[str, Any]) -> str:
-    """A run as Markdown."""
+    """A run, whose `result` is that of the file, as Markdown."""
     parts = []
     if "device_time" in result:
         parts += [_device(result["device_time"]), _silent(result["device_time"]["silent"])]

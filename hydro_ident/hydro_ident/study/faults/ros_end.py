@@ -100,7 +100,8 @@ class RosEnd:
     def begin_fault(self, kind: str, cycles: int, amount: float, valve: int) -> None:
         """Let a fault of the publisher begin with the next sample but one.
 
-        It lasts for so many `cycles`; `amount` is its size in its kind's unit.
+        It lasts for so many `cycles`; `amount` is its size in its kind's unit, `valve` the index
+        of the one that it concerns.
         """
         self.fault_at_ns = None
         self._fault = CommandFault(kind, self._count + 2, cycles, amount, valve)

@@ -28,7 +28,7 @@ PUBLISHER = "publisher"
 
 
 def executable(package: str, name: str) -> str:
-    """The path that `ros2 run` would run."""
+    """The path that `ros2 run` would run of a `package`."""
     from ament_index_python.packages import get_package_prefix
 
     return str(Path(get_package_prefix(package)) / "lib" / package / name)
@@ -74,7 +74,7 @@ class Stage:
             time.sleep(0.02)
 
     def start_rig(self, bus: str) -> None:
-        """Start the measured rig, with a record of its own."""
+        """Start the measured rig on a `bus`, with a record of its own."""
         self._rigs += 1
         module = "hydro_hw_bridge.faults.measured_rig"
         path = str(self.rig_file)
@@ -211,7 +211,7 @@ class Stage:
 def until(condition: Callable[[], object], wait_s: float, what: str) -> None:
     """Wait for something.
 
-    `condition` is asked until it holds.
+    `condition` is asked until it holds; the error says `what` should have come.
 
     Raises
     ------

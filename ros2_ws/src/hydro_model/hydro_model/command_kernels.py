@@ -93,7 +93,8 @@ def look_ahead(
 ) -> float:
     """Have the known states from `time` on; returns until when, at most `end`.
 
-    They start from `z` where nothing is kept of them (`kept` 0), and go on where that ends.
+    They start from `z` where nothing is kept of them (`kept` 0), and go on where that ends; each
+    of their steps is as exact as `tolerance` asks.
     """
     ahead = solver.ahead
     count = ahead.kept[0]

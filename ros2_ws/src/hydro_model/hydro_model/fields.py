@@ -207,7 +207,7 @@ class Fields:
         return [whole.numbers(name) for name in names]
 
     def matrix(self, key: str, shape: tuple[int, int]) -> FloatArray:
-        """A matrix of finite numbers, row by row."""
+        """A matrix of finite numbers, row by row; `shape` says how many rows and columns."""
         rows = self._get(key, _REQUIRED, f"a {shape[0]} x {shape[1]} matrix")
         if not isinstance(rows, list) or len(rows) != shape[0]:
             raise self._wrong(key, f"{shape[0]} rows", rows)

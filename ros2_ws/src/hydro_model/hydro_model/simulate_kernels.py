@@ -72,7 +72,7 @@ def _root(d: float) -> float:
 def states_of(
     model: Any, s: Array, effect: int, y: Array, dy: Array, drive: int, mode: int
 ) -> None:
-    """Internal states of an effect into its signals; if driven, their rates or rest values.
+    """Internal states of an effect of `model` into its signals; if driven, their rates or rests.
 
     `s` is the row of signals that the effect's laws see, `effect` its row of `owners`, `y` and
     `dy` the state and its rates in SI units; `drive` is 0 where they stay as they are, and `mode`

@@ -23,7 +23,7 @@ SMOOTH_PRESSURE_PA = 1000.0
 
 
 def signed_root(difference_pa: ArrayLike) -> FloatArray:
-    """``sign(d) sqrt(|d|)``, smoothed below `SMOOTH_PRESSURE_PA`; sqrt(Pa)."""
+    """``sign(d) sqrt(|d|)`` of `difference_pa`, smoothed below `SMOOTH_PRESSURE_PA`; sqrt(Pa)."""
     d = np.asarray(difference_pa, dtype=float)
     return np.asarray(d / (d * d + SMOOTH_PRESSURE_PA**2) ** 0.25)
 
