@@ -47,7 +47,7 @@ PRECISION_UNNAMED, PRECISION_UNCONFIRMED = 1.0e-3, 1.0e-3
 #: its interval is known no better, and noise that a controller feeds back shifts fits by as much.
 LEAST_CYCLES = 0.5
 #: Of the command's delay one cycle is granted to every machine; so much more is a finding.
-LEAST_EXCESS = 0.2
+LEAST_EXCESS = 0.25
 #: A finding, or an unknown dependence, explains at least this share of its channels' residual.
 LEAST_SHARE = 0.005
 #: The same for what no other recording can confirm.

@@ -115,7 +115,7 @@ def test_a_delay_goes_to_the_end_of_its_range_and_no_further(
     now = model.delays_s[0]
     step[columns[0]], step[columns[1]] = 0.3 * cycle - now, 3.0 * cycle
     beyond = given_steps(work.training, model, step)
-    assert beyond == {columns[1]: pytest.approx(1.2 * cycle - model.delays_s[1])}
+    assert beyond == {columns[1]: pytest.approx(1.25 * cycle - model.delays_s[1])}
     step[columns[0]] = -2.0 * cycle
     assert given_steps(work.training, model, step)[columns[0]] == pytest.approx(-now)
 
