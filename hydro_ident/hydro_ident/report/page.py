@@ -26,8 +26,7 @@ _HINT = (
     '<p class="none hint"><span class="by-mouse">Plots: drag to look closer, double-click to go'
     " back, click a name in a legend to hide its line.</span>"
     '<span class="by-touch">Plots: tap a line to read its values, tap a name in a legend to hide'
-    " its line; two fingers enlarge the page.</span> A joint has the same colour everywhere; of"
-    " more than six joints, the seventh has that of the first again.</p>"
+    " its line; two fingers enlarge the page.</span> A joint has the same colour everywhere.</p>"
 )
 
 
