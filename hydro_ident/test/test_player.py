@@ -143,9 +143,11 @@ def test_latched_topics_reach_who_comes_later(node, tmp_path) -> None:
         writer.write_stamped("/base_parameters", 1, {"effort": [2.5]}, names=["a.mcx"])
         # Something that lies far ahead keeps the player up.
         writer.write_stamped("/joint_states", 10**10 * 6, {"position": [1.0]}, names=["lift"])
+    early = HotSubscription(node, JointState, "/base_parameters", latched())
     process = _play(tmp_path / "bag", "--delay", "0")
     try:
-        time.sleep(2.5)
+        # Whoever comes once this one has it comes later than the message.
+        assert HotWait(node, early).wait(PATIENCE_S)
         late = HotSubscription(node, JointState, "/base_parameters", latched())
         assert HotWait(node, late).wait(PATIENCE_S)
         message = late.take()
