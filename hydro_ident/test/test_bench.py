@@ -204,7 +204,7 @@ def test_a_trip_is_cleared_and_counted() -> None:
         controller.send_signal(signal.SIGSTOP)
         time.sleep(0.5)
         controller.send_signal(signal.SIGCONT)
-        before, end = running.bus.answered, time.monotonic() + 30.0
+        before, end = running.bus.answered, time.monotonic() + 120.0
         while not trips.cleared and time.monotonic() < end:
             trips.watch(time.monotonic() + 1.0)
         assert trips.cleared >= 1
