@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.commands.diagnose import run as diagnose
+from hydro_ident.bag.recording import Recording
+from hydro_ident.commands.diagnose import run as diagnose_command
+from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.diagnosis_file import result_dict
+from hydro_ident.results import Provenance
+from hydro_model.robot import Robot
+from hydro_model.robot_files import load_robot
 
 pytestmark = pytest.mark.long
 
@@ -105,27 +111,65 @@ def _seen(q: np.ndarray, torque: np.ndarray, effects: tuple[str, ...]) -> np.nda
     return COUNT_RAD * np.round(seen / COUNT_RAD)
 
 
+def _recorded(late_s: float, effects: tuple[str, ...]) -> dict[str, tuple[np.ndarray, ...]]:
+    """Positions and torques of the two recordings of the arm with some effects, by their names."""
+    recorded: dict[str, tuple[np.ndarray, ...]] = {}
+    for name, seconds, seed in (("train", 25.0, 1), ("check", 24.0, 2)):
+        q, qd, qdd = _motion(seconds, seed)
+        rng = np.random.default_rng(10 + seed)
+        torque = _torque(q, qd, qdd, effects)
+        seen = _seen(q, torque, effects)
+        if late_s:
+            torque = _torque(*_motion(seconds, seed, late_s), effects)
+        recorded[name] = (seen, torque + rng.normal(size=q.shape) * TORQUE_NOISE)
+    return recorded
+
+
+def _recording(robot: Robot, name: str, q: np.ndarray, effort: np.ndarray) -> Recording:
+    """A recording of positions and torques, and of nothing else."""
+    step_ns = round(1e9 * STEP_S)
+    absent = (
+        "stroke p_a p_b supply tank valve_v command_v spool q_ref qd_ref force_ref tip_ref"
+        " temperature_stamp_ns temperature_c"
+    )
+    left_out: dict[str, Any] = dict.fromkeys(absent.split())
+    return Recording(
+        path=Path(name), robot=robot, period_s=STEP_S, q=q, effort=effort,
+        stamp_ns=10**18 + step_ns * np.arange(len(q)), valve_source="",
+        latched=np.zeros(len(q), dtype=bool), losses=(), gaps=(), duplicates={}, notes=(),
+        metadata={}, **left_out,
+    )  # fmt: skip
+
+
 @pytest.fixture
-def diagnosed(
-    robot_file: Path, write_bag: Callable[..., Path], tmp_path: Path
-) -> Callable[..., dict[str, Any]]:
+def diagnosed(robot_file: Path) -> Callable[..., dict[str, Any]]:
     """What is told of the arm with some effects, by two recordings of it."""
 
     def run(*effects: str, late_s: float = 0.0) -> dict[str, Any]:
+        robot = load_robot(robot_file)
+        recorded = _recorded(late_s, effects)
+        train, check = (_recording(robot, name, *recorded[name]) for name in ("train", "check"))
+        found = diagnose(robot, [train], [check])
+        told: dict[str, Any] = result_dict(found, Provenance("diagnose", "1", "arm", {}, {}))
+        return told
+
+    return run
+
+
+@pytest.fixture
+def diagnosed_bags(
+    robot_file: Path, write_bag: Callable[..., Path], tmp_path: Path
+) -> Callable[..., dict[str, Any]]:
+    """As `diagnosed`, by the command and two bags."""
+
+    def run(*effects: str) -> dict[str, Any]:
         bags = []
-        for name, seconds, seed in (("train", 25.0, 1), ("check", 24.0, 2)):
-            q, qd, qdd = _motion(seconds, seed)
-            rng = np.random.default_rng(10 + seed)
-            torque = _torque(q, qd, qdd, effects)
-            seen = _seen(q, torque, effects)
-            if late_s:
-                torque = _torque(*_motion(seconds, seed, late_s), effects)
-            torque += rng.normal(size=q.shape) * TORQUE_NOISE
-            columns = {"/joint_states": (JOINTS, {"position": seen, "effort": torque})}
+        for name, (q, effort) in _recorded(0.0, effects).items():
+            columns = {"/joint_states": (JOINTS, {"position": q, "effort": effort})}
             bags.append(str(write_bag(columns, name=name)))
         out = tmp_path / "out"
         arguments = [bags[0], "--robot", str(robot_file), "--validate", bags[1], "--out", str(out)]
-        assert diagnose(arguments) == 0
+        assert diagnose_command(arguments) == 0
         found: dict[str, Any] = json.loads((out / "result.json").read_text())
         return found
 
@@ -162,8 +206,11 @@ def test_an_arm_that_is_its_description_matches(diagnosed: Callable[..., dict[st
         assert channel["rmse_before"] == pytest.approx(channel["noise_floor"], rel=0.15)
 
 
-def test_a_rotor_and_dry_friction_are_found(diagnosed: Callable[..., dict[str, Any]]) -> None:
-    found = diagnosed("rotor", "coulomb")
+def test_a_rotor_and_dry_friction_are_found(
+    diagnosed_bags: Callable[..., dict[str, Any]],
+) -> None:
+    """By the command, from bags: the others leave both out."""
+    found = diagnosed_bags("rotor", "coulomb")
     assert found["verdict"] == "explained"
     assert _named(found) == {
         ("elbow/torque", "rotor_inertia"): pytest.approx(ROTOR, rel=0.05),
