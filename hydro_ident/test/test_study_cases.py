@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,18 +68,18 @@ def _cranes(out: Path) -> Iterator[StudyRobot]:
 @pytest.fixture(scope="module")
 def scores(tmp_path_factory: pytest.TempPathFactory) -> list[CaseScore]:
     out = tmp_path_factory.mktemp("cases")
-    robots, names, hidden = list(_cranes(out)), list[str](), set[str]()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hydro_ident.study.experiments.TRAIN_S", TRAIN_S)
-        patch.setattr("hydro_ident.study.experiments.CHECK_S", CHECK_S)
-        indices = itertools.count()
-        for kind, count in WANTED:
-            for _ in range(count):
-                names.append(_strong_case(kind, indices, robots, out, hidden))
-
-    # Two processes for all cases: to start one for each takes as long as the diagnoses.
+    robots, hidden, begun = list(_cranes(out)), set[str](), list[Any]()
+    # Two processes for all cases: to start one for each takes as long as the diagnoses. They
+    # diagnose what is written while the next cases are drawn.
     with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-        begun = [_begin(pool, name, out, tmp_path_factory.mktemp("in")) for name in names]
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("hydro_ident.study.experiments.TRAIN_S", TRAIN_S)
+            patch.setattr("hydro_ident.study.experiments.CHECK_S", CHECK_S)
+            indices = itertools.count()
+            for kind, count in WANTED:
+                for _ in range(count):
+                    name = _strong_case(kind, indices, robots, out, hidden)
+                    begun.append(_begin(pool, name, out, tmp_path_factory.mktemp("in")))
         return [_score(*one) for one in begun]
 
 
