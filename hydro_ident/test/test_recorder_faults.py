@@ -92,7 +92,9 @@ def _wait_for(condition: Callable[[], bool]) -> None:
 
 
 def _errors(folder: Path) -> list[str]:
-    return (folder / "errors.txt").read_text().splitlines()
+    """What went wrong, but for what a busy machine's disk may be told of at any time."""
+    lines = (folder / "errors.txt").read_text().splitlines()
+    return [line for line in lines if not line.startswith("recorder: slow disk, ")]
 
 
 def _unbroken(path: Path, topic: str = TOPIC) -> np.ndarray:
@@ -256,9 +258,11 @@ def test_a_slow_disk_is_said_and_loses_nothing_that_the_queues_hold(
 ) -> None:
     process = record(_command(tmp_path, "--topics", TOPIC, code=SLOW + RECORDER))
     _wait_for(lambda: "slow disk" in (tmp_path / "errors.txt").read_text())
+    seen = len(publisher.times)
+    _wait_for(lambda: len(publisher.times) > seen + 150)
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=PATIENCE_S) == 0
-    (line,) = _errors(tmp_path)
+    (line,) = (tmp_path / "errors.txt").read_text().splitlines()
     assert "s for a chunk of 0.2 s" in line
     said = (tmp_path / "said.txt").read_text()
     assert "the disk took up to" in said
