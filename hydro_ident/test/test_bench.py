@@ -30,6 +30,7 @@ from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
 from hydro_ident.study.long_bag import bag_of
 from hydro_ident.study.peak import spent
+from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot_files import load_robot
 
 SAMPLES = 600
@@ -96,9 +97,14 @@ def test_exponents_are_slopes_of_logarithms() -> None:
     assert growth.exponent([1.0, 100.0], [1.0, 10.0]) == pytest.approx(0.5)
 
 
+def _short_bag(folder: Path) -> Path:
+    """What is asked of its player and recorder, three seconds tell."""
+    return bag_of(0.05, folder, synthetic_recording(load_robot("xs031"), 3.0, seed=1))
+
+
 @pytest.mark.ros
 def test_what_is_played_is_recorded_and_both_are_watched(tmp_path: Path) -> None:
-    bag = bag_of(0.1, tmp_path)
+    bag = _short_bag(tmp_path)
     try:
         used = growth.passed_on(bag, tmp_path / "live")
     except IdentError as error:
@@ -114,7 +120,7 @@ def test_what_is_played_is_recorded_and_both_are_watched(tmp_path: Path) -> None
 def test_a_loss_on_the_way_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody has found the player yet when it begins: its first messages go nowhere."""
     monkeypatch.setattr(growth, "_MEET_S", 0.0)
-    bag = bag_of(0.1, tmp_path)
+    bag = _short_bag(tmp_path)
     with pytest.raises(IdentError, match=r"growth: expected \d+ messages recorded, found \d+"):
         growth.passed_on(bag, tmp_path / "live")
 
