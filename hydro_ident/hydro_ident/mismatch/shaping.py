@@ -71,6 +71,9 @@ class Signals:
     _shaped: dict[tuple[object, ...], tuple[Trace, Trace]] = field(default_factory=dict)
     _spools: dict[tuple[object, ...], tuple[Trace, FloatArray]] = field(default_factory=dict)
     _scratch: dict[tuple[int, int], tuple[Trace, FloatArray]] = field(default_factory=dict)
+    _dry: dict[tuple[int, int], tuple[tuple[object, ...], FloatArray]] = field(
+        default_factory=dict
+    )
     _rows: dict[tuple[int, int, bool], FloatArray] = field(default_factory=dict)
     _passed: dict[tuple[int, int, str], tuple[Model, Trace, FloatArray]] = field(
         default_factory=dict
@@ -201,8 +204,16 @@ class Signals:
         return self.wet(model, stretch, first.cylinder or 0)
 
     def dry(self, stretch: Stretch, joint: int) -> FloatArray:
-        """Signals of a joint whose torque is measured; its piston is the joint itself."""
-        return dry_rows(self.material.robot, stretch, joint)
+        """Signals of a joint whose torque is measured; its piston is the joint itself.
+
+        Not to be changed: they are kept as long as what they are made of is the same.
+        """
+        key, trace = (stretch.number, joint), stretch.trace
+        own = trace.q, trace.joint_torque, trace.oil_c, stretch.moved
+        kept = self._dry.get(key)
+        if kept is None or not all(a is b for a, b in zip(kept[0], own, strict=True)):
+            kept = self._dry[key] = own, dry_rows(self.material.robot, stretch, joint)
+        return kept[1]
 
     def wet(
         self, model: Model, stretch: Stretch, cylinder: int, shaped: bool = False
