@@ -35,28 +35,32 @@ def _executable() -> str:
     return str(Path(get_package_prefix("hydro_hw_bridge")) / "lib/hydro_hw_bridge/can_bridge")
 
 
-#: A bridge whose main thread waits inside ROS as good as for ever.
-_ASLEEP = """
+_MAIN = "sys.exit(bridge_node.main())"
+#: A bridge alone on its bus: there is no other one to listen for.
+_ALONE = f"""
 import sys
-from hydro_hw_bridge import bridge, bridge_node
-bridge.CLAIM_PERIOD_S = bridge_node.SPIN_S = 1e4
-sys.exit(bridge_node.main())
+from hydro_hw_bridge import bridge, bridge_node, claims
+claims.LISTEN_S, claims.CONTEST_S = 0.1, 0.05
+{_MAIN}
 """
+#: And its main thread waits inside ROS as good as for ever.
+_ASLEEP = _ALONE.replace(_MAIN, f"bridge.CLAIM_PERIOD_S = bridge_node.SPIN_S = 1e4\n{_MAIN}")
 
 
 def _start(
     can_name: str,
     *parameters: str,
     log: Any = subprocess.PIPE,
-    asleep: bool = False,
+    code: str | None = None,
     before: Sequence[str] = (),
 ) -> subprocess.Popen[str]:
+    """The bridge as it is installed, or what `code` makes of it."""
     environment = os.environ | {
         "ROS_DOMAIN_ID": str(DOMAIN),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     arguments = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
-    program = [sys.executable, "-c", _ASLEEP] if asleep else [_executable()]
+    program = [_executable()] if code is None else [sys.executable, "-c", code]
     return subprocess.Popen(
         [*before, *program, "--ros-args", *arguments],
         env=environment,
@@ -112,9 +116,18 @@ class Processes:
         self.log = log
         self.started: list[subprocess.Popen[str]] = []
 
-    def start(self, can_name: str, *parameters: str, **how: Any) -> None:
+    def start(
+        self,
+        can_name: str,
+        *parameters: str,
+        asleep: bool = False,
+        installed: bool = False,
+        **how: Any,
+    ) -> None:
+        """A bridge alone on its bus, or the installed one, which listens for others first."""
+        code = _ASLEEP if asleep else None if installed else _ALONE
         with self.log.open("a", encoding="utf-8") as log:
-            self.started.append(_start(can_name, *parameters, log=log, **how))
+            self.started.append(_start(can_name, *parameters, log=log, code=code, **how))
 
     def wait(self, index: int) -> int:
         """Until a bridge has ended; its exit code."""

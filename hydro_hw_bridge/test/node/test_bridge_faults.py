@@ -23,7 +23,7 @@ def test_a_second_bridge_is_refused_and_the_first_goes_on(
     ros: Any, device: Any, processes: Any, can_name: str, run_bridge: Run
 ) -> None:
     # In lockstep the device may be silent, so nothing but the other bridge can trip this one.
-    ros.bring_up(processes, can_name, "clock:=lockstep")
+    ros.bring_up(processes, can_name, "clock:=lockstep", installed=True)
     device.lockstep = True
     second = run_bridge(can_name, "robot:=xs031")
     assert second.returncode == 2

@@ -21,7 +21,8 @@ def test_a_day_in_lockstep(
     ros: Any, device: Any, processes: Any, can_name: str, robot: Any
 ) -> None:
     required = "/joint_states:1 /chamber_pressures:1 /valve_state:1"
-    ros.bring_up(processes, can_name, "clock:=lockstep", f"required_subscribers:='{required}'")
+    parameters = ("clock:=lockstep", f"required_subscribers:='{required}'")
+    ros.bring_up(processes, can_name, *parameters, installed=True)
     device.lockstep = True
     # Inactive: reads, publishes, says nothing on the bus.
     stamp = ros.first_sample(device, 50)
