@@ -8,12 +8,14 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
+from hydro_hw_bridge import calibrate as command
 from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.calibration import channels_hash, load_calibration
 from hydro_hw_bridge.claims import Claim
@@ -54,6 +56,21 @@ def calibrate(folder: Path, *arguments: str) -> tuple[int, str, str]:
     )
     assert "Traceback" not in done.stderr
     return done.returncode, done.stdout.strip(), done.stderr
+
+
+@pytest.fixture
+def within(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """`calibrate` in this process, whose ends are not its."""
+    monkeypatch.setattr(command, "on_end", lambda end: None)
+
+    def run(folder: Path, *arguments: str) -> tuple[int, str, str]:
+        code = command.main(["--can", CAN, "--out", str(folder), *arguments])
+        said = capfd.readouterr()
+        return code, said.out.strip(), said.err
+
+    return run
 
 
 def wait_for(codec: Codec) -> None:
@@ -208,10 +225,12 @@ def test_a_silent_bus_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(
-    tmp_path: Path, arguments: tuple[str, ...], text: str
+    tmp_path: Path, within: Callable[..., Any], arguments: tuple[str, ...], text: str
 ) -> None:
-    code, out, told = calibrate(tmp_path, *arguments)
-    assert (code, out) == (2, "")
-    assert told.startswith("calibrate: ")
-    assert text in told
-    assert told.count("\n") == 1
+    """One of them as a process of its own, too."""
+    for run in (within, calibrate) if "--can" in arguments else (within,):
+        code, out, told = run(tmp_path, *arguments)
+        assert (code, out) == (2, "")
+        assert told.startswith("calibrate: ")
+        assert text in told
+        assert told.count("\n") == 1

@@ -18,7 +18,10 @@ from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import Readings
+from hydro_hw_bridge.rig import device as device_module
+from hydro_hw_bridge.rig.command import run as run_rig
 from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
+from hydro_model.command import run_command
 
 pytestmark = pytest.mark.processes
 BUS = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 17_000) % 20_000}"
@@ -283,17 +286,26 @@ def test_second_device_is_refused(bridge: _Bridge) -> None:
         (["--duration", "-1"], "expected seconds above 0"),
     ],
 )
-def test_bad_usage_is_one_line_and_exit_2(arguments: list[str], message: str) -> None:
-    if "--can" not in arguments:
-        arguments = [*arguments, "--can", BUS]
-    done = subprocess.run(
-        _command(*arguments), capture_output=True, text=True, check=False, timeout=PATIENCE_S
-    )
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert message in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("sim_rig: ")
+def test_bad_usage_is_one_line_and_exit_2(
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
+    """One of them as a process of its own, too."""
+    monkeypatch.setattr(device_module, "LISTEN_S", 0.1)
+    words = arguments if "--can" in arguments else [*arguments, "--can", BUS]
+    ended = [(run_command("sim_rig", run_rig, words), *capfd.readouterr())]
+    if "--robot" in arguments:
+        done = subprocess.run(
+            _command(*words), capture_output=True, text=True, check=False, timeout=PATIENCE_S
+        )
+        ended.append((done.returncode, done.stdout, done.stderr))
+    for code, out, told in ended:
+        assert (code, out) == (2, "")
+        assert message in told
+        assert told.count("\n") == 1
+        assert told.startswith("sim_rig: ")
 
 
 def test_existing_side_file_is_left_alone(tmp_path: Path) -> None:

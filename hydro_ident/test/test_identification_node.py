@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hydro_ident.identification_node import run
 from hydro_model.base_parameters import base_map
+from hydro_model.command import run_command
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot
@@ -117,16 +119,31 @@ def test_a_late_subscriber_gets_the_identified_parameters(
         (["-p", "bags:=['x']", "-p", "robot:=nobody"], 2, "no robot file 'nobody'"),
     ],
 )
-def test_bad_parameters_are_one_line(arguments: list[str], code: int, message: str) -> None:
-    done = subprocess.run(
-        [*COMMAND, "--ros-args", *arguments],
-        env=_environment(),
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == code
-    assert message in done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stderr.count("\n") == 1
+def test_bad_parameters_are_one_line(
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    arguments: list[str],
+    code: int,
+    message: str,
+) -> None:
+    """One of them as a process of its own, too."""
+    for name, value in _environment().items():
+        monkeypatch.setenv(name, value)
+    words = ["--ros-args", *arguments]
+    with monkeypatch.context() as patch:
+        patch.setattr(signal, "signal", lambda number, handler: None)
+        ended = [(run_command("identification_node", run, words), capfd.readouterr().err)]
+    if not arguments:
+        done = subprocess.run(
+            [*COMMAND, *words],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        ended.append((done.returncode, done.stderr))
+    for found, told in ended:
+        assert found == code
+        assert message in told
+        assert "Traceback" not in told
+        assert told.count("\n") == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import subprocess
@@ -207,6 +208,27 @@ def wait_for() -> Callable[..., bool]:
 @pytest.fixture
 def patience_s() -> float:
     return PATIENCE_S
+
+
+@pytest.fixture
+def within(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`within(*arguments)`: a controller that ends by itself, in this process."""
+    from hydro_control.node import NAME, run
+    from hydro_model.command import run_command
+
+    monkeypatch.setattr(sys, "setswitchinterval", lambda interval: None)
+    for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
+        monkeypatch.setenv(name, ENVIRONMENT[name])
+
+    def ended(*arguments: str) -> subprocess.CompletedProcess[str]:
+        words = ["--ros-args", *arguments]
+        code = run_command(NAME, run, words)
+        gc.collect()  # a node that never came to be would still be found by the next test's
+        return subprocess.CompletedProcess(words, code, *capfd.readouterr())
+
+    return ended
 
 
 @pytest.fixture

@@ -62,12 +62,11 @@ def test_without_the_rights_it_warns_and_answers(
     ],
 )
 def test_values_that_cannot_be_are_refused_at_start(
-    controller: Callable[..., subprocess.Popen[str]], parameter: str, text: str
+    within: Callable[..., subprocess.CompletedProcess[str]], parameter: str, text: str
 ) -> None:
-    process = controller(parameter, activate=False)
-    _, error = process.communicate(timeout=60.0)
-    assert process.returncode == 2
-    assert text in error
+    ended = within("-p", parameter)
+    assert ended.returncode == 2
+    assert text in ended.stderr
 
 
 class BlockedCore(ControllerCore):

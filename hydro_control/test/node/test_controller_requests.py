@@ -167,12 +167,19 @@ def test_a_listener_that_is_no_controller_is_none_to_send_a_path_to(
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(
-    arguments: list[str], expected: str, run_module: Callable[..., Any]
+    arguments: list[str],
+    expected: str,
+    within: Callable[..., Any],
+    run_module: Callable[..., Any],
 ) -> None:
-    done = run_module("node", "--ros-args", *arguments)
-    assert done.returncode == 2
-    assert expected in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    """One of them as a process of its own, too."""
+    ended = [within(*arguments)]
+    if "--params-file" in arguments:
+        ended.append(run_module("node", "--ros-args", *arguments))
+    for done in ended:
+        assert done.returncode == 2
+        assert expected in done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1
 
 
 def test_lifecycle_command_says_what_is_open(
@@ -247,9 +254,9 @@ def test_adaptation_is_told_and_reset(
 
 
 def test_adaptation_of_an_unknown_kind_ends_the_node_with_one_line(
-    run_module: Callable[..., Any],
+    within: Callable[..., Any],
 ) -> None:
-    done = run_module("node", "--ros-args", "-p", "adaptation:=mass")
+    done = within("-p", "adaptation:=mass")
     assert done.returncode == 2
     assert "expected some of payload, friction, null_bias" in done.stderr
     assert "Traceback" not in done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import subprocess
@@ -47,6 +48,15 @@ claims.LISTEN_S, claims.CONTEST_S = 0.1, 0.05
 _ASLEEP = _ALONE.replace(_MAIN, f"bridge.CLAIM_PERIOD_S = bridge_node.SPIN_S = 1e4\n{_MAIN}")
 
 
+def _environment() -> dict[str, str]:
+    return {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def _words(can_name: str, *parameters: str) -> list[str]:
+    words = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
+    return ["--ros-args", *words]
+
+
 def _start(
     can_name: str,
     *parameters: str,
@@ -55,15 +65,10 @@ def _start(
     before: Sequence[str] = (),
 ) -> subprocess.Popen[str]:
     """The bridge as it is installed, or what `code` makes of it."""
-    environment = os.environ | {
-        "ROS_DOMAIN_ID": str(DOMAIN),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    }
-    arguments = [word for p in (f"can:={can_name}", *parameters) for word in ("-p", p)]
     program = [_executable()] if code is None else [sys.executable, "-c", code]
     return subprocess.Popen(
-        [*before, *program, "--ros-args", *arguments],
-        env=environment,
+        [*before, *program, *_words(can_name, *parameters)],
+        env=os.environ | _environment(),
         stdout=subprocess.PIPE,
         stderr=log,
         text=True,
@@ -317,6 +322,26 @@ def run_bridge() -> Callable[..., subprocess.CompletedProcess[str]]:
         process = _start(can_name, *parameters)
         out, error = process.communicate(timeout=PATIENCE_S)
         return subprocess.CompletedProcess(process.args, process.returncode, out, error)
+
+    return run
+
+
+@pytest.fixture
+def within(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`within(can_name, *parameters)`: a bridge that ends by itself, in this process."""
+    from hydro_hw_bridge import bridge_node
+
+    monkeypatch.setattr(bridge_node, "on_end", lambda end: None)
+    for name, value in _environment().items():
+        monkeypatch.setenv(name, value)
+
+    def run(can_name: str, *parameters: str) -> subprocess.CompletedProcess[str]:
+        words = _words(can_name, *parameters)
+        code = bridge_node.main(words)
+        gc.collect()  # a node that never came to be would still be found by the next test's
+        return subprocess.CompletedProcess(words, code, *capfd.readouterr())
 
     return run
 

@@ -29,14 +29,16 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(
-    can_name: str, parameter: str, text: str, run_bridge: Run
+    can_name: str, parameter: str, text: str, within: Run, run_bridge: Run
 ) -> None:
-    done = run_bridge(can_name, parameter)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("can_bridge: ")
-    assert text in done.stderr
-    assert done.stderr.count("\n") == 1
+    """One of them as a process of its own, too."""
+    for run in (within, run_bridge) if "robot:=" in parameter else (within,):
+        done = run(can_name, parameter)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert done.stderr.startswith("can_bridge: ")
+        assert text in done.stderr
+        assert done.stderr.count("\n") == 1
 
 
 def test_help_names_every_parameter(executable: str) -> None:

@@ -60,12 +60,12 @@ def test_samples_that_come_a_while_after_they_are_due_are_late(
     ],
 )
 def test_values_that_cannot_be_are_refused_at_start(
-    run_bridge: Callable[..., subprocess.CompletedProcess[str]],
+    within: Callable[..., subprocess.CompletedProcess[str]],
     can_name: str,
     parameter: str,
     text: str,
 ) -> None:
-    ended = run_bridge(can_name, parameter)
+    ended = within(can_name, parameter)
     assert ended.returncode == 2
     assert text in ended.stderr
     assert len(ended.stderr.strip().splitlines()) == 1
