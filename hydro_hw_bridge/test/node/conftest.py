@@ -238,12 +238,12 @@ class Ros:
         """
         end = time.monotonic() + PATIENCE_S
         while time.monotonic() < end:
-            self.ask(stamp_ns, *voltages)
-            if (answer := device.next_command(AGAIN_S)) is not None:
-                return answer
             if not device.lockstep:
                 device.send(device.counter)
                 device.next_command(AGAIN_S)
+            self.ask(stamp_ns, *voltages)
+            if (answer := device.next_command(AGAIN_S)) is not None:
+                return answer
         raise AssertionError(f"no valve frame within {PATIENCE_S} s of a command")
 
     def diagnosis(self) -> dict[str, str]:
