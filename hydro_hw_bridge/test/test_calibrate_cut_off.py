@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -34,6 +35,13 @@ ANSWER_S, NO_ANSWER_S = 0.5, 0.02
 #: A reference takes 250 cycles, and a valve's rest 200.
 BEGIN_CYCLES = 1000
 STOPPED = (False, (0.0, 0.0))
+#: Alone on its bus it need not listen for bridges.
+ALONE = """
+import sys
+from hydro_hw_bridge import calibrate, claims
+claims.LISTEN_S = claims.CONTEST_S = 0.05
+sys.exit(calibrate.main())
+"""
 
 
 @dataclass
@@ -82,13 +90,11 @@ def machine(codec: Codec, robot: Robot) -> Iterator[Machine]:
 @pytest.fixture
 def process(machine: Machine, robot: Robot, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """`calibrate --signs` of a machine that stands where it is said to stand."""
-    from ament_index_python.packages import get_package_prefix
-
-    program = Path(get_package_prefix("hydro_hw_bridge")) / "lib/hydro_hw_bridge/calibrate"
     positions = machine.device.core.readings().measurement.positions
     at = [f"{j.name}={q:.6f}" for j, q in zip(robot.joints, positions, strict=True)]
-    words = [str(program), "--can", CAN, "--out", str(tmp_path), "--signs", "--reference", *at]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as found:
+    words = ["--can", CAN, "--out", str(tmp_path), "--signs", "--reference", *at]
+    command = [sys.executable, "-c", ALONE, *words]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as found:
         yield found
         found.kill()
     assert list(tmp_path.iterdir()) == []
@@ -118,12 +124,12 @@ def cycles_to_stop(machine: Machine) -> int:
     return len(machine.rows) - begin
 
 
-@pytest.mark.parametrize("after", [0, 4, 17])
+@pytest.mark.parametrize("after", [0, 17])
 def test_killed_while_a_valve_is_driven_the_watchdog_ends_it(
     machine: Machine, process: subprocess.Popen[str], after: int
 ) -> None:
     drive(machine, process, after)
-    if after % 2:  # in the midst of its answer, and otherwise while it waits for a cycle
+    if after:  # in the midst of its answer, and otherwise while it waits for a cycle
         machine.say()
     process.kill()
     process.wait(PATIENCE_S)
@@ -134,7 +140,7 @@ def test_killed_while_a_valve_is_driven_the_watchdog_ends_it(
         assert machine.rows[-1] == STOPPED
 
 
-@pytest.mark.parametrize("after", [0, 4, 17])
+@pytest.mark.parametrize("after", [0, 17])
 def test_stopped_while_a_valve_is_driven_the_watchdog_ends_it_and_it_drives_no_more(
     machine: Machine, process: subprocess.Popen[str], after: int
 ) -> None:
