@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from hydro_hw_bridge import calibrate as command
+from hydro_hw_bridge import calibration_session, claims
 from hydro_hw_bridge.bus_open import open_bus
 from hydro_hw_bridge.calibration import channels_hash, load_calibration
 from hydro_hw_bridge.claims import Claim
@@ -199,10 +200,16 @@ def test_signals_end_it_at_zero_volts(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_silent_bus_is_said(tmp_path: Path) -> None:
-    code, _, told = calibrate(tmp_path, "--zeros")
+def test_a_silent_bus_is_said(
+    tmp_path: Path, within: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(claims, "LISTEN_S", 0.02)
+    monkeypatch.setattr(claims, "CONTEST_S", 0.02)
+    assert calibration_session.SILENCE_S == 3.0
+    monkeypatch.setattr(calibration_session, "SILENCE_S", 0.2)
+    code, _, told = within(tmp_path, "--zeros")
     assert code == 1
-    assert f"nothing from the device on {CAN} for 3 s" in told
+    assert f"nothing from the device on {CAN} for 0.2 s" in told
 
 
 @pytest.mark.parametrize(
