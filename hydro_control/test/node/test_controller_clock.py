@@ -70,6 +70,7 @@ def test_steps_of_the_ros_clock_neither_move_nor_hasten_nor_restart_a_motion(
     controller("use_sim_time:=true")
     time = SimTime(machine, wait_for)
     publisher = machine.publisher(topics.JOINT_TRAJECTORY, topics.reliable())
+    assert wait_for(lambda: publisher.get_subscription_count() == 1)
     zero_ns = stamp_ns(machine.answer(0))
     now_s = zero_ns // 1_000_000_000
     time.put(now_s)
