@@ -50,9 +50,12 @@ class SlowBus(Bus):
         self.refusals = 0
         self.deaf = False
         self.read_after_s = 0.0
+        self.reads_late, self.read_on = threading.Event(), threading.Event()
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        time.sleep(self.read_after_s)
+        if self.read_after_s > 0.0:
+            self.reads_late.set()
+            self.read_on.wait(self.read_after_s)
         return super().receive(timeout_s)
 
     def send(self, message: can.Message) -> bool:
@@ -236,10 +239,10 @@ def test_a_trip_survives_cleanup_and_configure(bench: Bench) -> None:
 def test_frames_that_wait_to_be_read_are_noticed(bench: Bench) -> None:
     bench.bridge.trigger_configure()
     bench.bus.read_after_s = 0.1
-    time.sleep(0.2)  # until every read begins late
+    assert bench.bus.reads_late.wait(PATIENCE_S)
     bench.cycle(1, lockstep=False)
     bench.cycle(2, lockstep=False)
-    assert bench.bridge._loops.core.read_late > 0
+    bench.until(lambda: bench.bridge._loops.core.read_late > 0)
 
 
 @pytest.mark.parametrize("bench", ["real_time"], indirect=True)
@@ -305,13 +308,14 @@ def test_a_thread_that_the_bus_holds_is_told_and_never_comes_alive_again(
 ) -> None:
     monkeypatch.setattr(loops_module, "JOIN_S", 0.1)
     bench.bridge.trigger_configure()
-    bench.bus.read_after_s = 1.0
-    time.sleep(0.1)
+    bench.bus.read_after_s = PATIENCE_S
+    assert bench.bus.reads_late.wait(PATIENCE_S)
     (held,) = (t for t in bench.bridge._loops._threads if t.name == "can")
     bench.bridge.trigger_cleanup()
     assert "expected threads to end within 0.1 s, found can held on" in bench.bridge.failure
     assert bench.bridge._stop.is_set()  # the process ends
     bench.bus.read_after_s = 0.0
     bench.bridge.trigger_configure()
+    bench.bus.read_on.set()
     held.join(PATIENCE_S)
     assert not held.is_alive()
