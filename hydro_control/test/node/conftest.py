@@ -61,6 +61,7 @@ class Machine:
 
     def __init__(self) -> None:
         import rclpy
+        from lifecycle_msgs.srv import ChangeState
         from rclpy.executors import SingleThreadedExecutor
 
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -80,6 +81,10 @@ class Machine:
         for topic in (topics.VALVE_COMMAND, topics.JOINT_REFERENCE, topics.TIP_REFERENCE):
             self.listen(topic)
         self.listen(topics.DIAGNOSTICS)
+        # Made before the controller: a server gives up on a client that it knows for too short.
+        self._change_state = self.make(
+            lambda: self.node.create_client(ChangeState, "/controller/change_state")
+        )
 
     def _spin(self) -> None:
         while not self._ended:
@@ -103,9 +108,8 @@ class Machine:
         from lifecycle_msgs.msg import Transition
         from lifecycle_msgs.srv import ChangeState
 
+        client = self._change_state
         number = getattr(Transition, f"TRANSITION_{name.upper()}")
-        service = "/controller/change_state"
-        client = self.make(lambda: self.node.create_client(ChangeState, service))
         assert client.wait_for_service(PATIENCE_S)
         request = ChangeState.Request()
         request.transition.id = number

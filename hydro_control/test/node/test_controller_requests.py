@@ -234,6 +234,8 @@ def test_adaptation_is_told_and_reset(
 ) -> None:
     from std_srvs.srv import Trigger
 
+    service = "/controller/reset_adaptation"
+    client = machine.make(lambda: machine.node.create_client(Trigger, service))
     controller("adaptation:=payload null_bias")
     for k in range(20):
         machine.answer(k)
@@ -245,8 +247,6 @@ def test_adaptation_is_told_and_reset(
     assert wait_for(lambda: told().get("adaptation") == "payload null_bias")
     assert told()["adaptation_frozen"] == "yes"
     assert float(told()["adapted/payload_kg"]) == 0.0
-    service = "/controller/reset_adaptation"
-    client = machine.make(lambda: machine.node.create_client(Trigger, service))
     assert client.wait_for_service(patience_s)
     future = client.call_async(Trigger.Request())
     assert wait_for(future.done)

@@ -72,8 +72,8 @@ class Remote:
 def test_every_parameter_of_a_running_bridge_is_refused(
     ros: Any, device: Any, processes: Any, can_name: str
 ) -> None:
-    ros.bring_up(processes, can_name, "clock:=lockstep")
     remote = Remote(ros)
+    ros.bring_up(processes, can_name, "clock:=lockstep")
     device.lockstep = True
     stamp = ros.first_sample(device, 50)
     before = remote.values()
