@@ -263,13 +263,19 @@ def test_killed_the_rows_so_far_are_there(bridge: _Bridge, tmp_path: Path) -> No
 
 
 def test_second_device_is_refused(bridge: _Bridge) -> None:
-    with _rig():
-        second = subprocess.run(
-            _command("--can", BUS), capture_output=True, text=True, check=False, timeout=PATIENCE_S
-        )
+    pipe = subprocess.PIPE
+    with (
+        _rig(),
+        subprocess.Popen(_command("--can", BUS), stdout=pipe, stderr=pipe, text=True) as second,
+    ):
+        while second.poll() is None:  # the first is answered, so it speaks all the time
+            readings = bridge.receive()
+            assert readings is not None
+            bridge.answer(readings.counter, (0.0, 0.0), False)
+        _, told = second.communicate()
     assert second.returncode == 2
-    assert second.stderr.count("\n") == 1
-    assert "expected to be the only device" in second.stderr
+    assert told.count("\n") == 1
+    assert "expected to be the only device" in told
 
 
 @pytest.mark.parametrize(
