@@ -27,7 +27,6 @@ import sys
 from pathlib import Path
 from hydro_ident.study.mutants import trial
 from hydro_ident.study.mutants.listed import TARGETS
-trial._MOST_CPU_S = 3
 root = Path(sys.argv[1])
 (link,) = (target for target in TARGETS if target.name == "link")
 source = (root / link.file).read_text()
@@ -37,7 +36,9 @@ trial.prepare()
 print(trial.tried(root, link, source))
 print(trial.tried(root, link, source.replace("+ 1", "+ 2")))
 print(trial.tried(root, link, "raise ImportError"))
+trial._MOST_CPU_S, whole = 3, trial._MOST_CPU_S
 print(trial.tried(root, link, source.replace(first, "        while True: pass")))
+trial._MOST_CPU_S = whole
 print(trial.covered(root, link).lines)
 (device,) = (target for target in TARGETS if target.name == "device")
 print(trial.covered(root, device).lines)
