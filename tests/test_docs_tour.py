@@ -24,7 +24,7 @@ PATIENCE_S = 480.0
 #: What the commands' own options shorten; the paths in the lines are made absolute, no more.
 SHORTER = {"rig_run.sh": "--duration 9", "replay.sh": "--rate 10"}
 #: A bus of this test alone: the line has that of every reader of the page.
-OWN_BUS = f"--bus udp_multicast:239.74.163.2:{22_000 + (os.getpid() + 9_000) % 20_000}"
+OWN_BUS = f"--bus udp_multicast:239.74.163.2:{2_000 + (os.getpid() + 3_000) % 5_000}"
 
 
 def block(after: str) -> list[str]:

@@ -32,7 +32,7 @@ from hydro_msgs_docs.topics import VALVE_COMMAND, reliable  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
-CAN = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 13_000) % 20_000}"
+CAN = f"udp_multicast:239.74.163.2:{2_000 + (os.getpid() + 2_000) % 5_000}"
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 60.0
 NAMES = ["lift_valve", "tilt_valve"]

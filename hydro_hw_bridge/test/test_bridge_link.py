@@ -21,7 +21,7 @@ from hydro_hw_bridge.link import CommandLink
 
 NAMES = ("lift_valve", "tilt_valve")
 LIMITS = GateLimits(NAMES, (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
-PLACE = f"239.74.163.2:{20_000 + (os.getpid() + 5_000) % 20_000}"
+PLACE = f"239.74.163.2:{2_000 + (os.getpid() + 500) % 5_000}"
 #: Longer than the interface takes to look at its file.
 LOOK_S = 0.03
 

@@ -25,7 +25,7 @@ from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.simulated_faults import begun_ns
 
 GROUP = "239.74.163.2"
-PORT = 20_000 + os.getpid() % 20_000
+PORT = 2_000 + (os.getpid() + 4_000) % 5_000
 NAME = f"udp_multicast:{GROUP}:{PORT}"
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 120.0

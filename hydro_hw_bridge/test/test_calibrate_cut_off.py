@@ -28,7 +28,7 @@ from hydro_model.robot import Robot
 
 pytestmark = pytest.mark.processes
 PATIENCE_S = 120.0
-PORT = 20_000 + (os.getpid() + 9_000) % 20_000
+PORT = 2_000 + (os.getpid() + 1_500) % 5_000
 CAN = f"udp_multicast:239.74.163.2:{PORT}"
 #: How long a cycle is held open for an answer that is to come, and for one that is not.
 ANSWER_S, NO_ANSWER_S = 0.5, 0.02

@@ -24,7 +24,7 @@ from hydro_hw_bridge.rig.truth_log import part_of, read_truth_log
 from hydro_model.command import run_command
 
 pytestmark = pytest.mark.processes
-BUS = f"udp_multicast:239.74.163.2:{20_000 + (os.getpid() + 17_000) % 20_000}"
+BUS = f"udp_multicast:239.74.163.2:{2_000 + (os.getpid() + 2_500) % 5_000}"
 #: How long to wait for what must come, however busy the machine is.
 PATIENCE_S = 120.0
 MAIN = "from hydro_hw_bridge.rig.command import main; raise SystemExit(main())"

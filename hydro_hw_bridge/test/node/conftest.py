@@ -27,7 +27,9 @@ AGAIN_S = 1.0
 NAMES = ["lift_valve", "tilt_valve"]
 CONFIGURE = 1
 Make = Callable[..., Readings]
-_ports = itertools.count(20_000 + os.getpid() % 20_000)
+#: Each family of tests has ports of its own, below those of DDS and of the system: workers have
+#: numbers of processes that follow each other.
+_ports = itertools.count(2_000 + os.getpid() % 5_000)
 
 
 def _executable() -> str:
