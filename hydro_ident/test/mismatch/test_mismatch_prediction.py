@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.law_signals import dry_rows
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
@@ -298,3 +299,28 @@ def test_a_start_has_what_all_terms_contribute(true_model: tuple[Predictor, Mode
     start = start_at(predictor, whole)
     assert np.array_equal(start.residual, predictor.residual(whole))
     assert not np.allclose(start.residual, predictor.residual(model))
+
+
+@pytest.mark.parametrize("changed", ["q", "joint_torque", "oil_c", "moved"])
+def test_kept_signals_of_a_dry_joint_follow_what_they_are_made_of(
+    true_model: tuple[Predictor, Model], changed: str
+) -> None:
+    predictor, _ = true_model
+    signals, [stretch, *_] = Signals(predictor.material), predictor.material.stretches
+    count = len(stretch.trace.q)
+    torque, oil_c = np.full((count, 2), 60.0), np.full(count, 40.0)
+    trace = replace(stretch.trace, joint_torque=torque, oil_c=oil_c)
+    # Corrected positions bring a motion of their own: these are asked without one.
+    own_motion = None if changed == "q" else stretch.moved
+    stretch = replace(stretch, trace=trace, moved=own_motion)
+    before = signals.dry(stretch, 0)
+    assert signals.dry(stretch, 0) is before
+    if changed == "moved":
+        assert stretch.moved is not None
+        other = replace(stretch, moved=replace(stretch.moved, q=stretch.moved.q + 0.1))
+    else:
+        value = getattr(trace, changed) + 0.1
+        other = replace(stretch, trace=replace(trace, **{changed: value}))
+    after = signals.dry(other, 0)
+    np.testing.assert_array_equal(after, dry_rows(predictor.material.robot, other, 0))
+    assert np.any(after != before)
