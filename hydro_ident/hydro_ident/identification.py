@@ -34,7 +34,7 @@ from hydro_ident.model_error import flagged, left_out
 from hydro_ident.parameters import COMMAND_DELAY, Parameter, parameter_list
 from hydro_ident.recording_summary import RecordingSummary, recording_summaries
 from hydro_ident.rejection import tested, within_bounds
-from hydro_ident.sources import Source, check_names, sources_of
+from hydro_ident.sources import Source, check_names, short_kept, sources_of
 from hydro_ident.verdict import (
     NOT_ENOUGH,
     BagLoss,
@@ -147,6 +147,10 @@ def identify(
     settings, workers = settings or Settings(), workers or Here()
     sources, others = sources_of(training), sources_of(validation)
     check_names((*sources, *others))
+    if isinstance(workers, Here):
+        # Elsewhere, what a worker keeps is gone with its task.
+        kept = short_kept((*sources, *others))
+        sources, others = kept[: len(sources)], kept[len(sources) :]
     advance("first look at the bags", 0, _STAGES)
     job = prepared(robot, (sources, others), settings, workers)
     advance("fitting", 1, _STAGES)

@@ -10,13 +10,15 @@ from typing import Protocol
 from hydro_ident.bag.own_rate import at_own_rate
 from hydro_ident.bag.reader import files_of
 from hydro_ident.bag.recording import Recording
-from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece, stream_recordings
+from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece, stream_recordings
 from hydro_ident.errors import IdentError
 from hydro_ident.estimate.traces import Trace, traces_of_piece
 from hydro_model.robot import Robot
 
 #: Longer than any recording: a piece is the whole.
 WHOLE_S = 1.0e6
+#: What short recordings may take that are kept between passes: half a dozen of a minute at 500 Hz.
+KEPT_BYTES = 1 << 26
 
 
 class Source(Protocol):
@@ -108,6 +110,88 @@ class KeptSource:
         if self._pieces is None:
             self._pieces = tuple(self.source.pieces(WHOLE_S, overlap_s))
         yield from self._pieces
+
+
+@dataclass(slots=True)
+class Budget:
+    """Memory that several sources share for what they keep.
+
+    Attributes
+    ----------
+    left_bytes : int
+    """
+
+    left_bytes: int
+
+    def spend(self, size: int) -> bool:
+        """Take so many bytes, where they are left.
+
+        `size` is their number.
+        """
+        if size > self.left_bytes:
+            return False
+        self.left_bytes -= size
+        return True
+
+
+@dataclass(slots=True)
+class ShortSource:
+    """A recording for many passes: where it comes as a single piece, it is read once.
+
+    Longer ones are streamed in every pass, so that memory stays flat over their length.
+
+    Attributes
+    ----------
+    source : Source
+    budget : Budget
+        Shared with other recordings.
+    """
+
+    source: Source
+    budget: Budget
+    _kept: Piece | None = None
+    _kept_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """Of the bag."""
+        return self.source.name
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        """The recording from its start, in pieces that overlap.
+
+        Parameters
+        ----------
+        piece_s, overlap_s : float
+            As of `BagSource`.
+        """
+        if self._kept is not None and piece_s >= self._kept_s:
+            yield self._kept
+            return
+        only: Piece | None = None
+        for number, piece in enumerate(self.source.pieces(piece_s, overlap_s)):
+            only = None if number else piece
+            yield piece
+        if only is not None and self._kept is None and self.budget.spend(_bytes_of(only)):
+            self._kept, self._kept_s = only, piece_s
+
+
+def short_kept(sources: Sequence[Source], most_bytes: int = KEPT_BYTES) -> tuple[Source, ...]:
+    """Recordings that are read once each, as long as they are short and memory is given.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    most_bytes : int
+        For all of them together.
+    """
+    budget = Budget(most_bytes)
+    return tuple(ShortSource(source, budget) for source in sources)
+
+
+def _bytes_of(piece: Piece) -> int:
+    columns = (getattr(piece.recording, name) for name in COLUMNS)
+    return sum(values.nbytes for values in columns if values is not None)
 
 
 def bag_source(path: str | Path, robot: Robot) -> BagSource:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece
 from hydro_ident.errors import IdentError
-from hydro_ident.sources import bag_sources
+from hydro_ident.sources import Source, bag_sources, short_kept
 from hydro_ident.survey import survey_source
 from hydro_model.robot import Robot
 
@@ -49,3 +52,48 @@ def test_a_bag_is_given_once(
     monkeypatch.chdir(runs[0].parent)
     with pytest.raises(IdentError, match="expected each bag once, found 'run' twice"):
         bag_sources([runs[0]], ["run"], robot)
+
+
+class _Counted:
+    """A source that counts how often it is read."""
+
+    def __init__(self, source: Source) -> None:
+        self.source, self.read = source, 0
+        self.name = source.name
+
+    def pieces(self, piece_s: float = PIECE_S, overlap_s: float = OVERLAP_S) -> Iterator[Piece]:
+        self.read += 1
+        return self.source.pieces(piece_s, overlap_s)
+
+
+def test_a_short_recording_is_read_once_and_a_long_one_in_every_pass(
+    runs: list[Path], robot: Robot
+) -> None:
+    """Pieces that are shorter than what was kept are cut from the bag; budgets hold for all."""
+    (source,), _ = bag_sources(runs[:1], (), robot)
+    counted = _Counted(source)
+    (kept,) = short_kept([counted])
+    (first,), (again,) = kept.pieces(), kept.pieces(2.0 * PIECE_S)
+    assert counted.read == 1
+    assert again is first
+    span_s = 1e-9 * float(np.ptp(first.recording.stamp_ns))
+    short = list(kept.pieces(0.25 * span_s, 0.1 * span_s))
+    assert len(short) > 1
+    assert counted.read == 2
+
+    pieces = _Counted(source)
+    (streamed,) = short_kept([pieces])
+    for _ in range(2):
+        assert len(list(streamed.pieces(0.25 * span_s, 0.1 * span_s))) == len(short)
+    assert pieces.read == 2
+
+    pair = [_Counted(source), _Counted(source)]
+    size = sum(v.nbytes for v in _columns(first))
+    for one in short_kept(pair, most_bytes=int(1.5 * size)):
+        for _ in range(3):
+            assert len(list(one.pieces())) == 1
+    assert [one.read for one in pair] == [1, 3]
+
+
+def _columns(piece: Piece) -> list[NDArray[Any]]:
+    return [v for n in COLUMNS if (v := getattr(piece.recording, n)) is not None]
