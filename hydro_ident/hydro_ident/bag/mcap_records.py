@@ -66,6 +66,7 @@ class McapFile:
         self.channels: dict[int, Channel] = {}
         self.metadata: dict[str, dict[str, str]] = {}
         self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._noted: dict[tuple[int, bytes], bytes] = {}
         self._data_crc = 0
         self._unfolded = self._described = 0
         self._summary_read = False
@@ -194,6 +195,11 @@ class McapFile:
 
     def _note(self, opcode: int, body: bytes) -> None:
         """Take in a record that is neither message nor chunk; unknown ones are skipped."""
+        if opcode in (SCHEMA, CHANNEL):
+            # Writers say them again in every chunk; the number is in the first two bytes.
+            if self._noted.get((opcode, body[:2])) == body:
+                return
+            self._noted[opcode, body[:2]] = body
         self._described += len(body) if opcode in (SCHEMA, CHANNEL, METADATA) else 0
         if self._described > _DESCRIBED_BYTES:
             self.health.lose(f"descriptions of more than {_DESCRIBED_BYTES} bytes: left out")
