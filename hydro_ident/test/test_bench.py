@@ -161,8 +161,13 @@ def test_a_cycle_ends_with_its_first_enabled_answer() -> None:
     assert (bus.cycles, bus.answered, bus.lost) == (7, 2, 3)
     late, soon = bus.latencies_s()
     assert 0.0 < soon < late
+    # The answer to 2 knows of 1, which came later than 0 was answered and waited longer than 2.
+    first, passed_over, own = bus.reactions_s()
+    assert (first, own) == (late, soon)
+    assert passed_over > soon
     bus.begin()
     assert (bus.cycles, bus.answered, bus.lost) == (0, 0, 0)
+    assert not bus.reactions_s().size
     bus.close()
 
 

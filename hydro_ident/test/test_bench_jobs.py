@@ -14,7 +14,6 @@ from mcap.reader import make_reader
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_ident.bench import bag_jobs, limits
 from hydro_ident.study.closed_loop import Run, run_closed_loop
-from hydro_model.robot_files import load_robot
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +64,7 @@ def test_the_sum_is_that_of_the_bytes(bag: Path) -> None:
     assert bag_jobs.unpacked(file)[1] == total % 2**64
 
 
-def test_a_tick_with_listed_effects_is_timed_as_the_controller_answers_it(
+def test_a_tick_is_timed_as_the_controller_answers_it_with_listed_effects_and_without(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     cores: list[limits.TimedCore] = []
@@ -75,10 +74,12 @@ def test_a_tick_with_listed_effects_is_timed_as_the_controller_answers_it(
         return run_closed_loop(rig, core, seconds)
 
     monkeypatch.setattr(limits, "run_closed_loop", driven)
-    assert 0.0 < limits.listed_tick(load_robot("xs031"), 0.5) < 0.1
-    (core,) = cores
-    assert len(core.spent_s) == 250
-    compensated = {one.effect.name for one in core.law.plan.active}
+    rows = limits.control_ticks(1, 0.5)
+    assert [row.job for row in rows] == [limits.BASE, limits.LISTED]
+    assert all(0.0 < row.ours < 0.1 for row in rows)
+    assert [len(core.spent_s) for core in cores] == [250, 250]
+    base, compensated = ({one.effect.name for one in c.law.plan.active} for c in cores)
+    assert not base
     listed = ("coulomb_friction", "valve_deadband", "internal_leakage", "valve_spool_lag")
     assert compensated.issuperset(listed)
 

@@ -29,7 +29,11 @@ def test_percentiles_are_over_all_cycles_those_without_an_answer_infinitely_late
 
 def _chain(times: np.ndarray, lost: int) -> Any:
     bus = SimpleNamespace(
-        begin=lambda: None, lost=lost, cycles=len(times) + lost, latencies_s=lambda: times
+        begin=lambda: None,
+        lost=lost,
+        cycles=len(times) + lost,
+        latencies_s=lambda: times,
+        reactions_s=lambda: times,
     )
 
     @contextmanager
@@ -56,13 +60,15 @@ def test_lost_cycles_of_both_are_in_the_rows(monkeypatch: pytest.MonkeyPatch) ->
     def measured(chain: str, _seconds: float) -> chain_jobs.Round:
         late, lost = {"ours": (math.inf, 30), "echo": (2e-3, 4)}[chain]
         shares = {"bridge": 0.2, "controller": 0.1}
-        return chain_jobs.Round({"p50": 1e-3, "p99.9": late}, shares, lost, 10_000)
+        own, reacted = {"p50": 1e-3, "p99.9": late}, {"p50": 1e-3, "p99.9": 5e-3}
+        return chain_jobs.Round(own, reacted, shares, lost, 10_000)
 
     monkeypatch.setattr(chain_jobs, "_patient", lambda _: "ours")
     monkeypatch.setattr(chain_jobs, "echo", lambda: "echo")
     monkeypatch.setattr(chain_jobs, "measured", measured)
-    middle, late, *_ = chain_jobs.chain_rows(3, 1.0)
-    for row in (middle, late):
+    middle, late, *reacted, _, _ = chain_jobs.chain_rows(3, 1.0)
+    assert [row.ratio for row in reacted] == [1.0, 1.0]
+    for row in (middle, late, *reacted):
         assert (row.lost_ours, row.cycles_ours) == (90, 30_000)
         assert (row.lost_theirs, row.cycles_theirs) == (12, 30_000)
         assert row.rounds == 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.metadata
 import importlib.util
 import struct
 from collections.abc import Callable, Iterator
@@ -76,7 +77,8 @@ def bag_jobs(bag: Path, say: Callable[[str], None]) -> Iterator[Job]:
             for topic, values in expected.items():
                 np.testing.assert_array_equal(found[topic], values, err_msg=topic)
 
-        yield Job(name, peer, goal, lambda: read_bag(bag), theirs, check)
+        against = f"{peer} {importlib.metadata.version(peer)}"
+        yield Job(name, against, goal, lambda: read_bag(bag), theirs, check)
     floor, check_floor = partial(unpacked, file), partial(_all_unpacked, file)
     yield Job(name, FLOOR, 1.0 / 2.5, lambda: read_bag(bag), floor, check_floor)
 

@@ -116,11 +116,12 @@ def _say(text: str) -> None:
 def _publish(folder: Path, root: Path) -> None:
     path = folder / page.PAGE
     try:
-        for file in (folder / "results" / name for name in page.RESULTS):
+        for file in (folder / "results" / name for name in made.RESULTS):
             if not file.is_file():
                 continue
-            found = json.loads(file.read_text(encoding="utf-8"))
-            names.refuse_unknown([one["job"] for one in found], str(file))
+            if file.name in page.RESULTS:
+                found = json.loads(file.read_text(encoding="utf-8"))
+                names.refuse_unknown([one["job"] for one in found], str(file))
             if (of := made.renewed(file, root)) is not None:
                 write_atomically(made.file_of(file), of)
         text = path.read_text(encoding="utf-8")
@@ -132,8 +133,7 @@ def _publish(folder: Path, root: Path) -> None:
 def _write(path: Path, rows: Sequence[Row], of: Mapping[str, Any]) -> None:
     text = json.dumps([row.as_json() for row in rows], indent=2, allow_nan=False) + "\n"
     try:
-        write_atomically(path, text)
-        write_atomically(made.file_of(path), made.text_of(of, text))
+        made.write(path, text, of)
     except OSError as error:
         raise IdentError(f"{path}: cannot be written: {error.strerror}") from error
 

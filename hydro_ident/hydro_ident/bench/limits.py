@@ -16,24 +16,20 @@ import numpy as np
 from hydro_control.answer import Answer
 from hydro_control.core import ControllerCore
 from hydro_control.gains import Gains
-from hydro_control.law import ControlLaw
-from hydro_control.required_motion import Reference
 from hydro_control.sample import Sample
 from hydro_hw_bridge.rig.core import RigCore
 from hydro_hw_bridge.rig.truth_files import load_truth
-from hydro_ident.bag.recording import Recording
 from hydro_ident.bench.job import Row, against_limit, seconds_of
 from hydro_ident.bench.processes import entry
 from hydro_ident.study.closed_loop import run_closed_loop
 from hydro_ident.study.known_effects import known_effects
-from hydro_ident.study.synthetic import STEP_S, synthetic_recording
 from hydro_model.paths import load_path
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
 ROBOT, TRUTH, PATH = "xs031", "realistic", "xs031/parallelogram"
 #: Packages whose installed executables are started.
-PACKAGES = ("hydro_ident", "hydro_control", "hydro_hw_bridge")
+PACKAGES = ("hydro_ident", "hydro_control", "hydro_hw_bridge", "hydro_msgs_docs")
 BASE = "control law, one tick, p99"
 LISTED = "control law with friction, overlap, leakage and spool lag listed, one tick, p99"
 EMPTY, HELP = "start of the interpreter, python -c pass", "start of a command, the slowest --help"
@@ -68,7 +64,7 @@ class TimedCore(ControllerCore):
 
 
 def control_ticks(rounds: int, seconds: float = 20.0) -> list[Row]:
-    """99th percentiles of a tick: the law of the base model, the controller with listed effects.
+    """99th percentiles of a controller's answers: of the base model, and with listed effects.
 
     Parameters
     ----------
@@ -78,40 +74,33 @@ def control_ticks(rounds: int, seconds: float = 20.0) -> list[Row]:
         How long one is driven, at most the path's own time.
     """
     robot = load_robot(ROBOT)
-    run = synthetic_recording(robot, seconds, seed=1)
-    pairs = [(_base_tick(robot, run), listed_tick(robot, seconds)) for _ in range(rounds)]
+    models = {BASE: robot, LISTED: known_effects(robot, load_truth(TRUTH, robot))}
+    turns = [
+        {name: tick(robot, model, seconds) for name, model in models.items()}
+        for _ in range(rounds)
+    ]
     return [
-        against_limit(name, "100 us", statistics.median(found), _TICK_LIMIT_S, rounds=rounds)
-        for name, found in zip((BASE, LISTED), zip(*pairs, strict=True), strict=True)
+        against_limit(
+            name, "100 us", statistics.median(t[name] for t in turns), _TICK_LIMIT_S, rounds=rounds
+        )
+        for name in models
     ]
 
 
-def _base_tick(robot: Robot, run: Recording) -> float:
-    law, still, spent = ControlLaw(robot, Gains()), np.zeros(robot.dof), []
-    columns = (run.q, run.p_a, run.p_b, run.supply, run.tank, run.q_ref)
-    for k in range(len(run)):
-        q, p_a, p_b, supply, tank, wanted = (np.asarray(column)[k] for column in columns)
-        reference = Reference("joint", wanted, still, still)
-        began = time.perf_counter()
-        law.step(k * STEP_S, q, p_a, p_b, supply, tank, reference)
-        spent.append(time.perf_counter() - began)
-    return _p99(spent)
-
-
-def listed_tick(robot: Robot, seconds: float) -> float:
+def tick(robot: Robot, model: Robot, seconds: float) -> float:
     """99th percentile of a controller's answers that drives the realistic rig along a path, s.
-
-    Its model lists what a diagnosis of that rig may name; so more is evaluated a tick.
 
     Parameters
     ----------
     robot : Robot
         By the datasheet.
+    model : Robot
+        Of the controller: what it lists is evaluated in every tick.
     seconds : float
     """
     truth, path = load_truth(TRUTH, robot), load_path(PATH)
     rig = RigCore(robot, truth, seed=1, tip_m=path.sample(0.0)[0].tolist())
-    core = TimedCore(known_effects(robot, truth), Gains(), path)
+    core = TimedCore(model, Gains(), path)
     run_closed_loop(rig, core, min(seconds, path.duration_s))
     return _p99(core.spent_s)
 

@@ -14,6 +14,7 @@ from typing import Any
 from hydro_ident.errors import IdentError
 from hydro_ident.study.placed import published
 from hydro_ident.study.sources import differing, digests_of
+from hydro_model.output import write_atomically
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 #: Of the repository: the packages whose work is measured.
@@ -35,6 +36,10 @@ _BESIDE, _USED = (
         "synthetic.py",
     ),
 )
+#: What is written down so, of the results folder.
+RESULTS = ("bench.json", "growth.json", "soak.json")
+#: Changed sources that a page names, the others are counted.
+_NAMED = 8
 #: Make the page or this file: they measure nothing.
 LEFT_OUT = ("page.py", "made.py", "names.py")
 
@@ -103,6 +108,21 @@ def text_of(run: Mapping[str, Any], rows: str) -> str:
     return json.dumps({**run, "rows": _sha256(rows), "changed_since": []}, indent=1) + "\n"
 
 
+def write(result: Path, text: str, run: Mapping[str, Any]) -> None:
+    """Write a result, and beside it what it was made of.
+
+    Parameters
+    ----------
+    result : Path
+    text : str
+        Its content.
+    run : mapping
+        As `made`.
+    """
+    write_atomically(result, text)
+    write_atomically(file_of(result), text_of(run, text))
+
+
 def renewed(rows: Path, root: Path) -> str | None:
     """What was written beside rows, with the sources that have changed since; None without it.
 
@@ -146,8 +166,9 @@ def sentence(folder: Path, rows: str) -> str:
         f"Run of {run['date']}, commit {run['commit']}, {run['cores']} cores, threads: {threads}."
     )
     if changed := run["changed_since"]:
-        names = ", ".join(f"`{path}`" for path in changed)
-        said += f" Of the {len(run['sources'])} sources measured, changed since: {names}."
+        names = ", ".join(f"`{path}`" for path in changed[:_NAMED])
+        more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+        said += f" Of the {len(run['sources'])} sources measured, changed since: {names}{more}."
     return f"{said}\n"
 
 

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import scipy
 
 from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
 from hydro_ident.bench.job import Job, Row, against_limit, seconds_of
@@ -49,15 +50,15 @@ def _regressor_job(pin: Any, robot: Robot, motion: FloatArray) -> Job:
     compute = pin.computeJointTorqueRegressor
     columns = [10 * link + p for link in range(robot.dof) for p in PINOCCHIO_ORDER]
 
-    def theirs(count: int = SAMPLES) -> FloatArray:
-        out = np.empty((count, robot.dof, 10 * robot.dof))
-        for k in range(count):
+    def theirs() -> FloatArray:
+        out = np.empty((SAMPLES, robot.dof, 10 * robot.dof))
+        for k in range(SAMPLES):
             out[k] = compute(model, data, q[k], qd[k], qdd[k])
         return out
 
     def check() -> None:
-        ours = regressor(robot, q[:100], qd[:100], qdd[:100])
-        np.testing.assert_allclose(ours[:, :, columns], theirs(100), rtol=1e-9, atol=1e-9)
+        ours = regressor(robot, q, qd, qdd)
+        np.testing.assert_allclose(ours[:, :, columns], theirs(), rtol=1e-9, atol=1e-9)
 
     name = f"torque regressor, {SAMPLES} samples, {robot.dof} joints"
     peer = f"pinocchio {pin.__version__} in a loop"
@@ -68,15 +69,15 @@ def _torque_job(pin: Any, robot: Robot, motion: FloatArray) -> Job:
     model = pinocchio_model(pin, robot)
     data, (q, qd, qdd) = model.createData(), motion
 
-    def theirs(count: int = SAMPLES) -> FloatArray:
-        out = np.empty((count, robot.dof))
-        for k in range(count):
+    def theirs() -> FloatArray:
+        out = np.empty((SAMPLES, robot.dof))
+        for k in range(SAMPLES):
             out[k] = pin.rnea(model, data, q[k], qd[k], qdd[k])
         return out
 
     def check() -> None:
-        ours = inverse_dynamics(robot, q[:100], qd[:100], qdd[:100])
-        np.testing.assert_allclose(ours, theirs(100), rtol=1e-9, atol=1e-9)
+        ours = inverse_dynamics(robot, q, qd, qdd)
+        np.testing.assert_allclose(ours, theirs(), rtol=1e-9, atol=1e-9)
 
     name = f"inverse dynamics, {SAMPLES} samples, {robot.dof} joints"
     peer = f"pinocchio {pin.__version__} in a loop"
@@ -135,7 +136,9 @@ def simulation_jobs() -> Iterator[Job]:
                 assert error(theirs()) <= 2.0 * most, f"its error is {error(theirs()):.2g}"
 
             name = f"simulation, two joints, {_SCIPY_S:g} s"
-            peer = f"scipy solve_ivp {method} as exact, on {text} right-hand side"
+            peer = (
+                f"scipy {scipy.__version__} solve_ivp {method} as exact, on {text} right-hand side"
+            )
             yield Job(name, peer, 100.0, ours, theirs, check)
 
 

@@ -20,7 +20,8 @@ _PATTERNS = (
     r"bag to columns, a minute at 500 Hz, zstd",
     rf"diagnose, {_NUMBER}-minute bag: (located and named|in all|peak memory of the process, MiB)",
     "|".join(map(re.escape, (limits.BASE, limits.LISTED))),
-    rf"bridge and controller, sensor frame to valve frame, ({_QUANTILES})",
+    rf"bridge and controller, sensor frame to valve frame({chain_jobs.REACTION})?,"
+    rf" ({_QUANTILES})",
     r"(bridge|controller) at 500 Hz: share of a core",
     "|".join(map(re.escape, (limits.EMPTY, limits.HELP, limits.INSPECTED))),
     rf"({_GROWING}), a bag of {_NUMBER} to {_NUMBER} minutes:"

@@ -23,12 +23,12 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_ident.bench import made
 from hydro_ident.bench.chain import MAX_AGE_MS, Running, product
 from hydro_ident.bench.timed_bus import lateness
 from hydro_ident.errors import IdentError
 from hydro_ident.study.peak import status_kb
 from hydro_model.command import run_command
-from hydro_model.output import write_atomically
 
 #: Upper ends of the histogram's bins, ms; the last bin has none.
 EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)
@@ -221,14 +221,19 @@ def _run(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="soak", description=(__doc__ or "").split("\n\n")[2])
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
     parser.add_argument("--json", type=Path, metavar="F", help="write the result as JSON")
+    parser.add_argument(
+        "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"
+    )
     options = parser.parse_args(arguments)
     if not 0.0 < options.minutes <= 500.0:
         raise IdentError(f"--minutes: expected more than 0, at most 500, found {options.minutes}")
+    # What runs, whatever is edited meanwhile.
+    of = None if options.json is None else made.made(options.root)
     found = soak(options.minutes)
     print(text_of(found), flush=True)
-    if options.json is not None:
+    if of is not None:
         try:
-            write_atomically(options.json, json_of(found))
+            made.write(options.json, json_of(found), of)
         except OSError as error:
             raise IdentError(f"{options.json}: cannot be written: {error.strerror}") from error
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from array import array
-from collections import OrderedDict
+from collections import OrderedDict, deque
 
 import can
 import numpy as np
@@ -16,6 +16,8 @@ from hydro_model.robot import FloatArray
 
 #: Cycles that may still be answered.
 _OPEN = 500
+#: The newest cycles, whose answers may be on the way.
+IN_FLIGHT = 2
 
 
 def lateness(times: FloatArray, unanswered: int, percent: float) -> float:
@@ -42,8 +44,9 @@ def lateness(times: FloatArray, unanswered: int, percent: float) -> float:
 class TimedBus(Bus):
     """The device's end of a bus; frames pass as they are.
 
-    A cycle's time is from just before its last sensor frame is sent until the first valve frame
-    that answers it with the valves enabled has been received.
+    A cycle's latency is from just before its last sensor frame is sent until the first valve frame
+    that answers it with the valves enabled has been received; its reaction time until the first
+    that answers it or a newer one.
 
     Parameters
     ----------
@@ -68,7 +71,9 @@ class TimedBus(Bus):
         """Forget what was noted."""
         self.cycles = self._cycles_at_answer = 0
         self._latencies_s = array("d")
+        self._reactions_s = array("d")
         self._open: OrderedDict[int, float] = OrderedDict()
+        self._unmet: deque[tuple[int, float]] = deque()
 
     def send(self, message: can.Message) -> bool:
         """As `Bus.send`; notes the cycle.
@@ -80,7 +85,8 @@ class TimedBus(Bus):
             self._counter = self._codec.sample_counter(frame)
         if message.arbitration_id == self._last:
             self.cycles += 1
-            self._open[self._counter] = time.perf_counter()
+            self._open[self._counter] = now = time.perf_counter()
+            self._unmet.append((self._counter, now))
             if len(self._open) > _OPEN:
                 self._open.popitem(last=False)
         return super().send(message)
@@ -100,7 +106,17 @@ class TimedBus(Bus):
                 if newest is not None:
                     self._latencies_s.append(now - self._open.pop(newest))
                     self._cycles_at_answer = self.cycles
+                    self._react(newest, now)
         return message
+
+    def _react(self, counter: int, now_s: float) -> None:
+        """Note all cycles up to that of a counter, unless a newer one was answered before."""
+        if all(known != counter for known, _ in self._unmet):
+            return
+        known = -1
+        while known != counter:
+            known, sent_s = self._unmet.popleft()
+            self._reactions_s.append(now_s - sent_s)
 
     @property
     def answered(self) -> int:
@@ -119,7 +135,11 @@ class TimedBus(Bus):
         """
         return np.frombuffer(self._latencies_s.tobytes(), dtype=np.float64)
 
+    def reactions_s(self) -> FloatArray:
+        """A copy of the reaction times, s; (cycles that were answered or passed over,)."""
+        return np.frombuffer(self._reactions_s.tobytes(), dtype=np.float64)
+
     @property
     def lost(self) -> int:
-        """Cycles that nobody has answered, the newest two left out: theirs may be on the way."""
-        return max(self.cycles - self.answered - 2, 0)
+        """Cycles that nobody has answered, the newest left out: theirs may be on the way."""
+        return max(self.cycles - self.answered - IN_FLIGHT, 0)
