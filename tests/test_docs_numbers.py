@@ -12,6 +12,7 @@ from scipy.stats import fisher_exact
 
 from hydro_ident.bench import made as bench_made
 from hydro_ident.bench import page as bench
+from hydro_ident.bench.soak_page import SOAKS, with_soaks
 from hydro_ident.study import discovered_summary as discovered
 from hydro_ident.study.faults import page as faults
 from hydro_ident.study.mutants import page as mutants
@@ -87,29 +88,15 @@ def test_the_performance_tables_are_the_committed_results() -> None:
 
 def test_what_changed_since_the_benchmark_is_said() -> None:
     """`scripts/bench.sh --publish hydro_msgs_docs` says it: nothing is measured for that."""
-    for rows in (RESULTS / name for name in bench_made.RESULTS):
+    for rows in (RESULTS / name for name in (*bench.RESULTS, *SOAKS)):
         said = bench_made.file_of(rows)
         if said.is_file():
             assert bench_made.renewed(rows, ROOT) == said.read_text(encoding="utf-8")
 
 
-def test_the_soak_table_is_the_committed_result() -> None:
-    text = (ROOT / "hydro_msgs_docs/performance.md").read_text(encoding="utf-8")
-    soak = json.loads((RESULTS / "soak.json").read_text(encoding="utf-8"))
-    found = [soak["latency_ms"][p] for p in ("p50", "p99", "p99.9", "p100")]
-    times = ["never answered" if t is None else f"{t:#.2g}".rstrip(".") for t in found]
-    memory = {
-        name: [f"{one[at]:.1f}" for at in ("begin", "end")] for name, one in soak["memory"].items()
-    }
-    for row in (
-        f"| cycles | {soak['cycles']} |",
-        f"| sensor frame to valve frame, p50, p99, p99.9, largest | {', '.join(times)} ms |",
-        f"0 V until cleared) | {soak['trips']} |",
-        f"| {soak['lost']}, of which {soak['waited']} while a trip waited to be cleared |",
-        f"| {' and '.join(memory['bridge'])}, {' and '.join(memory['controller'])} MiB |",
-        f"| {' and '.join(memory['rig'])} MiB |",
-    ):
-        assert row in text
+def test_the_table_of_soaks_is_the_committed_results() -> None:
+    text = (ROOT / "hydro_msgs_docs" / bench.PAGE).read_text(encoding="utf-8")
+    assert with_soaks(text, RESULTS) == text
 
 
 @pytest.mark.parametrize("page", ["CHANGELOG.md", "hydro_msgs_docs/intervals.md"])

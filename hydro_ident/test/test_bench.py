@@ -25,7 +25,7 @@ from hydro_ident.bench.diagnose_jobs import EFFECTS, diagnosed
 from hydro_ident.bench.job import Row, against_limit
 from hydro_ident.bench.limits import BASE, HELP
 from hydro_ident.bench.page import line, with_tables
-from hydro_ident.bench.soak import EDGES_MS, Trips, soak, text_of
+from hydro_ident.bench.soak import EDGES_MS, Memory, Soaked, Trips, soak, text_of
 from hydro_ident.bench.timed_bus import TimedBus
 from hydro_ident.errors import IdentError
 from hydro_ident.study.long_bag import bag_of
@@ -229,7 +229,8 @@ def test_the_page_is_made_from_the_results(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, results = tmp_path / "performance.md", tmp_path / "results"
-    places = [f"<!-- {name}: begin -->\nold\n<!-- {name}: end -->" for name in ("bench", "growth")]
+    names = ("bench", "growth", "soaks")
+    places = [f"<!-- {name}: begin -->\nold\n<!-- {name}: end -->" for name in names]
     page.write_text("\nbetween\n".join(["before", *places, "behind"]) + "\n")
     assert with_tables(page.read_text(), results).count("No run has been published") == 2
     rows = [Row(BASE, "a peer", 0.5, 2.0, 4.0, 3.0), against_limit(HELP, "1 s", 2.0, 1.0)]
@@ -242,11 +243,20 @@ def test_the_page_is_made_from_the_results(
     assert text.startswith("before\n")
     assert text.endswith("behind\n")
     assert "old" not in text
-    assert text.count("No run has been published") == 1
+    assert text.count("No run has been published") == 2
     (results / "growth.json").write_text(json.dumps([asdict(rows[1])]))
     assert main(["--publish", str(tmp_path)]) == 0
     text = page.read_text()
     assert text.count(f"{line(rows[1])} no |") == 2
+    assert text.count("No run has been published") == 1
+    soaked = {"p50": 0.5, "p99": 2.0, "p99.9": None, "p100": None}
+    memory = {name: Memory(1.0, 2.0, 2.0) for name in ("rig", "bridge", "controller")}
+    run = Soaked(1.0, 40, 4, 30_000, 100, 1, 10, soaked, [0, 1200] + [0] * 13, memory)
+    (results / "soak_busy_rt.json").write_text(json.dumps(asdict(run)))
+    assert main(["--publish", str(tmp_path)]) == 0
+    text = page.read_text()
+    for row in ("up to 0.5 ms | 1 200", "p99.9, ms | never answered", "not answered | 90"):
+        assert f"{row} |\n" in text
     assert with_tables(text, results) == text
     assert main(["--publish", str(tmp_path / "absent")]) == 2
     assert "cannot be published" in capsys.readouterr().err

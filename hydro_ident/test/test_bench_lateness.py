@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from hydro_ident.bench import chain_jobs, page
 from hydro_ident.bench.command import _write
 from hydro_ident.bench.job import Row
 from hydro_ident.bench.made import file_of
-from hydro_ident.bench.soak import Memory, Soaked, Trips, json_of, text_of
+from hydro_ident.bench.soak import Memory, Soaked, Trips, computing, json_of, text_of
 from hydro_ident.bench.timed_bus import lateness
 
 
@@ -130,6 +131,20 @@ def test_a_trip_excludes_what_was_not_answered_from_the_last_answer_until_it_is_
 
 def test_a_soak_says_what_was_never_answered() -> None:
     times = {"p50": 1.0, "p99.9": math.inf}
-    found = Soaked(1.0, 30_000, 100, 1, 10, times, [0] * 15, {"rig": Memory(1.0, 1.0, 1.0)})
+    found = Soaked(1.0, 0, 0, 30_000, 100, 1, 10, times, [0] * 15, {"rig": Memory(1.0, 1.0, 1.0)})
     assert json.loads(json_of(found))["latency_ms"] == {"p50": 1.0, "p99.9": None}
     assert "p99.9  never answered" in text_of(found)
+
+
+def test_what_computes_beside_a_soak_ends_with_it() -> None:
+    before = children()
+    with computing(2):
+        busy = children() - before
+        assert len(busy) == 2
+    assert children() == before
+
+
+def children() -> set[int]:
+    """Processes that this one has started and that have not ended."""
+    own = Path("/proc/self/task")
+    return {int(pid) for task in own.iterdir() for pid in (task / "children").read_text().split()}

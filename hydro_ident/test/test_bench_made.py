@@ -28,7 +28,10 @@ def root(tmp_path: Path) -> Path:
         (tmp_path / path).write_text("x = 1\n")
     results = tmp_path / "docs" / "results"
     results.mkdir(parents=True)
-    places = [f"<!-- {name}: begin -->\n<!-- {name}: end -->\n" for name in page.RESULTS.values()]
+    places = [
+        f"<!-- {name}: begin -->\n<!-- {name}: end -->\n"
+        for name in (*page.RESULTS.values(), "soaks")
+    ]
     (tmp_path / "docs" / page.PAGE).write_text("\n".join(places))
     _write(results / "bench.json", [ROW], made.made(tmp_path))
     return tmp_path

@@ -5,6 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import resource
+import subprocess
+import sys
 import threading
 import weakref
 from collections.abc import Callable, Iterator
@@ -251,4 +253,63 @@ def test_cores_are_bound_for_the_thread_of_the_loop_alone(said: list[str]) -> No
     assert found == [{core}]
     assert os.sched_getaffinity(0) == mine
     assert measures.values()["real_time"] == f"core {core}"
+    assert not said
+
+
+#: What a process gets that asks for everything: of each thread policy and priority, and the memory
+#: that is locked. In a process of its own, as no thread gives back what it was given.
+_ASKS = """
+import os, re, threading
+from hydro_msgs_docs.real_time import RealTime, RealTimeOptions
+told, go = [], threading.Event()
+measures = RealTime(RealTimeOptions(40, True), told.append)
+other = threading.Thread(target=go.wait)
+other.start()
+measures.prepare()
+loop = threading.Thread(target=lambda: (measures.enter(), ready.set(), go.wait()))
+ready = threading.Event()
+loop.start()
+ready.wait()
+for thread in (loop, other):
+    number = thread.native_id
+    print(os.sched_getscheduler(number), os.sched_getparam(number).sched_priority)
+print(re.search(r"VmLck:\\s*(\\d+)", open("/proc/self/status").read())[1])
+print(measures.values()["real_time"], told)
+go.set()
+"""
+
+
+def test_what_the_system_grants_is_had() -> None:
+    """The loop comes before the threads that bring its samples, these before all others'."""
+    done = subprocess.run(
+        [sys.executable, "-c", _ASKS], capture_output=True, text=True, check=True
+    )
+    *threads, locked_kb, granted = done.stdout.splitlines()
+    if "refused" in granted:
+        pytest.skip(f"this machine grants less: {granted}")
+    assert threads == [f"{os.SCHED_FIFO} 40", f"{os.SCHED_FIFO} 39"]
+    assert int(locked_kb) > 1000
+    assert granted == "memory lock; SCHED_FIFO 40 []"
+
+
+def test_the_loop_asks_for_more_than_the_other_threads(
+    said: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that has ended meanwhile is no refusal, and raises the others none the less."""
+    asked: list[tuple[int, int, int]] = []
+
+    def grant(thread: int, policy: int, param: os.sched_param) -> None:
+        if thread == gone:
+            raise ProcessLookupError
+        asked.append((thread, policy, param.sched_priority))
+
+    mine, gone = threading.get_native_id(), 1 << 22
+    monkeypatch.setattr(os, "sched_setscheduler", grant)
+    monkeypatch.setattr(real_time, "_threads", lambda: [gone, mine])
+    measures = RealTime(RealTimeOptions(40), said.append)
+    measures.prepare()
+    measures.enter()
+    measures.leave()
+    assert asked == [(mine, os.SCHED_FIFO, 39), (0, os.SCHED_FIFO, 40)]
+    assert measures.values()["real_time"] == "SCHED_FIFO 40"
     assert not said

@@ -68,7 +68,9 @@ class Running:
 
 
 @contextmanager
-def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]:
+def product(
+    minutes: float, max_age_ms: float = MAX_AGE_MS, rt_priority: int = 0
+) -> Iterator[Running]:
     """Bridge and controller, the tip going to and fro.
 
     Parameters
@@ -77,7 +79,10 @@ def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]
         How long the path is at least.
     max_age_ms : float
         The bridge's parameter: an older command makes it trip, and ends the answers.
+    rt_priority : int
+        Of both, as their parameter, with their memory locked; 0: neither is asked for.
     """
+    real_time = {"rt_priority": f"{rt_priority}", "lock_memory": "true"} if rt_priority else {}
     with ExitStack() as stack:
         bus_name, bus, device, folder = _rig(stack)
         path = folder / "path.yaml"
@@ -87,7 +92,7 @@ def product(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Iterator[Running]
             ("bridge", BRIDGE, {"can": bus_name, "max_age_ms": f"{max_age_ms:.1f}"}),
             ("controller", CONTROLLER, {"path": str(path)}),
         ):
-            parameters = {"robot": ROBOT, **given}
+            parameters = {"robot": ROBOT, **given, **real_time}
             words = [w for key, value in parameters.items() for w in ("-p", f"{key}:={value}")]
             processes.start(name, [*entry(module), "--ros-args", *words])
         for what in ("configure", "activate"):

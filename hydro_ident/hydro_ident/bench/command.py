@@ -6,8 +6,8 @@
 Peers are optional (requirements-bench.in); those that are not installed are said and skipped.
 That results agree is checked before anything is timed. Ratios are those of medians over rounds;
 the absolute times of a shared machine mean little. `--publish` measures nothing: it makes the
-tables of performance.md in DIR anew from results/bench.json and results/growth.json in it, and
-says which of the measured sources have changed since. What rows are made of stands beside them, in
+tables of performance.md in DIR anew from the results of bench, growth and soaks in it, and says
+which of the measured sources have changed since. What rows are made of stands beside them, in
 F_made.json.
 """
 
@@ -36,6 +36,7 @@ from hydro_ident.bench import (
     page,
 )
 from hydro_ident.bench.job import Job, Row, run
+from hydro_ident.bench.soak_page import SOAKS, with_soaks
 from hydro_ident.errors import IdentError
 from hydro_model.command import run_command
 from hydro_model.output import write_atomically
@@ -116,7 +117,7 @@ def _say(text: str) -> None:
 def _publish(folder: Path, root: Path) -> None:
     path = folder / page.PAGE
     try:
-        for file in (folder / "results" / name for name in made.RESULTS):
+        for file in (folder / "results" / name for name in (*page.RESULTS, *SOAKS)):
             if not file.is_file():
                 continue
             if file.name in page.RESULTS:
@@ -125,7 +126,8 @@ def _publish(folder: Path, root: Path) -> None:
             if (of := made.renewed(file, root)) is not None:
                 write_atomically(made.file_of(file), of)
         text = path.read_text(encoding="utf-8")
-        write_atomically(path, page.with_tables(text, folder / "results"))
+        text = page.with_tables(text, folder / "results")
+        write_atomically(path, with_soaks(text, folder / "results"))
     except OSError as error:
         raise IdentError(f"{path}: cannot be published: {error.strerror}") from error
 

@@ -1,6 +1,6 @@
 """`soak`: the whole chain in real time, with its latencies, lost cycles and memory.
 
-    scripts/soak.sh [--minutes 10] [--json F]
+    scripts/soak.sh [--minutes 10] [--rt-priority N] [--busy N] [--json F]
 
 Rig, bridge and controller with the tip going to and fro. Prints a histogram of the times from
 sensor frame to valve frame, the cycles that were not answered (infinitely late in the percentiles,
@@ -15,9 +15,11 @@ import argparse
 import json
 import math
 import os
+import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -34,6 +36,7 @@ from hydro_model.command import run_command
 EDGES_MS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 20.0, 50.0, 100.0)
 QUANTILES = (50.0, 99.0, 99.9, 100.0)
 _SAMPLES, _BAR = 50, 40
+_MOST_BUSY = 256
 #: How often to look whether answers still come, s.
 _LOOK_S = 0.5
 
@@ -60,6 +63,10 @@ class Soaked:
     Attributes
     ----------
     minutes : float
+    rt_priority : int
+        SCHED_FIFO priority that bridge and controller asked for; 0: none.
+    busy : int
+        Processes beside them that did nothing but compute.
     cycles, lost : int
         All, and those not answered.
     trips : int
@@ -76,6 +83,8 @@ class Soaked:
     """
 
     minutes: float
+    rt_priority: int
+    busy: int
     cycles: int
     lost: int
     trips: int
@@ -85,7 +94,9 @@ class Soaked:
     memory: Mapping[str, Memory]
 
 
-def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
+def soak(
+    minutes: float, max_age_ms: float = MAX_AGE_MS, rt_priority: int = 0, busy: int = 0
+) -> Soaked:
     """Run the chain.
 
     Parameters
@@ -93,7 +104,11 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
     minutes : float
         How long.
     max_age_ms : float
-        Of the bridge (`hydro_ident.bench.chain.product`).
+        Of the bridge.
+    rt_priority : int
+        Both as of `hydro_ident.bench.chain.product`.
+    busy : int
+        How many processes compute beside it.
 
     Raises
     ------
@@ -102,7 +117,7 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
     """
     sizes: dict[str, list[float]] = {}
     # Long enough for the path to go on until the end.
-    with product(minutes + 2.0, max_age_ms) as running:
+    with computing(busy), product(minutes + 2.0, max_age_ms, rt_priority) as running:
         running.bus.begin()
         began = time.monotonic()
         trips = Trips(running)
@@ -117,6 +132,8 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
     kept = {name: values[_SAMPLES // 10 :] for name, values in sizes.items()}
     return Soaked(
         minutes,
+        rt_priority,
+        busy,
         cycles,
         lost,
         trips.cleared,
@@ -125,6 +142,22 @@ def soak(minutes: float, max_age_ms: float = MAX_AGE_MS) -> Soaked:
         np.histogram(times_ms, edges)[0].tolist(),
         {name: Memory(v[0], v[-1], max(v)) for name, v in kept.items()},
     )
+
+
+@contextmanager
+def computing(count: int) -> Iterator[None]:
+    """Processes that take all the time they get.
+
+    Parameters
+    ----------
+    count : int
+    """
+    words = [sys.executable, "-c", "while True: pass"]
+    with ExitStack() as stack:
+        for _ in range(count):
+            process = stack.enter_context(subprocess.Popen(words))
+            stack.callback(process.kill)
+        yield
 
 
 class Trips:
@@ -222,14 +255,30 @@ def _run(arguments: Sequence[str]) -> int:
     parser.add_argument("--minutes", type=float, default=10.0, help="how long (default 10)")
     parser.add_argument("--json", type=Path, metavar="F", help="write the result as JSON")
     parser.add_argument(
+        "--rt-priority",
+        type=int,
+        default=0,
+        metavar="N",
+        help="ask for SCHED_FIFO of this priority and locked memory (default 0: do not)",
+    )
+    parser.add_argument(
+        "--busy",
+        type=int,
+        default=0,
+        metavar="N",
+        help="as many processes beside it that compute without end (default 0)",
+    )
+    parser.add_argument(
         "--root", type=Path, default=Path(), metavar="DIR", help="repository (default: here)"
     )
     options = parser.parse_args(arguments)
     if not 0.0 < options.minutes <= 500.0:
         raise IdentError(f"--minutes: expected more than 0, at most 500, found {options.minutes}")
+    if not 0 <= options.busy <= _MOST_BUSY:
+        raise IdentError(f"--busy: expected 0 to {_MOST_BUSY} processes, found {options.busy}")
     # What runs, whatever is edited meanwhile.
     of = None if options.json is None else made.made(options.root)
-    found = soak(options.minutes)
+    found = soak(options.minutes, rt_priority=options.rt_priority, busy=options.busy)
     print(text_of(found), flush=True)
     if of is not None:
         try:
