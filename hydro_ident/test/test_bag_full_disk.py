@@ -6,7 +6,9 @@ At its begin, in a chunk, at a new file, while it is closed: what was written be
 from __future__ import annotations
 
 import errno
+import io
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -14,10 +16,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from hydro_ident.bag import writer
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
@@ -142,3 +146,44 @@ def test_a_disk_that_is_full_at_a_new_file_or_at_the_end_leaves_the_rest(
 
 if __name__ == "__main__":
     _on_small_disks(Path(sys.argv[1]), sys.argv[2:])
+
+
+class _Failing(io.FileIO):
+    """A file on a disk that fails from some byte on: written up to there, and never again."""
+
+    def __init__(self, path: Path, left: list[int], code: int) -> None:
+        super().__init__(path, "x")
+        self._left, self._code = left, code
+
+    def write(self, data: Any) -> int:
+        written = min(len(memoryview(data)), self._left[0])
+        self._left[0] -= written
+        if not written:
+            raise OSError(self._code, os.strerror(self._code))
+        return super().write(memoryview(data)[:written])
+
+
+@pytest.mark.parametrize("code", [errno.EROFS, errno.EIO])
+def test_a_disk_that_fails_while_it_is_written_leaves_what_came_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    """One that the system makes read-only after an error, or that has the error."""
+    assert _write(tmp_path / "whole") == 0
+    size = sum(file.stat().st_size for file in (tmp_path / "whole").glob("*.mcap"))
+    read = []
+    for bytes_left in range(0, size, 101):
+        left, path = [bytes_left], tmp_path / "bag"
+
+        def fragile(name: Path, mode: str, left: list[int] = left) -> io.BufferedWriter:
+            assert mode == "xb"
+            return io.BufferedWriter(_Failing(name, left, code))
+
+        monkeypatch.setattr(writer, "open", fragile, raising=False)
+        assert _write(path) == code, bytes_left
+        cycles, said = _read(path)
+        assert said, bytes_left
+        assert cycles == list(range(len(cycles))), bytes_left
+        read.append(len(cycles))
+        shutil.rmtree(path, ignore_errors=True)
+    assert read == sorted(read)
+    assert read[-1] == CYCLES  # its end alone was missing
