@@ -88,7 +88,8 @@ class Check:
 
     def training(self, training: Training) -> Training:
         """The rows as if they were to be fitted, with what the base is held to as there."""
-        there = Training.of(self.predictor, self.rows_in_motion, self.known(training))
+        known, listed = self.known(training), training.as_listed
+        there = Training.of(self.predictor, self.rows_in_motion, known, listed)
         # Delays are shared out between base and effect by the cycle that they were fitted with.
         return replace(there, latest_s=training.latest_s, cycle_s=training.cycle_s)
 

@@ -10,6 +10,7 @@ from hydro_ident.continuity import broken_up
 from hydro_ident.errors import IdentError, NotEnoughDataError
 from hydro_ident.free_run import FreeRun, free_run
 from hydro_ident.mismatch.answering import STAGES, Answer, answered, base_to_search
+from hydro_ident.mismatch.as_listed import as_listed_notes
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.exclusion import shut_out
 from hydro_ident.mismatch.fitting import Fitted
@@ -153,7 +154,7 @@ def _diagnosed(
     notes += minor_notes(work.robot, minor, whole.deviations)
     notes += [refined.note] if refined is not None else []
     notes += small
-    notes += listed_notes(work.robot, whole)
+    notes += listed_notes(work.robot, whole) + as_listed_notes(whole, work.training)
     notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
     ratios = apart(work, whole, channels)
     told = {name for f in (*findings, *minor) for name in f.channels}

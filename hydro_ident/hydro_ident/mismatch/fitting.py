@@ -15,6 +15,7 @@ from hydro_ident.mismatch.stepping import (
     bounded_columns,
     given_steps,
     is_free,
+    listed_columns,
     longest_delay,
     moved,
     said_columns,
@@ -315,6 +316,7 @@ def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: N
 def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
     model, residual = start.model, start.residual
     columns, names = slopes_at(training.predictor, start)
+    columns[:, listed_columns(training, model)] = 0.0
     offset = training.offset(model)
     noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
     bench = training.bench(noise, residual, columns, offset)

@@ -81,7 +81,13 @@ def from_one_delay(training: Training, current: Fitted) -> Fitted:
         The one given where the other valley is no deeper, or no spool lags.
     """
     model, columns = current.model, training.predictor.delay_columns
-    lagging = [t for t in model.terms if t.effect.name == SPOOL and t.cylinder in columns]
+    lagging = [
+        t
+        for t in model.terms
+        if t.effect.name == SPOOL
+        and t.cylinder in columns
+        and (t.effect.name, t.target) not in training.as_listed
+    ]
     if not lagging:
         return current
     own = {t.cylinder for t in lagging}

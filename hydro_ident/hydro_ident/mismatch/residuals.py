@@ -17,6 +17,7 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.mismatch.as_listed import with_listed
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
@@ -264,7 +265,7 @@ def _searched(
     material = laid.material(traces)
     rows = material.masks(split)[0] & telling(material, signals)
     predictor = Predictor(material)
-    return Training.of(predictor, rows, training.known(predictor))
+    return Training.of(predictor, rows, training.known(predictor), training.as_listed)
 
 
 def _material_there(laid: _Laid, traces: Sequence[Trace], others: Sequence[Source]) -> Material:
@@ -329,8 +330,7 @@ def _refitted(
     start = start_model(robot, predictor, resolve(robot))
     before = fixed_prior if settings.fixed_base else parts_prior
     prior = with_skews(before(predictor, robot, predictor.parameters(start)), predictor)
-    training = Training.of(predictor, rows, prior)
-    base = fit(training, start)
+    training, base = with_listed(Training.of(predictor, rows, prior), start)
     std = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
     prior = with_ripples(prior, predictor, base.model, std, training.cycle_s)
     training = replace(training, prior=prior)

@@ -201,6 +201,28 @@ def bounded_columns(training: Training, model: Model, step: FloatArray) -> list[
     return held + ends
 
 
+def listed_columns(training: Training, model: Model) -> list[int]:
+    """Columns of shapes that stay as the robot file lists them.
+
+    Parameters
+    ----------
+    training : Training
+    model : Model
+    """
+    free = [
+        (term, i)
+        for term in model.terms
+        for i in range(len(term.effect.parameters))
+        if is_free(term, i)
+    ]
+    count = len(training.predictor.names)
+    return [
+        count + k
+        for k, (term, i) in enumerate(free)
+        if (term.effect.name, term.target) in training.as_listed and is_shape(term, i)
+    ]
+
+
 def _viscous(training: Training) -> list[int]:
     """Columns of viscous friction, which takes energy and gives none."""
     return [k for k, name in enumerate(training.predictor.names) if name.endswith(VISCOUS)]
@@ -237,6 +259,17 @@ def form_of(term: ActiveEffect) -> tuple[float, ...]:
     """The values of an effect that every fit leaves as they are."""
     held = [(term.effect.name, spec.name) in HELD for spec in term.effect.parameters]
     return tuple(term.parameters[held].tolist())
+
+
+def is_shape(term: ActiveEffect, index: int) -> bool:
+    """Whether a parameter is fitted, and not in proportion to what the effect does.
+
+    Parameters
+    ----------
+    term : ActiveEffect
+    index : int
+    """
+    return is_free(term, index) and not term.effect.parameters[index].linear
 
 
 def is_free(term: ActiveEffect, index: int) -> bool:

@@ -39,6 +39,8 @@ class Training:
         Orthonormal smooth functions of each channel's state on its rows in the mask.
     latest_s : mapping of int to float
         Longest command delay of the base of the cylinders whose valves have one of their own.
+    as_listed : frozenset of (str, str)
+        Effects of the robot file, by name and target, whose shapes stay as it lists them.
     """
 
     predictor: Predictor
@@ -50,10 +52,24 @@ class Training:
     block_s: float
     smooth: tuple[FloatArray, ...] = ()
     latest_s: Mapping[int, float] = field(default_factory=dict)
+    as_listed: frozenset[tuple[str, str]] = frozenset()
 
     @staticmethod
-    def of(predictor: Predictor, mask: BoolArray, prior: Prior | None = None) -> Training:
-        """Training on some rows of the predictor's material."""
+    def of(
+        predictor: Predictor,
+        mask: BoolArray,
+        prior: Prior | None = None,
+        as_listed: frozenset[tuple[str, str]] = frozenset(),
+    ) -> Training:
+        """Training on some rows of the predictor's material.
+
+        Parameters
+        ----------
+        predictor : Predictor
+        mask : (N,) bool array
+        prior : Prior, optional
+        as_listed : frozenset of (str, str)
+        """
         material = predictor.material
         layout = layout_of(predictor).take(mask)
         floor = np.ones(len(material.channels))
@@ -70,7 +86,9 @@ class Training:
         )
         cycle_s = max(steps, default=0.002)
         block_s = block_of(layout.length_s)
-        return Training(predictor, mask, layout, floor, prior, cycle_s, block_s, smooth)
+        return Training(
+            predictor, mask, layout, floor, prior, cycle_s, block_s, smooth, as_listed=as_listed
+        )
 
     @property
     def own_delay_s(self) -> float:

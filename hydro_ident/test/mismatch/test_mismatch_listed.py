@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from hydro_ident.mismatch.as_listed import as_listed_notes
+from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import listed_notes
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
@@ -59,3 +61,52 @@ def test_numbers_that_agree_are_not(fitted: Callable[..., Residuals]) -> None:
     whole = fitted(_rubbing(2300.0, "xs031"))
     (note,) = listed_notes(whole.robot, whole.base)
     assert note.startswith("coulomb_friction of tilt_cylinder is in the robot file")
+
+
+def _lag(hz: float, damping: float, joint: str) -> EffectSpec:
+    shape = {"frequency": hz, "damping": damping}
+    return EffectSpec("valve_spool_lag", f"{joint}_valve", shape)
+
+
+@pytest.fixture(scope="module")
+def slow_valves(
+    make_run: tuple[Callable[..., Any], Callable[..., Any]],
+) -> Callable[..., Residuals]:
+    """Refitted base, of a crane with a quick and a slow spool, its commands 1.4 ms late."""
+    true_crane, simulated_run = make_run
+    lags = _lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt")
+    crane = replace(true_crane(), command_delay_s=1.4e-3, effects=lags)
+    run = simulated_run(crane, 20.0)
+
+    def under(*listed: EffectSpec) -> Residuals:
+        robot = replace(load_robot("xs031"), effects=listed)
+        sources = sources_of([run.recording()])
+        surveys = [survey_source(source, robot) for source in sources]
+        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+        assert work is not None
+        return work
+
+    return under
+
+
+def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
+    slow_valves: Callable[..., Residuals],
+) -> None:
+    """How late it is in all is told; that it is this frequency and not some delay is not."""
+    work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"))
+    assert ("valve_spool_lag", LIFT) in work.training.as_listed
+    lift = work.base.model.terms[0]
+    assert list(lift.parameters) == [60.0, 0.9]
+    assert work.base.model.delays_s == pytest.approx([1.4e-3] * 2, abs=1.5e-4)
+    (note,) = as_listed_notes(work.base, work.training)
+    assert f"valve_spool_lag of {LIFT} (frequency, damping)" in note
+    written = robot_of(work.training.predictor, work.base, work.robot).robot
+    assert f"{LIFT}.valve_spool_lag.frequency" not in written.standard_deviations
+
+
+def test_a_shape_that_is_listed_wrongly_is_fitted(slow_valves: Callable[..., Residuals]) -> None:
+    work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(16.0, 0.8, "tilt"))
+    assert work.training.as_listed == {("valve_spool_lag", LIFT)}
+    hz, damping = work.base.model.terms[1].parameters
+    assert hz == pytest.approx(9.0, rel=0.03)
+    assert damping == pytest.approx(0.8, rel=0.05)

@@ -1,0 +1,85 @@
+"""Shapes of listed effects: as the robot file has them, unless the recordings tell others.
+
+How late a quick spool is in all, a recording tells well. What of that is the spool's frequency,
+what its damping and what the command's delay, it hardly tells: a fit of all three goes along their
+valley to wherever what else is left in the flows is served a little by it. Whoever lists a spool
+has looked into a data sheet, so that its numbers are changed only where that takes out more than
+chance does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.modelled import Model
+from hydro_ident.mismatch.stepping import is_shape
+from hydro_ident.mismatch.training import Training
+from hydro_model.effects.targets import ActiveEffect
+
+#: What an effect's shapes have to take out to be changed, five deviations of one squared.
+_GAIN = 25.0
+
+
+def with_listed(training: Training, start: Model) -> tuple[Training, Fitted]:
+    """The base fitted beside the effects that are listed, of which shapes stay if nothing speaks.
+
+    Parameters
+    ----------
+    training : Training
+    start : Model
+        With the listed effects, as listed.
+
+    Returns
+    -------
+    training : Training
+        With the effects whose shapes stay.
+    base : Fitted
+    """
+    shaped = frozenset(_key(term) for term in start.terms if _has_shapes(term))
+    if not shaped:
+        return training, fit(training, start)
+    training = replace(training, as_listed=shaped)
+    base = fit(training, start)
+    left = base.squares
+    moved = set()
+    for key in shaped:
+        free = replace(training, as_listed=shaped - {key})
+        if left - fit(free, base.model, base.bench.noise).squares > _GAIN:
+            moved.add(key)
+    if not moved:
+        return training, base
+    training = replace(training, as_listed=shaped - moved)
+    return training, fit(training, base.model)
+
+
+def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
+    """What stays as it is listed, in words.
+
+    Parameters
+    ----------
+    whole : Fitted
+        The final model.
+    training : Training
+    """
+    kept = [
+        f"{term.effect.name} of {term.target} ({', '.join(_shapes(term))})"
+        for term in whole.model.terms
+        if _key(term) in training.as_listed
+    ]
+    if not kept:
+        return []
+    return [f"as the robot file lists them, as nothing here speaks for others: {'; '.join(kept)}"]
+
+
+def _key(term: ActiveEffect) -> tuple[str, str]:
+    return term.effect.name, term.target
+
+
+def _shapes(term: ActiveEffect) -> list[str]:
+    count = len(term.effect.parameters)
+    return [term.effect.parameters[i].name for i in range(count) if is_shape(term, i)]
+
+
+def _has_shapes(term: ActiveEffect) -> bool:
+    return bool(_shapes(term))
