@@ -16,6 +16,7 @@ from hydro_ident.mismatch.prediction import DELAY, Predictor
 from hydro_ident.mismatch.prior import left_open
 from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges
+from hydro_ident.mismatch.zeros import of_zeros
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import BaseParameter, Cylinder, EffectSpec, FloatArray, Joint, Robot
@@ -64,9 +65,10 @@ def robot_of(
     Returns
     -------
     Modelled
+        Deviations are with the zeros of the transducers, which the fit's own covariance lacks.
     """
     effects = tuple(spec_of(term) for term in fitted.model.terms)
-    covariance, names = fitted.covariance, predictor.names
+    covariance, names = fitted.covariance + of_zeros(predictor, fitted), predictor.names
     free = left_open(predictor, given) if fixed_base else names
     # What a kept base leaves open of itself moves the rest of it within its deviations.
     refitted = not fixed_base or bool(set(free) & set(predictor.material.forces.base.names))
@@ -174,7 +176,7 @@ def _skew_notes(predictor: Predictor, fitted: Fitted, std: Mapping[str, float]) 
 
 
 def _effect_deviations(fitted: Fitted, covariance: FloatArray) -> dict[str, float]:
-    """Deviations of the effects' parameters, by `<target>.<effect>.<parameter>`."""
+    """Deviations of the effects' fitted parameters, by `<target>.<effect>.<parameter>`."""
     names = {
         f"{term.target}.{term.effect.name}.{spec.name}"
         for term in fitted.model.terms
@@ -182,7 +184,7 @@ def _effect_deviations(fitted: Fitted, covariance: FloatArray) -> dict[str, floa
     }
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     pairs = zip(fitted.names, std, strict=True)
-    return {name: float(size) for name, size in pairs if name in names}
+    return {name: float(size) for name, size in pairs if name in names and size > 0.0}
 
 
 def _with_base(

@@ -25,6 +25,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, RefineSettings
 from hydro_ident.mismatch.shooting import Solution, Unknowns, shoot
 from hydro_ident.mismatch.shots import Shots, sensor_noise, weights_of
+from hydro_ident.mismatch.zeros import of_zeros
 from hydro_model.robot import FloatArray, Robot
 
 #: Steps of a fit, and trials of a step that a budget counts with.
@@ -211,9 +212,8 @@ def _decided(
     whole = fitted(work.training, model, kept.whole.bench.noise)
     covariance = space.covariance(whole, solution.covariance)
     whole = replace(whole, refined=covariance)
-    return replace(
-        found, accepted=True, whole=whole, robot=space.with_deviations(robot, covariance)
-    )
+    robot = space.with_deviations(robot, covariance + of_zeros(work.training.predictor, whole))
+    return replace(found, accepted=True, whole=whole, robot=robot)
 
 
 def _against(found: Refinement, robot: Robot) -> str:

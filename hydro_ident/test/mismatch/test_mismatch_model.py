@@ -18,6 +18,7 @@ from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.model_file import write_model
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
+from hydro_ident.transducers import zero_pa
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 
@@ -70,3 +71,32 @@ def test_bodies_of_another_base_go_with_it(
     assert robot_of(work.training.predictor, work.base, given).robot.standard_parameters == {}
     kept = robot_of(work.training.predictor, work.base, given, fixed_base=True).robot
     assert kept.standard_parameters == bodies
+
+
+def test_deviations_have_what_zeros_of_transducers_move_the_base_by(make_run: Any) -> None:
+    """A zero off by its usual deviation moves first moments by many of the noise's."""
+    true_crane, simulated_run = make_run
+    run = simulated_run(true_crane(), 20.0).recording()
+    robot = load_robot("xs031")
+    models, fits = [], []
+    for off_pa in (0.0, zero_pa(robot)):
+        given = replace(run, p_a=run.p_a + np.array([off_pa, 0.0]))
+        sources = sources_of([given])
+        surveys = [survey_source(source, robot) for source in sources]
+        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+        assert work is not None
+        models.append(robot_of(work.training.predictor, work.base, robot).robot)
+        fits.append(work.base)
+    names = [one.name for one in models[0].base_parameters]
+    values = np.array([[one.value for one in model.base_parameters] for model in models])
+    covariance = models[0].base_covariance
+    assert covariance is not None
+    noise = fits[0].covariance[: len(names), : len(names)]
+    moved = np.abs(values[1] - values[0])
+    moments = [k for k, name in enumerate(names) if name.endswith((".mcx", ".mcz"))]
+    assert np.max(moved[moments] / np.sqrt(np.diag(noise)[moments])) > 5.0
+    # One of four zeros, of the usual size: no more than a deviation of what all of them make.
+    with_them = np.sqrt(np.diag(covariance))
+    known = with_them > 0.0
+    assert np.all(moved[known] < 1.1 * with_them[known])
+    assert np.max(moved[known] / with_them[known]) > 0.3
