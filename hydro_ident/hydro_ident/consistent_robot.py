@@ -15,6 +15,7 @@ from hydro_ident.estimate.physical import (
     ConsistentBody,
     PhysicalParameters,
     physical_parameters,
+    told_distance,
 )
 from hydro_model.robot import (
     PART_PARAMETERS,
@@ -77,10 +78,12 @@ def physical_result(identified: Robot, given: Robot) -> PhysicalResult:
 
 
 def _distance_text(found: PhysicalParameters) -> str:
-    known = f"{found.distance:.1f} standard deviations away" if _known(found) else "beside them"
+    known = f"{told_distance(found.distance)} away" if _known(found) else "beside them"
+    near = _known(found) and found.distance <= _by_noise(len(found.base))
+    used = "which noise alone makes" if near else "not used"
     return (
         f"the closest base parameters that bodies can have are {known}: shown under `physical`,"
-        " not used"
+        f" {used}"
     )
 
 

@@ -219,7 +219,8 @@ def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     names = " or ".join(f"{name} ({share:.0%})" for name, share in pairs)
     law = law_in_model(data)
     names += f", modelled as {law}" if law else ""
-    lines = [f"found in {data['channel']}: {names}, {told(data['where']['text'])}"]
+    where = told(data["where"]["text"])
+    lines = [f"found in {data['channel']}, of {data['target']}: {names}, {where}"]
     for p in data["parameters"]:
         std = "" if p["std"] is None else f" +- {p['std']:.3g}"
         more = bracketed((p["value"],), p["unit"])

@@ -175,7 +175,10 @@ def _undetected(base: BaseMap, trial: Fit, sizes: FloatArray) -> dict[int, str]:
         by_force, by_held = _worst_errors(trial.gram, free, held, UNSURE * seen[held])
         errors[free] = np.maximum(noise, lacking * by_force) + by_held
         parts = [int(i) for i in free if base.link_count <= i < len(base.names)]
-        worst = max(parts, key=lambda i: float(errors[i] / seen[i]), default=-1)
+        # Of a part that is said to have nothing, and has nothing, any error is too much.
+        nothing = np.full(seen.size, np.inf)
+        far = np.divide(errors[: seen.size], seen, out=nothing, where=seen > 0.0)
+        worst = max(parts, key=lambda i: float(far[i]), default=-1)
         if worst < 0 or errors[worst] <= seen[worst]:
             return reasons
         for i in parts:

@@ -108,8 +108,19 @@ class Inconsistency:
         which = ", ".join(first) + (f" and {more} more" if more else "")
         together = " together" if len(self.bodies) > 1 else ""
         size = self.standard_deviations
-        far = f", {size:.1f} standard deviations from the closest" if math.isfinite(size) else ""
+        far = f", {told_distance(size)} from the closest" if math.isfinite(size) else ""
         return f"no physically consistent {who}{together} has the identified {which}{far}"
+
+
+def told_distance(deviations: float) -> str:
+    """A distance in words.
+
+    Parameters
+    ----------
+    deviations : float
+    """
+    size = f"{deviations:.1f}"
+    return f"{'less than 0.1' if size == '0.0' else size} standard deviations"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from hydro_ident.parameters import COMMAND_DELAY, NORMAL_95, Parameter
 from hydro_ident.report.found_words import corners, law_in_model
 from hydro_ident.report.parameter_section import ParameterRow, beside_bound, identified_row
 from hydro_ident.report.verdict_words import plain
+from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, Robot
 
 _EDGES = ("c_pa", "c_at", "c_bt", "c_pb")
@@ -70,7 +71,23 @@ def model_rows(found: Diagnosis, owner: Mapping[str, str]) -> list[ParameterRow]
             rows.append(_row(robot, f"{valve.name}.{edge}", *values, "m^3/(s sqrt(Pa))"))
     delays = robot.command_delay_s, given.command_delay_s
     rows.append(_row(robot, COMMAND_DELAY, *delays, "s", at_bound))
+    rows += _listed_rows(robot, given)
     return [identified_row(p, owner) for p in rows]
+
+
+def _listed_rows(robot: Robot, given: Robot) -> list[Parameter]:
+    """Numbers of the effects that the robot file lists, as they came out and as listed."""
+    now = {(one.effect.name, one.target): one for one in resolve(robot)}
+    rows = []
+    for listed in resolve(given):
+        fitted = now.get((listed.effect.name, listed.target))
+        if fitted is None:
+            continue
+        pairs = zip(fitted.parameters.tolist(), listed.parameters.tolist(), strict=True)
+        for spec, unit, values in zip(listed.effect.parameters, listed.units, pairs, strict=True):
+            name = f"{listed.target}.{listed.effect.name}.{spec.name}"
+            rows.append(_row(robot, name, *values, unit))
+    return rows
 
 
 def _row(
