@@ -141,3 +141,14 @@ def test_without_parts_in_the_file_steel_says_what_to_expect() -> None:
     base = base_map(robot)
     ratio = expected_sizes(bare, base)[6:] / expected_sizes(robot, base)[6:]
     assert np.all((ratio > 0.3) & (ratio < 3.0))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_part_that_is_said_to_be_nothing_is_held_without_a_warning() -> None:
+    """A double rod's ring has no rod of its own: a size of 0, of which nothing is a share."""
+    robot = load_robot("xs031")
+    ring = [replace(c, rod_m=0.0, barrel=None, rod=None) for c in robot.cylinders]
+    found = fitted(robot, replace(robot, cylinders=tuple(ring)))
+    names = found.model.base.names
+    held = {names[part.index] for part in found.held}
+    assert {name for name in names[6:] if "_rod." in name} <= held

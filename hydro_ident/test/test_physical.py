@@ -18,7 +18,12 @@ from hydro_ident.consistent_robot import (
     with_standard_parameters,
 )
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.physical import BaseEstimate, PhysicalParameters, physical_parameters
+from hydro_ident.estimate.physical import (
+    BaseEstimate,
+    PhysicalParameters,
+    physical_parameters,
+    told_distance,
+)
 from hydro_ident.estimate.pseudo_inertia import bodies_of
 from hydro_ident.model_file import write_model
 from hydro_ident.study.consistency import random_robot, table
@@ -358,3 +363,9 @@ def test_the_study_finds_every_exact_machine_consistent() -> None:
     exact = [line for line in lines if "  0e+00  " in line]
     assert len(exact) == 7
     assert all("1 /   1" in line for line in exact)
+
+
+def test_a_distance_that_rounds_to_nothing_is_told_as_small() -> None:
+    assert told_distance(0.02) == "less than 0.1 standard deviations"
+    assert told_distance(0.06) == "0.1 standard deviations"
+    assert told_distance(3.14) == "3.1 standard deviations"

@@ -11,8 +11,10 @@ import pytest
 from hydro_ident.mismatch.as_listed import as_listed_notes
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import listed_notes
+from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.report.model_parameters import model_rows
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.robot import EffectSpec
@@ -110,3 +112,24 @@ def test_a_shape_that_is_listed_wrongly_is_fitted(slow_valves: Callable[..., Res
     hz, damping = work.base.model.terms[1].parameters
     assert hz == pytest.approx(9.0, rel=0.03)
     assert damping == pytest.approx(0.8, rel=0.05)
+
+
+def test_the_report_has_what_came_out_of_what_was_listed(
+    slow_valves: Callable[..., Residuals],
+) -> None:
+    work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(16.0, 0.8, "tilt"))
+    told = robot_of(work.training.predictor, work.base, work.robot).robot
+    rows = {
+        row.name: row
+        for row in model_rows(Diagnosis(MATCHES, work.robot, told, whole=work.base), {})
+        if "spool_lag" in row.name
+    }
+    kept = rows[f"{LIFT}.valve_spool_lag.frequency"]
+    assert (kept.value, kept.datasheet, kept.off) == (60.0, 60.0, True)
+    assert kept.below == "not fitted: as given"
+    moved = rows["tilt_cylinder.valve_spool_lag.frequency"]
+    assert (moved.datasheet, moved.off) == (16.0, False)
+    assert moved.interval is not None
+    low, high = moved.interval
+    assert low < moved.value < high
+    assert moved.value == pytest.approx(9.0, rel=0.03)
