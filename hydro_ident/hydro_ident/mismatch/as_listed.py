@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.stepping import is_shape
 from hydro_ident.mismatch.training import Training
@@ -41,16 +41,20 @@ def with_listed(training: Training, start: Model) -> tuple[Training, Fitted]:
         return training, fit(training, start)
     training = replace(training, as_listed=shaped)
     base = fit(training, start)
-    left = base.squares
-    moved = set()
-    for key in shaped:
-        free = replace(training, as_listed=shaped - {key})
-        if left - fit(free, base.model, base.bench.noise).squares > _GAIN:
-            moved.add(key)
+    moved = {key for key in shaped if _gains(training, base, key)}
     if not moved:
         return training, base
     training = replace(training, as_listed=shaped - moved)
     return training, fit(training, base.model)
+
+
+def _gains(training: Training, base: Fitted, key: tuple[str, str]) -> bool:
+    """Whether an effect's shapes, when freed, take out more than chance does."""
+    free, noise = replace(training, as_listed=training.as_listed - {key}), base.bench.noise
+    # What a linear step does not promise, no fit keeps; and most promise nothing.
+    if base.squares - fitted(free, base.model, noise).squares <= _GAIN:
+        return False
+    return base.squares - fit(free, base.model, noise).squares > _GAIN
 
 
 def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
