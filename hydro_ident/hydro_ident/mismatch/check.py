@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.prior import Prior
+from hydro_ident.mismatch.telling import telling, unfitted, within
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.where import VARIABLES
 from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.survey import parked_elsewhere
 from hydro_model.effects.targets import ActiveEffect
-from hydro_model.robot import FloatArray
+from hydro_model.robot import FloatArray, Robot
 
 #: Variables of laws that are extrapolated where a joint was never fitted.
 _OF_POSITION = frozenset({"joint_angle", "piston_position"})
@@ -102,3 +106,69 @@ class Check:
         material = self.predictor.material
         at = material.channels.index(name) if name in material.channels else -1
         return np.asarray(self.mask & (material.channel == at))
+
+
+def held_back(training: Training, rows: BoolArray, moving: BoolArray) -> Check:
+    """What is verified on of the fitted recordings themselves.
+
+    Parameters
+    ----------
+    training : Training
+    rows, moving : (N,) bool array
+        Those of its material that were kept back, and on which friction laws can be judged.
+    """
+    predictor = training.predictor
+    known = within(predictor.material, training.mask, predictor.material)
+    return Check(predictor, rows & known, moving, rows & ~known)
+
+
+def elsewhere(
+    there: Material,
+    training: Training,
+    signals: SignalSurvey,
+    unlocked: Mapping[str, Sequence[int]],
+    still: Mapping[str, Mapping[int, float]],
+) -> tuple[Check, tuple[str, ...]]:
+    """Rows of other recordings: verified on are fitted channels, where their joints have been.
+
+    And what is to be said of joints that have not been there.
+
+    Parameters
+    ----------
+    there : Material
+        Of the other recordings.
+    training : Training
+    signals : SignalSurvey
+        Of the fitted recordings.
+    unlocked : mapping of str to sequence of int
+        By recording, the joints that move there and nowhere in what was fitted.
+    still : mapping of str to mapping of int to float
+        By recording, where the joints are that stand still.
+    """
+    material, parked = training.predictor.material, parked_elsewhere(signals, still)
+    foreign = unfitted(there, unlocked, parked) | there.stopped
+    known = within(material, training.mask, there) & ~foreign
+    own = np.isin(np.array(there.channels)[there.channel], material.channels)
+    check = Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
+    return check, _unlocked(there.robot, unlocked) + _parked(there.robot, parked)
+
+
+def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str, ...]:
+    """Which recordings move joints that nothing fitted has moved."""
+    return tuple(
+        f"{name}: {', '.join(robot.joint_names[j] for j in joints)} moves, which stood still in"
+        " all that was fitted: forces there, and flows of its own, are not verified on"
+        for name, joints in unlocked.items()
+        if joints
+    )
+
+
+def _parked(robot: Robot, parked: Mapping[str, Mapping[int, float]]) -> tuple[str, ...]:
+    """Which recordings have joints stand still where nothing fitted has had them."""
+    return tuple(
+        f"{name}: {robot.joint_names[j]} stands still {off:.2g}"
+        f" {'m' if robot.joints[j].prismatic else 'rad'} from where it stood in all that was"
+        " fitted: forces there are not verified on, as gravity may be another"
+        for name, joints in parked.items()
+        for j, off in joints.items()
+    )

@@ -16,9 +16,9 @@ from hydro_ident.estimate.noise import flow_noise, force_noise
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.as_listed import with_listed
-from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.check import Check, elsewhere, held_back
 from hydro_ident.mismatch.choices import Choices, choices_of
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.laying import material_of
@@ -42,14 +42,14 @@ from hydro_ident.mismatch.prior import (
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.settings import LONGEST_SCAN_S, DiagnosisSettings
 from hydro_ident.mismatch.slowness import settled
-from hydro_ident.mismatch.telling import telling, unfitted, within
+from hydro_ident.mismatch.telling import telling
 from hydro_ident.mismatch.training import Training, start_model
-from hydro_ident.sources import WHOLE_S, Source
+from hydro_ident.mismatch.whole import read_whole
+from hydro_ident.sources import Source
 from hydro_ident.survey import (
     Survey,
     by_torques,
     merged_signals,
-    parked_elsewhere,
     recorded_notes,
     still_joints_of,
     still_positions,
@@ -123,26 +123,6 @@ class Residuals:
         return {name: float(floors[name]) for name in material.channels}
 
 
-def whole_traces(
-    sources: Sequence[Source], cleaner: Cleaner, cleaned: dict[str, int]
-) -> tuple[Trace, ...]:
-    """The contiguous traces of whole recordings, in memory, without outliers.
-
-    Parameters
-    ----------
-    sources : sequence of Source
-    cleaner : Cleaner
-    cleaned : dict of str to int
-        Counts by sensor what was taken out.
-    """
-    return tuple(
-        trace
-        for source in sources
-        for piece in source.pieces(WHOLE_S)
-        for trace in traces_of_piece(cleaner.cleaned(piece, cleaned))
-    )
-
-
 def own_forces(robot: Robot, torque: bool) -> ForceModel:
     """The robot's force model: with bodies of cylinders only where its file has them.
 
@@ -192,7 +172,7 @@ def residuals(
     still = still_positions(surveys, locked)
     sources, others = with_updates(robot, sources, others, surveys)
     cleaner = Cleaner.of(robot, signals, _GROSS)
-    whole, recorded, cleaned = _read(sources, others, cleaner)
+    whole, recorded, cleaned = read_whole(sources, others, cleaner)
     if not whole:
         return None
     traces, looked_at = (spread_parts(whole, s) for s in (settings.longest_s, LONGEST_SCAN_S))
@@ -220,38 +200,13 @@ def residuals(
         traces = spread_parts(recorded, settings.longest_s)
         unlocked = {s.name: [j for j in locked if j not in still[s.name]] for s in surveys}
         there = _material_there(laid, traces, others)
-        check, said = _elsewhere(there, training, signals, unlocked, still)
+        check, said = elsewhere(there, training, signals, unlocked, still)
         notes += partly("verified on", recorded, traces) + said
     else:
         notes += hardly_held(material, fit_rows, check_rows) if every else ()
-        check = _held_back(training, check_rows, moving)
+        check = held_back(training, check_rows, moving)
     bank = Bank(scan.predictor)
     return Residuals(robot, training, base, scan, check, traces, split, signals, notes, bank)
-
-
-def _held_back(training: Training, rows: BoolArray, moving: BoolArray) -> Check:
-    """What is verified on of the fitted recordings themselves."""
-    predictor = training.predictor
-    known = within(predictor.material, training.mask, predictor.material)
-    return Check(predictor, rows & known, moving, rows & ~known)
-
-
-def _read(
-    sources: Sequence[Source], others: Sequence[Source], cleaner: Cleaner
-) -> tuple[tuple[Trace, ...], tuple[Trace, ...], dict[str, int]]:
-    """Traces to fit and to verify on, and how many samples of those to fit were outliers."""
-    cleaned = dict[str, int]()
-    whole = whole_traces(sources, cleaner, cleaned)
-    recorded = whole_traces(others, cleaner, dict[str, int]()) if whole else whole
-    whole, recorded = _of_one_oil(whole, recorded)
-    return whole, recorded, cleaned
-
-
-def _of_one_oil(*sets: tuple[Trace, ...]) -> list[tuple[Trace, ...]]:
-    """Without the oil's temperature where only some recordings know it: a law would be two."""
-    if all(trace.oil_c is not None for traces in sets for trace in traces):
-        return list(sets)
-    return [tuple(replace(trace, oil_c=None) for trace in traces) for traces in sets]
 
 
 def _searched(
@@ -277,46 +232,6 @@ def _material_there(laid: _Laid, traces: Sequence[Trace], others: Sequence[Sourc
         f"{', '.join(s.name for s in others)}: expected rows to verify on, found none: take a"
         " longer recording, of every joint in motion, or none, and every fifth block of the others"
         " is kept for it"
-    )
-
-
-def _elsewhere(
-    there: Material,
-    training: Training,
-    signals: SignalSurvey,
-    unlocked: Mapping[str, Sequence[int]],
-    still: Mapping[str, Mapping[int, float]],
-) -> tuple[Check, tuple[str, ...]]:
-    """Rows of other recordings: verified on are fitted channels, where their joints have been.
-
-    And what is to be said of joints that have not been there.
-    """
-    material, parked = training.predictor.material, parked_elsewhere(signals, still)
-    foreign = unfitted(there, unlocked, parked) | there.stopped
-    known = within(material, training.mask, there) & ~foreign
-    own = np.isin(np.array(there.channels)[there.channel], material.channels)
-    check = Check(Predictor(there), known, telling(there, signals), own & ~known & ~foreign)
-    return check, _unlocked(there.robot, unlocked) + _parked(there.robot, parked)
-
-
-def _unlocked(robot: Robot, unlocked: Mapping[str, Sequence[int]]) -> tuple[str, ...]:
-    """Which recordings move joints that nothing fitted has moved."""
-    return tuple(
-        f"{name}: {', '.join(robot.joint_names[j] for j in joints)} moves, which stood still in"
-        " all that was fitted: forces there, and flows of its own, are not verified on"
-        for name, joints in unlocked.items()
-        if joints
-    )
-
-
-def _parked(robot: Robot, parked: Mapping[str, Mapping[int, float]]) -> tuple[str, ...]:
-    """Which recordings have joints stand still where nothing fitted has had them."""
-    return tuple(
-        f"{name}: {robot.joint_names[j]} stands still {off:.2g}"
-        f" {'m' if robot.joints[j].prismatic else 'rad'} from where it stood in all that was"
-        " fitted: forces there are not verified on, as gravity may be another"
-        for name, joints in parked.items()
-        for j, off in joints.items()
     )
 
 

@@ -177,8 +177,8 @@ SABOTAGES = (
         "verified_on_training_rows",
         "a finding is confirmed on the rows that it was fitted to",
         "mismatch/residuals.py",
-        "check = _held_back(training, check_rows, moving)",
-        "check = _held_back(training, fit_rows, moving)",
+        "check = held_back(training, check_rows, moving)",
+        "check = held_back(training, fit_rows, moving)",
         f"{_GUARDS}::test_what_held_for_the_training_blocks_alone_does_not_stand",
     ),
     Sabotage(
