@@ -13,6 +13,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.judging import FAINTLY
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
@@ -23,7 +24,7 @@ from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
 from hydro_ident.mismatch.spoilt import made_worse, sides_of
 from hydro_ident.mismatch.unknown import Unexplained, unexplained
-from hydro_ident.mismatch.verify import FAINTLY, Verification, verify
+from hydro_ident.mismatch.verify import Verification, verify
 from hydro_ident.mismatch.where import VARIABLES
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray

@@ -18,32 +18,26 @@ import numpy as np
 
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
-from hydro_ident.mismatch.constancy import (
-    COMES_AND_GOES,
-    COMES_AND_GOES_FLOW,
-    SHIFTS,
-    inconstancy,
-)
+from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
 from hydro_ident.mismatch.fitting import Fitted, fit
-from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, looked, missed, objection
+from hydro_ident.mismatch.held_out import STANDS, HeldOut, looked
 from hydro_ident.mismatch.instants import at_own_instants
+from hydro_ident.mismatch.judging import (
+    FURTHER,
+    PLAIN,
+    exercised,
+    judged,
+    meets,
+    paid_for,
+    vague,
+)
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, at_a_bound, untold_by_few
+from hydro_ident.mismatch.placebos import placebo_residuals
 from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.products import paid
-from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
-
-#: What the next effect of a set has to be better by where one was refused: it is another question.
-_FURTHER = 0.1
-#: ... and what goes with rows that it should hardly change: that takes luck, or more than found.
-_LUCK = 0.1
-#: Chance on held-out rows from which on they show a finding but faintly.
-FAINTLY = 1.0e-3
-#: Correlation with the finding from which a shifted one is the same.
-_ALIKE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +91,6 @@ class Verification:
         return self.silent and self.p_value <= STANDS and after < before
 
 
-#: Share of an effect's mean square on the training rows below which held-out rows miss it, unless
-#: what a refit leaves of it there is this many of the noise's variances, times overdispersion.
-_EXERCISED, _PLAIN = 0.02, 100.0
-#: What a true finding would gain in a look, per unit of overdispersion, that plainly denies it
-#: where more than this share of chance does as well: five deviations.
-_PLAINLY, _NEVER = 25.0, 0.5
-#: Log-likelihood by which its own recording has to pay for a finding that no other one exercises:
-#: odds of twenty to one.
-_NO_DOUBT = 3.0
-
-
 def verify(
     training: Training,
     whole: Fitted,
@@ -150,21 +133,21 @@ def verify(
     # What comes and goes does on either rows when it does there.
     here = _column(training.predictor, whole.model, mine)
     elsewhere = _column(check.predictor, model, mine)
-    placebos = _placebos(training, without, check, plain, here, elsewhere)
+    placebos = placebo_residuals(training, without, check, plain, here, elsewhere)
     prior = check.known(training)
     behind = HeldOut.refitted(check, lacking.model, noise, prior)
     ahead = HeldOut.predicted(check, lacking, noise).doubted(behind, with_it)
     instants = tried_instants.get((mine.effect.name, mine.target), 1)
     # Its instants are paid for, and what was refused before it: so far down chance has to be told.
-    dear = instants / _FURTHER**named.refused
+    dear = instants / FURTHER**named.refused
     looks = [looked(one, plain, with_it, placebos, acting, dear) for one in (ahead, behind)]
-    looks = _paid_for(looks, instants)
-    plainly = _PLAIN * max(named.spread, 1.0)
+    looks = paid_for(looks, instants)
+    plainly = PLAIN * max(named.spread, 1.0)
     own = whole.bench.noise.whitened(training.layout, here[training.mask])
     own = own[whole.bench.noise.settled(training.layout)]
-    met = _met(check, acting) and _exercised((ahead, behind), own, elsewhere, plainly)
-    best, silent, against = _judged(looks, named, met)
-    against = against or _vague(best, silent, acting, untold(whole, terms))
+    met = meets(check, acting) and exercised((ahead, behind), own, elsewhere, plainly)
+    best, silent, against = judged(looks, named, met)
+    against = against or vague(best, silent, acting, untold(whole, terms))
     agreement = () if silent else agreements(whole, there, terms)
     idle = _idle(without.squares - whole.squares, named, tried)
     reason = at_a_bound(mine) or untold_by_few(named, mine) or idle or against
@@ -177,36 +160,6 @@ def verify(
     sides = best.paid, *looks[0].sides, best.placebo
     quiet = bool(idle) and reason == idle
     return Verification(*sides, not reason, reason, agreement, silent, bool(going), quiet)
-
-
-def _paid_for(looks: Sequence[Look], instants: int) -> list[Look]:
-    """Ways of looking, any of which may tell, with that and the instants tried paid for."""
-    shared = paid([one.p_value for one in looks])
-    return [
-        replace(one, p_value=p, instants=instants) for one, p in zip(looks, shared, strict=True)
-    ]
-
-
-def _vague(best: Look, silent: bool, acting: Sequence[str], size: str) -> str:
-    """What speaks against a finding whose size is not told: held-out rows that hardly show it.
-
-    Parameters
-    ----------
-    best : Look
-    silent : bool
-        They do not exercise it.
-    acting : sequence of str
-        Channels that it acts on.
-    size : str
-        As `untold`.
-    """
-    before, after = best.sides
-    gains = any(after[n] < before[n] for n in acting if n in after)
-    if not size or (not silent and gains and best.paid <= FAINTLY):
-        return ""
-    little = "hardly exercise it" if silent else "show it but faintly"
-    little = little if silent or gains else "gain nothing by it"
-    return f"held-out rows {little}, and its size is not told: {size}"
 
 
 def _comes_and_goes(training: Training, without: Fitted, column: FloatArray) -> str:
@@ -223,74 +176,6 @@ def _comes_and_goes(training: Training, without: Fitted, column: FloatArray) -> 
         f"it comes and goes: from one stretch of the recordings to another its size changes by"
         f" {changes:.2g} times itself (standard deviation)"
     )
-
-
-def _judged(looks: Sequence[Look], named: Named, met: bool) -> tuple[Look, bool, str]:
-    """The look that speaks for a finding, whether there is nothing to see, and what is against it.
-
-    What shows on held-out rows but faintly they are not bound to confirm: they are to give a true
-    finding's share of chance, and its own recording the rest. No look may deny it plainly. Either
-    is of the rows as they are: what a finding pays for its instants does not speak against it.
-    """
-    least, spread = STANDS * _FURTHER**named.refused, max(named.spread, 1.0)
-    best = min(looks, key=lambda one: (bool(objection(one, least)), one.p_value))
-    against = objection(best, least)
-    plain = not against and best.paid <= _LUCK * least
-    if met and not plain and max(one.shown for one in looks) < SHOWN * spread:
-        # It acts there, and as it should: what only its own recording tells was fitted to that,
-        # unless more of it is there, and plainly: its size came out too small, or acts more.
-        return best, False, against or "held-out rows exercise it and cannot tell it from nothing"
-    denied = any(one.shown >= _PLAINLY * spread and one.p_value > _NEVER for one in looks)
-    unpaid = replace(best, instants=1)
-    faint = against and not objection(unpaid, missed(best.shown / spread))
-    silent = not met or (bool(faint) and not denied)
-    return best, silent, _unexercised(best, named) if silent else against
-
-
-def _met(check: Check, acting: Sequence[str]) -> bool:
-    """Whether there are rows of any channel that a finding acts on.
-
-    What the base makes of other channels without it is no evidence of it.
-    """
-    used = check.mask & check.moving
-    channels = enumerate(check.predictor.material.channels)
-    return any((check.rows(k, n) & used).any() for k, n in channels if n in acting)
-
-
-def _exercised(
-    looks: tuple[HeldOut, HeldOut], own: FloatArray, there: FloatArray, plainly: float
-) -> bool:
-    """Whether an effect itself, whatever the base does, is at work on held-out rows, too.
-
-    Parameters
-    ----------
-    looks : tuple of HeldOut
-        As predicted, and behind a refit.
-    own : (M,) array
-        What it does to the whitened training rows.
-    there : (N,) array
-        What it does to all rows of the check's material.
-    plainly : float
-        Sum of squares behind a refit from which it is at work whatever its share.
-    """
-    ahead, behind = looks
-    shared = float(np.mean(ahead.left(there) ** 2)) >= _EXERCISED * float(np.mean(own**2))
-    return shared or float(np.sum(behind.left(there) ** 2)) >= plainly
-
-
-def _unexercised(look: Look, named: Named) -> str:
-    """What speaks against a finding that held-out rows do not exercise.
-
-    Its own recording has to leave no doubt then: held-out blocks of it, and no flip of signs. Of
-    few motions no blocks are independent, and none can leave none.
-    """
-    if look.worse:
-        return look.worse
-    if named.few > 1.0:
-        return "held-out rows hardly exercise it, and there are too few motions to do without them"
-    if named.p_value > FAMILY_ERROR_UNNAMED or named.margin < _NO_DOUBT or named.refused:
-        return "held-out rows hardly exercise it, and the training rows leave doubts"
-    return ""
 
 
 def _idle(gain: float, named: Named, tried: int) -> str:
@@ -330,40 +215,3 @@ def _column(predictor: Predictor, model: Model, mine: ActiveEffect) -> FloatArra
     """What a model's effect does to all rows of a material, (N,)."""
     own = [predictor.contribution(model, t) for t in model.terms if same(t, mine)]
     return np.asarray(sum(own, np.zeros(predictor.material.size)))
-
-
-def _placebos(
-    training: Training,
-    without: Fitted,
-    check: Check,
-    plain: FloatArray,
-    own: FloatArray,
-    there: FloatArray,
-) -> list[FloatArray]:
-    """Residuals on all rows with a finding's contribution at other times in its place.
-
-    Shifts after which it is still much the same are no placebo. `own` (N,) and `there` (M,) are
-    what it does to the training rows and to the check's.
-    """
-    mask = training.mask
-    real = without.bench.beyond(own[mask][:, None])[:, 0]
-    result = []
-    for shift in SHIFTS:
-        column = _rolled(training.predictor, own, shift)
-        moved = without.bench.beyond(column[mask][:, None])[:, 0]
-        sizes = float(np.linalg.norm(moved) * np.linalg.norm(real))
-        if abs(float(moved @ real)) > _ALIKE * sizes:
-            continue
-        step = float(moved @ without.bench.residual) / max(float(moved @ moved), 1e-300)
-        result.append(plain - step * _rolled(check.predictor, there, shift))
-    return result
-
-
-def _rolled(predictor: Predictor, values: FloatArray, shift: float) -> FloatArray:
-    """Values shifted in time around each channel of each recording."""
-    material = predictor.material
-    result = values.copy()
-    for place in material.places:
-        count = place.rows.stop - place.rows.start
-        result[place.rows] = np.roll(values[place.rows], round(shift * count))
-    return result

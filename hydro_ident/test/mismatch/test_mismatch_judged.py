@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
+from hydro_ident.mismatch.judging import judged, vague
 from hydro_ident.mismatch.named import Contender, Named, named_of
 from hydro_ident.mismatch.notes import left_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.spoilt import _spoils
-from hydro_ident.mismatch.verify import _judged, _vague
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 
@@ -45,9 +45,9 @@ def test_what_held_out_rows_should_hardly_show_takes_more_than_luck(
     named: Named, p_value: float, shown: float, against: str
 ) -> None:
     looks = [_look(p_value, shown), _look(p_value, shown)]
-    assert _judged(looks, named, met=True) == (looks[0], False, against)
+    assert judged(looks, named, met=True) == (looks[0], False, against)
     # Where they do not exercise it, its own recording speaks for it, and leaves no doubt here.
-    assert _judged(looks, named, met=False)[1:] == (True, "")
+    assert judged(looks, named, met=False)[1:] == (True, "")
 
 
 @pytest.mark.parametrize(
@@ -65,12 +65,12 @@ def test_what_instants_cost_does_not_deny_a_finding(
     """124 of them make of p = 0.005 in favour one half and more."""
     faint = replace(_look(p_value, 12.0), instants=124)
     other = replace(_look(0.005 if silent else 0.7, 30.0), instants=124)
-    _, quiet, against = _judged([faint, other], named, met=True)
+    _, quiet, against = judged([faint, other], named, met=True)
     assert quiet is silent
     assert against == ("" if silent else "held-out rows are not predicted better with it (p = 1)")
     # Where it stands by these rows alone they are paid for.
     plain = replace(_look(1e-5, 100.0), instants=124)
-    assert _judged([plain, plain], named, met=True) == (plain, False, "")
+    assert judged([plain, plain], named, met=True) == (plain, False, "")
     assert plain.paid == pytest.approx(1.24e-3)
 
 
@@ -88,9 +88,9 @@ def test_a_size_that_is_not_told_takes_rows_that_show_it_plainly(
 ) -> None:
     look = replace(_look(p_value, 100.0), sides=({"lift/force": 2.0}, {"lift/force": after}))
     size = "inertance is 1 +- 4"
-    against = _vague(look, silent, ["lift/force"], size)
+    against = vague(look, silent, ["lift/force"], size)
     assert against == (said and f"held-out rows {said}, and its size is not told: {size}")
-    assert not _vague(look, silent, ["lift/force"], "")
+    assert not vague(look, silent, ["lift/force"], "")
 
 
 def test_channels_whose_sensors_make_no_noise_divide_nothing() -> None:

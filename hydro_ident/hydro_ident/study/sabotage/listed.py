@@ -192,7 +192,7 @@ SABOTAGES = (
     Sabotage(
         "placebo_unshifted",
         "the placebo is the finding itself",
-        "mismatch/verify.py",
+        "mismatch/placebos.py",
         "np.roll(values[place.rows], round(shift * count))",
         "np.roll(values[place.rows], 0)",
         f"{_GUARDS}::test_an_effect_of_the_machine_stands_and_its_placebo_does_not",
