@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.channel_words import ChannelWords
+from hydro_ident.mismatch.contender import at_a_bound
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import variables_of
-from hydro_ident.mismatch.named import at_a_bound
 from hydro_ident.mismatch.state_space import UNITS
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.parameters import effect_unit, viscous_unit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from hydro_ident.mismatch.named import Contender
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_model.effects.targets import ActiveEffect

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
 from hydro_ident.mismatch.chance import overdispersed, overdispersion, told_best
+from hydro_ident.mismatch.contender import Contender, at_a_bound
 from hydro_ident.mismatch.contenders import (
     behind,
     best_of_each,
@@ -20,7 +21,7 @@ from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fit_starts import Starts
 from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
-from hydro_ident.mismatch.named import Contender, Named, at_a_bound, named_of
+from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS

@@ -17,13 +17,14 @@ from hydro_ident.mismatch.chance import (
     signs,
     used_columns,
 )
+from hydro_ident.mismatch.contender import at_a_bound
 from hydro_ident.mismatch.contenders import firsts
 from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import exclude
 from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fitting import Fitted, fit, fitted
 from hydro_ident.mismatch.modelled import Model, same
-from hydro_ident.mismatch.named import Named, at_a_bound
+from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.one_delay import as_one_delay
 from hydro_ident.mismatch.pairs import best_pair
 from hydro_ident.mismatch.revision import Revision

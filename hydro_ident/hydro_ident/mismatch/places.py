@@ -124,7 +124,7 @@ def bounded_bend(robot: Robot, one: ActiveEffect) -> ActiveEffect:
     """A mode of some of what its joint moves, bent at that where no parallel joint follows.
 
     What is less than a two-hundredth of it, quicker than the rows of forces or damped like oil is
-    no link that bends; of a joint without cylinder it is the rotor's (`named.DRIVE_LIMITS`).
+    no link that bends; of a joint without cylinder it is the rotor's (`contender.DRIVE_LIMITS`).
     """
     joint = joint_of(robot, one)
     usual, along = usual_inertia(robot, joint), next_parallel(robot, joint) >= 0

@@ -19,6 +19,7 @@ import numpy as np
 from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
+from hydro_ident.mismatch.contender import at_a_bound
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, looked
 from hydro_ident.mismatch.instants import at_own_instants
@@ -32,7 +33,7 @@ from hydro_ident.mismatch.judging import (
     vague,
 )
 from hydro_ident.mismatch.modelled import same
-from hydro_ident.mismatch.named import Named, at_a_bound, untold_by_few
+from hydro_ident.mismatch.named import Named, untold_by_few
 from hydro_ident.mismatch.placebos import placebo_residuals
 from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.training import Training

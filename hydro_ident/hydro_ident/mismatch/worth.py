@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitting import Fitted
 from hydro_ident.mismatch.grids import FLANK
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
 from hydro_ident.mismatch.prediction import DELAY

@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from hydro_ident.mismatch.candidates import trials
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.contenders import behind
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.name import _sibling
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.agreement import fitted_there
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.verify import Verification, verify
 from hydro_model.effects.catalogue import resolve

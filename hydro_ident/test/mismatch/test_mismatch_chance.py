@@ -12,7 +12,8 @@ from scipy.signal import lfilter
 from hydro_ident.mismatch.bench import Bench, Partial
 from hydro_ident.mismatch.candidates import Trial
 from hydro_ident.mismatch.chance import chances, foremost, reached, signs
-from hydro_ident.mismatch.named import Contender, at_a_bound, named_of
+from hydro_ident.mismatch.contender import Contender, at_a_bound
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import SEED
 from hydro_ident.mismatch.whitening import Layout, Noise

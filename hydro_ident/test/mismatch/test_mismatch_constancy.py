@@ -12,10 +12,11 @@ import pytest
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.flaws import Flaws, swinging
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.precision import measured_size
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAMILY_ERROR, PRECISION_UNNAMED

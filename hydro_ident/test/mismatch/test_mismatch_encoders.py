@@ -11,11 +11,11 @@ import pytest
 
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.mismatch import encoders
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.fit_starts import Starts
-from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Bank, score
 from hydro_model.effects.catalogue import resolve

@@ -14,12 +14,13 @@ import pytest
 from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.agreement import untold
 from hydro_ident.mismatch.confirm import Confirmer
+from hydro_ident.mismatch.contender import Contender, shape_at_a_bound
 from hydro_ident.mismatch.describe import form_of, form_text
 from hydro_ident.mismatch.diagnosis import _too_little, diagnose
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import Contender, Named, named_of, shape_at_a_bound, untold_by_few
+from hydro_ident.mismatch.named import Named, named_of, untold_by_few
 from hydro_ident.mismatch.outcome import Diagnosis
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.residuals import Residuals, residuals

@@ -13,11 +13,12 @@ from scipy.stats import norm
 from hydro_ident.commands.diagnose import summary_text
 from hydro_ident.mismatch.channel_results import channels_of
 from hydro_ident.mismatch.check import Check
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.diagnosis import _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
-from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.notes import silent_notes, unverified_notes
 from hydro_ident.mismatch.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
 from hydro_ident.mismatch.residuals import Residuals

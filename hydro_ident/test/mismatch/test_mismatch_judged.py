@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
 from hydro_ident.mismatch.judging import judged, vague
-from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.notes import left_notes
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.spoilt import _spoils

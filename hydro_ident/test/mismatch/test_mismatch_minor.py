@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch import minor
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.minor import is_minor, minor_notes, parted, parted_unknown
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.unknown import Unexplained
 from hydro_model.effects.catalogue import resolve

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.name import Searcher
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.revision import Revision
 from hydro_model.effects.catalogue import resolve

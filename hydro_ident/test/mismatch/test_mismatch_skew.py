@@ -15,11 +15,11 @@ from hydro_ident.estimate.derivatives import (
     motion,
     smooth_rates,
 )
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitting import Fitted, fit, settled
 from hydro_ident.mismatch.lacking import readings_apart
 from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.named import Contender
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
 from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings

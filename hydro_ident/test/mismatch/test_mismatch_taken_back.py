@@ -17,11 +17,12 @@ from hydro_ident.mismatch.confirmation import (
     _variable,
     withdrawn,
 )
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitting import Fitted, fit
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Search
-from hydro_ident.mismatch.named import Contender, Named, named_of
+from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.spoilt import made_worse

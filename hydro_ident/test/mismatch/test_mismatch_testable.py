@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from hydro_ident.mismatch.answering import Answer
+from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.diagnosis import _testable
 from hydro_ident.mismatch.exclusion import shut_out
 from hydro_ident.mismatch.name import Search
-from hydro_ident.mismatch.named import Contender, named_of
+from hydro_ident.mismatch.named import named_of
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.unknown import not_testable
