@@ -16,12 +16,13 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber, edge_integrals
 from hydro_ident.estimate.in_series import FLOW, before, valve_laws
+from hydro_ident.estimate.listed_laws import middle
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.flow_laws import held_flows, looks_at_valve
 from hydro_ident.mismatch.force_rows import forces_of, measured
 from hydro_ident.mismatch.material import Place, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, gives_way, same, shapes
-from hydro_ident.mismatch.shaping import Signals, middle
+from hydro_ident.mismatch.shaping import Signals
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects.catalogue import acting_share
 from hydro_model.effects.effect import Stage
@@ -121,7 +122,7 @@ def _plain_residual(signals: Signals, model: Model) -> FloatArray:
     material = signals.material
     result = np.zeros(material.size)
     terms = [term for term in model.terms if term.effect.reading is not None]
-    for s, stretch in enumerate(signals.corrected(terms)):
+    for s, stretch in enumerate(signals.readings.corrected(terms)):
         places = [p for p in material.places if p.stretch == s]
         forced = [p for p in places if not material.is_flow(p.channel)]
         if forced and stretch.moved is not None:
@@ -145,7 +146,7 @@ def _plain_residual(signals: Signals, model: Model) -> FloatArray:
 
 def _add_change(signals: Signals, model: Model, one: ActiveEffect, into: FloatArray) -> None:
     plain, material = model.robot, signals.material
-    for s, stretch in enumerate(signals.stretches(model)):
+    for s, stretch in enumerate(signals.readings.stretches(model)):
         places = [p for p in material.places if p.stretch == s]
         places = [p for p in places if not material.is_flow(p.channel)]
         if not places or stretch.moved is None:
@@ -164,7 +165,7 @@ def _add_friction(signals: Signals, model: Model, one: ActiveEffect, into: Float
         if material.is_flow(place.channel) or material.joint_of(place.channel) not in own:
             continue
         part = own[material.joint_of(place.channel)]
-        stretch = signals.stretches(model)[place.stretch]
+        stretch = signals.readings.stretches(model)[place.stretch]
         rows = signals.of(model, stretch, part)
         force = one.effect.evaluate(rows, one.parameters, Stage.FRICTION, stretch.trace.step_s)
         if material.forces.torque and part.joint is None:
@@ -229,7 +230,10 @@ def said_twice(signals: Signals, model: Model) -> FloatArray:
     for place in material.places:
         if material.is_flow(place.channel):
             index = material.chamber_index(place.channel)
-            chamber, stretch = material.chambers[index], signals.stretches(model)[place.stretch]
+            chamber, stretch = (
+                material.chambers[index],
+                signals.readings.stretches(model)[place.stretch],
+            )
             both = [_laws(signals, model, stretch, chamber, s) for s in (_VOLUME, _COMPLIANCE)]
             rise = -np.diff(pressure_of(chamber, stretch.trace))
             steps = middle(both[0] * both[1]) * rise
@@ -301,7 +305,7 @@ def _balances(
         if material.is_flow(place.channel):
             chamber = material.chambers[material.chamber_index(place.channel)]
             if one.cylinder is None or chamber.index == one.cylinder:
-                yield place, signals.stretches(model)[place.stretch], chamber
+                yield place, signals.readings.stretches(model)[place.stretch], chamber
 
 
 def _edges_at(robot: Robot, chamber: Chamber, trace: Trace, delay_s: float) -> FloatArray:

@@ -59,7 +59,7 @@ _LONE = 0.005
 def visited(predictor: Predictor, model: Model, one: ActiveEffect) -> tuple[float, float]:
     """Where along its travel the piston has been, but for single readings; shares of it."""
     rows = np.concatenate(
-        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
+        [predictor.signals.of(model, s, one) for s in predictor.signals.readings.stretches(model)]
     )
     share = (rows[:, PISTON_POSITION] - rows[:, TRAVEL_LOW]) / (
         rows[:, TRAVEL_HIGH] - rows[:, TRAVEL_LOW]
@@ -93,7 +93,7 @@ def pilots(predictor: Predictor, model: Model, one: ActiveEffect) -> list[tuple[
     shapes: list[tuple[float, ...]] = [(restriction, 0.0, one.effect.parameters[2].lower, ratio)]
     own, other = (PRESSURE_A, PRESSURE_B) if one.side == "a" else (PRESSURE_B, PRESSURE_A)
     rows = np.concatenate(
-        [predictor.signals.of(model, s, one) for s in predictor.signals.stretches(model)]
+        [predictor.signals.of(model, s, one) for s in predictor.signals.readings.stretches(model)]
     )
     outwards = rows[:, VALVE_SIGNAL] < 0.0 if one.side == "a" else rows[:, VALVE_SIGNAL] > 0.0
     for factor in _PILOT_RATIOS:
@@ -281,7 +281,7 @@ def quantiles(
         Of `hydro_model.signals`, taken together.
     """
     values = []
-    for stretch in predictor.signals.stretches(model):
+    for stretch in predictor.signals.readings.stretches(model):
         if one.cylinder is not None:
             rows = wet_rows(model.robot, stretch, one.cylinder)
         else:

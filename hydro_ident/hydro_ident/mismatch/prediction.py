@@ -114,7 +114,7 @@ class Predictor:
                         x[place.rows, at] = skew[:, 2 * len(material.robot.cylinders) + joint]
                     elif one != TORQUES and self._joint_of(one // 2) == joint:
                         x[place.rows, at] = skew[:, one]
-        stretches = self.signals.stretches(model)
+        stretches = self.signals.readings.stretches(model)
         self._ripple_base(model, stretches, x)
         for place in material.places:
             if material.is_flow(place.channel):
@@ -268,7 +268,7 @@ class Predictor:
     def _force_base(self, model: Model) -> list[ForceRows]:
         """Measured forces, filtered regressor and what skews add, of every stretch."""
         key = reading_key(model)
-        stretches = self.signals.stretches(model)
+        stretches = self.signals.readings.stretches(model)
         result = []
         for s, stretch in enumerate(stretches):
             if len(self._forces) >= _KEPT_FORCES * max(len(stretches), 1):

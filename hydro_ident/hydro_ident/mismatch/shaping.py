@@ -1,18 +1,18 @@
-"""Signals as a model has them: sensors corrected, valve signals and rails shaped by its laws."""
+"""Signals as a model has them: valve signals and rails shaped by its laws, rows of each part."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hydro_ident.estimate.chambers import Chamber
-from hydro_ident.estimate.derivatives import motion
 from hydro_ident.estimate.force_rows import Motion, force_columns
 from hydro_ident.estimate.rails import railed
-from hydro_ident.estimate.traces import Trace, last_known, strokes
+from hydro_ident.estimate.traces import Trace, last_known
 from hydro_ident.mismatch.changed_torques import ChangedTorques
+from hydro_ident.mismatch.corrected import CorrectedReadings
 from hydro_ident.mismatch.flow_laws import HeldRows
 from hydro_ident.mismatch.law_signals import (
     dry_rows,
@@ -22,22 +22,13 @@ from hydro_ident.mismatch.law_signals import (
     with_pressures,
 )
 from hydro_ident.mismatch.material import Material, Stretch
-from hydro_ident.mismatch.modelled import (
-    Model,
-    gives_way,
-    identical,
-    reading_key,
-    same_base,
-)
+from hydro_ident.mismatch.modelled import Model, gives_way, identical, same_base
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.effect import Stage
-from hydro_model.effects.readings import Readings
 from hydro_model.effects.targets import ActiveEffect, parts
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import VALVE_SIGNAL
 
-#: Corrected recordings that are kept at a time.
-_KEPT_STRETCHES = 6
 #: Sets of laws on the valve signal whose outcome is kept at a time.
 _KEPT_SHAPES = 6
 #: Valve signals behind laws that are kept at a time, per stretch.
@@ -57,13 +48,14 @@ class Signals:
     Attributes
     ----------
     material : Material
+    readings : CorrectedReadings
     changes : ChangedTorques
     spans : dict
         What `under_way` keeps, by stretch and joint.
     """
 
     material: Material
-    _stretches: dict[tuple[object, ...], tuple[Stretch, ...]] = field(default_factory=dict)
+    readings: CorrectedReadings = field(init=False)
     _kept: Model | None = None
     _plain_rows: dict[tuple[int, int], tuple[Trace, Robot, FloatArray]] = field(
         default_factory=dict
@@ -81,9 +73,11 @@ class Signals:
     _held: dict[tuple[int, int], tuple[_HeldOf, HeldRows]] = field(default_factory=dict)
     _last_plain: tuple[Model, FloatArray] | None = None
     _regressors: dict[int, list[tuple[Motion, FloatArray]]] = field(default_factory=dict)
-    _motions: dict[int, tuple[Trace, Motion]] = field(default_factory=dict)
     changes: ChangedTorques = field(default_factory=ChangedTorques)
     spans: dict[tuple[int, int], tuple[Motion, FloatArray]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.readings = CorrectedReadings(self.material)
 
     def regressor(self, stretch: Stretch, moved: Motion) -> FloatArray:
         """Filtered force regressor of a stretch, (T, n, p); not to be changed.
@@ -142,56 +136,6 @@ class Signals:
             volume = passing(self, model, stretch, chamber)
             kept = self._passed[key] = model, stretch.trace, volume
         return kept[2]
-
-    def stretches(self, model: Model) -> tuple[Stretch, ...]:
-        """The stretches with their sensors' signals corrected by the model's readings."""
-        key = reading_key(model)
-        if not key:
-            return self.material.stretches
-        if key not in self._stretches:
-            if len(self._stretches) >= _KEPT_STRETCHES:
-                self._stretches.pop(next(iter(self._stretches)))
-            terms = [term for term in model.terms if term.effect.reading is not None]
-            self._stretches[key] = self.corrected(terms)
-        return self._stretches[key]
-
-    def corrected(self, terms: Sequence[ActiveEffect]) -> tuple[Stretch, ...]:
-        """The stretches with readings undone; not kept."""
-        if not terms:
-            return self.material.stretches
-        return tuple(self._corrected(stretch, terms) for stretch in self.material.stretches)
-
-    def _corrected(self, stretch: Stretch, terms: Sequence[ActiveEffect]) -> Stretch:
-        trace = stretch.trace
-        seen = _undone(trace, terms)
-        fixed = replace(
-            trace, q=seen.q, p_a=seen.p_a, p_b=seen.p_b, supply=seen.supply, tank=seen.tank,
-            valve_signal=seen.valve_signal,
-        )  # fmt: skip
-        if stretch.moved is None or np.array_equal(fixed.q, trace.q):
-            return replace(stretch, trace=fixed)
-        fixed, moved = self._moved(stretch, stretch.moved, fixed, terms)
-        return replace(stretch, trace=fixed, moved=moved)
-
-    def _moved(
-        self, stretch: Stretch, recorded: Motion, fixed: Trace, terms: Sequence[ActiveEffect]
-    ) -> tuple[Trace, Motion]:
-        """A trace whose positions were corrected, with strokes, and its motion.
-
-        The last one's are kept: fits move what other sensors read beside the same positions.
-        """
-        kept = self._motions.get(stretch.number)
-        if kept is None or not np.array_equal(kept[0].q, fixed.q):
-            own = replace(fixed, stroke=strokes(self.material.robot, fixed.q, fixed.stroke.copy()))
-            q, still = own.q, np.ptp(recorded.q, axis=0) == 0.0
-            if still.any():
-                # What dithers about a rest is corrected at that: held there, it is no motion.
-                held = replace(stretch.trace, q=np.where(still, recorded.q, stretch.trace.q))
-                q = np.where(still, _undone(held, terms).q, q)
-            moved = Motion(*motion(q, own.step_s, self.material.filters))
-            kept = self._motions[stretch.number] = own, moved
-        # The very same positions tell what follows from geometry that it may stay.
-        return replace(fixed, q=kept[0].q, stroke=kept[0].stroke), kept[1]
 
     def of(self, model: Model, stretch: Stretch, one: ActiveEffect) -> FloatArray:
         """What a law may look at over a stretch, (N, SIGNAL_COUNT).
@@ -354,19 +298,3 @@ class Signals:
             rows = self._plain(model.robot, stretch, cylinder).copy()
             kept = self._scratch[key] = stretch.trace, rows
         return kept[1]
-
-
-def _undone(trace: Trace, terms: Sequence[ActiveEffect]) -> Readings:
-    """What a trace's sensors would have read without the errors that some effects say."""
-    seen = Readings(
-        trace.step_s, trace.q, trace.p_a, trace.p_b, trace.supply, trace.tank,
-        trace.valve_signal, trace.joint_torque,
-    )  # fmt: skip
-    for term in terms:
-        seen = term.effect.undone(seen, term.index, term.parameters)
-    return seen
-
-
-def middle(values: FloatArray) -> FloatArray:
-    """Values half way between samples, (N - 1, ...)."""
-    return np.asarray(0.5 * (values[1:] + values[:-1]))

@@ -72,7 +72,7 @@ class Shots:
         list of array or None
             None where a window cannot be integrated.
         """
-        stretches = self.predictor.signals.corrected(sensor_errors(terms))
+        stretches = self.predictor.signals.readings.corrected(sensor_errors(terms))
         return [self._missed(robot, stretches[number], *own) for number, *own in self.spans]
 
     def only(self, kept: Sequence[bool]) -> Shots:

@@ -59,7 +59,7 @@ def row_values(predictor: Predictor, model: Model, channel: int, variable: str) 
     material = predictor.material
     result = np.full(material.size, np.nan)
     for place in material.of_channels([channel]):
-        stretch = predictor.signals.stretches(model)[place.stretch]
+        stretch = predictor.signals.readings.stretches(model)[place.stretch]
         rows = _signals(predictor, model, stretch, channel)[:, SIGNALS[variable]]
         result[place.rows] = material.on_rows(stretch, channel, rows)
     return result

@@ -54,7 +54,7 @@ def under_way(
     """
     material, result = signals.material, np.zeros(left.size)
     joint = joint_of(material.robot, one)
-    for s, stretch in enumerate(signals.stretches(model)):
+    for s, stretch in enumerate(signals.readings.stretches(model)):
         places = [p for p in material.places if p.stretch == s]
         places = [p for p in places if not material.is_flow(p.channel)]
         own = [p for p in places if material.joint_of(p.channel) == joint]

@@ -184,7 +184,7 @@ def test_a_sensor_that_is_corrected_reads_the_truth(true_model: tuple[Predictor,
     predictor, model = true_model
     spec = EffectSpec("pressure_sensor_bias", "lift_cylinder/a", {"bias": 5.0e4})
     one = resolve(replace(model.robot, effects=(spec,)))[0]
-    stretch = predictor.signals.stretches(model.with_term(one))[0]
+    stretch = predictor.signals.readings.stretches(model.with_term(one))[0]
     true = predictor.material.stretches[0].trace
     assert stretch.trace.p_a[:, 0] == pytest.approx(true.p_a[:, 0] - 5.0e4)
     area = model.robot.cylinders[0].area_a_m2
@@ -287,7 +287,7 @@ def test_signals_of_a_model_stay_its_own_beside_another_ones_valves(
     robot = replace(model.robot, valves=valves) if other == "edges" else model.robot
     terms = resolve(replace(robot, effects=tuple(specs if other == "pressures" else specs[:1])))
     beside = replace(model, robot=robot, terms=tuple(terms))
-    signals.shaped(beside, signals.stretches(beside)[0])
+    signals.shaped(beside, signals.readings.stretches(beside)[0])
     np.testing.assert_array_equal(signals.wet(model, stretch, 0), before)
 
 

@@ -139,7 +139,7 @@ def test_an_encoder_that_is_corrected_sets_no_resting_joint_in_motion(
     tiny = EffectSpec("encoder_offset", joint, {"offset": 1e-12})
     (one,) = resolve(replace(half.robot, effects=(tiny,)))
     model = replace(half.base.model, terms=())
-    (stretch,) = predictor.signals.corrected([one])
+    (stretch,) = predictor.signals.readings.corrected([one])
     assert stretch.moved is not None
     assert not stretch.moved.qd[:, JOINT].any()
     # The encoder shows what it has shown: only its motion is that of the rest.

@@ -56,7 +56,10 @@ def test_knees_are_tried_where_the_valve_has_been(bent: Residuals) -> None:
     ]
     knees = sorted(float(one.parameters[1]) for one in chosen)
     rows = np.concatenate(
-        [predictor.signals.of(model, s, chosen[0]) for s in predictor.signals.stretches(model)]
+        [
+            predictor.signals.of(model, s, chosen[0])
+            for s in predictor.signals.readings.stretches(model)
+        ]
     )
     assert knees[0] == 0.0
     assert len(knees) > 2

@@ -118,7 +118,7 @@ SABOTAGES = (
     Sabotage(
         "sensor_error_doubled",
         "a sensor's error is added once more where it is to be taken off",
-        "mismatch/shaping.py",
+        "mismatch/corrected.py",
         "seen = term.effect.undone(seen, term.index, term.parameters)",
         "seen = term.effect.undone(seen, term.index, -term.parameters)",
         f"{_PREDICTION}::test_a_sensor_that_is_corrected_reads_the_truth",
