@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.refined_robot import Refinable
 from hydro_ident.mismatch.refinement import Refinement, refine

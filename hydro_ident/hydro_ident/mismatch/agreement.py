@@ -10,7 +10,8 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.prior import Prior

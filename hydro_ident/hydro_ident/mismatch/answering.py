@@ -10,7 +10,8 @@ from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.confirmation import searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.lacking import (
     lacking,
     lacking_elsewhere,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Entry, Score, score
 from hydro_ident.mismatch.settings import MOST_EFFECTS

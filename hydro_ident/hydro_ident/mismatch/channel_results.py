@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.residuals import Residuals

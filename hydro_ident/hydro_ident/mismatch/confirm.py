@@ -14,7 +14,7 @@ from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
-from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.held_out import VERIFIED
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.lines import waves

@@ -10,7 +10,8 @@ import numpy as np
 from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.judging import FAINTLY

@@ -20,7 +20,8 @@ from hydro_ident.mismatch.contenders import (
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fit_starts import Starts
-from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, reach_of
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit, fit_term, reach_of
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score

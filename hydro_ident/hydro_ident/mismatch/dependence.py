@@ -11,7 +11,7 @@ import numpy as np
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.state_space import SIGNALS, row_values
 from hydro_ident.mismatch.training import Training, layout_of
 from hydro_ident.mismatch.whitening import IndexArray

@@ -10,7 +10,7 @@ from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fit_form import FittedForm, Rows
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.forms import CONSTANT, COSINE, NONE
 from hydro_ident.mismatch.lines import independent_noise
 from hydro_ident.mismatch.state_space import factor_sizes, factors_of, rounding

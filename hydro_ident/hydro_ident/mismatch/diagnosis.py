@@ -13,7 +13,7 @@ from hydro_ident.mismatch.answering import STAGES, Answer, answered, base_to_sea
 from hydro_ident.mismatch.as_listed import as_listed_notes
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.exclusion import shut_out
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences

@@ -11,7 +11,7 @@ import numpy as np
 from hydro_ident.estimate.scores import fit_percent
 from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.onset import idle_edges
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding

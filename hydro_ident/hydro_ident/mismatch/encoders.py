@@ -23,7 +23,7 @@ from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.lines import independent_noise
 from hydro_ident.mismatch.material import Stretch
 from hydro_ident.mismatch.prediction import Predictor

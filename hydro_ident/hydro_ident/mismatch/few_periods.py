@@ -19,7 +19,7 @@ from hydro_ident.mismatch.dependence import (
     inverse_of,
     values_of,
 )
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.lines import repeats, waves
 from hydro_ident.mismatch.periodic import is_scanned, most_periods
 from hydro_ident.mismatch.state_space import OF_READINGS, factors_of

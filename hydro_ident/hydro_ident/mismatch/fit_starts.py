@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.grids import between_tried
 from hydro_ident.mismatch.onset import Sight, ends
 from hydro_ident.mismatch.places import instant_spacing, instants_of

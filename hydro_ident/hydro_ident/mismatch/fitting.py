@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.mismatch.bench import Bench
+from hydro_ident.mismatch.fitted import Fitted, fitted, fitted_at, reweighed
 from hydro_ident.mismatch.handover import handed_over
 from hydro_ident.mismatch.prediction import Model
-from hydro_ident.mismatch.slopes import Start, slopes_at, slopes_of, start_at
+from hydro_ident.mismatch.slopes import Start, slopes_of, start_at
 from hydro_ident.mismatch.stepping import (
-    bounded_columns,
     given_steps,
     is_free,
-    listed_columns,
     longest_delay,
     moved,
-    said_columns,
     stepped,
 )
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.weighed import Weighed, deviations_of
 from hydro_ident.mismatch.whitening import Noise
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
@@ -35,63 +28,6 @@ _HALVINGS, _SETTLED = 4, 1.0e-7
 _SHARES, _STUCK, _POOR = (1.0, 1.0e-2, 1.0e-3, 1.0e-4), 0.1, 0.1
 #: Share of what is left that one more step has to promise to be taken, and how many are.
 _PROMISED, _LONGEST = 1.0e-3, 12
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
-    """A model fitted to the training rows.
-
-    Attributes
-    ----------
-    model : Model
-    residual : (N,) array
-        Measured less predicted on all rows of the material.
-    columns : (N, p) array
-        Base columns, then the slopes of every effect's parameters.
-    names : tuple of str
-    bench : Bench
-        Of the residual on the training rows: behind it nothing is left in these columns.
-    offset : (m,) array
-        How far the base is from what was known of it, in deviations.
-    refined : (p, p) array or None
-        Covariance of an output-error refinement, where the model is one's.
-    held : tuple of str
-        Numbers of the base at a bound: not estimated, whatever the covariance has of them.
-    """
-
-    model: Model
-    residual: FloatArray
-    columns: FloatArray
-    names: tuple[str, ...]
-    bench: Bench
-    offset: FloatArray
-    refined: FloatArray | None = None
-    held: tuple[str, ...] = ()
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance of the numbers by `names`, robust against dependence in blocks."""
-        return self.bench.covariance() if self.refined is None else self.refined
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviations of the numbers, by `names`."""
-        return deviations_of(self.names, self.covariance)
-
-    @property
-    def weighed(self) -> Weighed:
-        """Its numbers and what it leaves, without its rows."""
-        return Weighed(self.model, self.names, self.covariance, self.bench.residual)
-
-    @property
-    def start_squares(self) -> float:
-        """Sum of squares of the whitened residual before any further linear step."""
-        return self.bench.squares
-
-    @property
-    def squares(self) -> float:
-        """Sum of squares of the whitened residual."""
-        return float(self.bench.residual @ self.bench.residual)
 
 
 def fit(training: Training, model: Model, noise: Noise | None = None, passes: int = 3) -> Fitted:
@@ -118,10 +54,10 @@ def fit(training: Training, model: Model, noise: Noise | None = None, passes: in
         before, weighed_by = current.start_squares, current.bench.noise
         # Its rows are as many as those of the next one, which is made while it would be kept.
         del current
-        current = _at(training, start, weighed_by)
+        current = fitted_at(training, start, weighed_by)
         gained = before - current.start_squares
         if noise is None:
-            current = _reweighed(training, current)
+            current = reweighed(training, current)
         elif gained < _SETTLED * max(current.start_squares, 1.0):
             break
     return current
@@ -211,11 +147,6 @@ def settled(training: Training, current: Fitted) -> Fitted:
             break
         current = fresh
     return current
-
-
-def fitted(training: Training, model: Model, noise: Noise | None) -> Fitted:
-    """A model as it is, with what a last linear step would still change taken out."""
-    return _at(training, start_at(training.predictor, model), noise)
 
 
 def fit_term(
@@ -311,50 +242,3 @@ def _with_term(training: Training, without: Fitted, term: ActiveEffect, noise: N
     return Fitted(
         model.with_term(term), residual, columns, whole, bench, without.offset, held=without.held
     )
-
-
-def _at(training: Training, start: Start, noise: Noise | None) -> Fitted:
-    model, residual = start.model, start.residual
-    columns, names = slopes_at(training.predictor, start)
-    columns[:, listed_columns(training, model)] = 0.0
-    offset = training.offset(model)
-    noise = noise or training.noise(_refitted(training, None, residual, columns, offset))
-    bench = training.bench(noise, residual, columns, offset)
-    said = said_columns(training, model)
-    bounded = bounded_columns(training, model, bench.solve())
-    if held := {*said, *bounded}:
-        # A bound that holds leaves nothing to fit: what goes beyond it is a finding's.
-        columns[:, sorted(held)] = 0.0
-        del bench  # as large as the one that is made
-        bench = training.bench(noise, residual, columns, offset)
-    at_bound = tuple(names[k] for k in bounded if k not in said)
-    return Fitted(model, residual, columns, names, bench, offset, held=at_bound)
-
-
-def _reweighed(training: Training, one: Fitted) -> Fitted:
-    """A fit with the noise that its own residual has."""
-    left = _refitted(training, one.bench.noise, one.residual, one.columns, one.offset)
-    bench = training.bench(training.noise(left), one.residual, one.columns, one.offset)
-    return replace(one, bench=bench)
-
-
-def _refitted(
-    training: Training,
-    noise: Noise | None,
-    residual: FloatArray,
-    columns: FloatArray,
-    offset: FloatArray,
-) -> FloatArray:
-    """The residual after a linear refit, for estimating its noise."""
-    if noise is None:
-        own = [residual[training.mask & m] for m in _by_channel(training)]
-        spread = [float(np.std(rows)) if rows.size else 0.0 for rows in own]
-        white = tuple(np.zeros(0) for _ in spread)
-        noise = Noise(white, np.maximum(np.array(spread), training.floor))
-    bench = training.bench(noise, residual, columns, offset)
-    return np.asarray(residual - columns @ bench.solve())
-
-
-def _by_channel(training: Training) -> list[BoolArray]:
-    material = training.predictor.material
-    return [material.channel == k for k in range(len(material.channels))]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.precision import measured_sizes
 from hydro_ident.mismatch.settings import (
     FORM_TOLERANCE,

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.prior import Prior
 from hydro_ident.mismatch.products import chance_beside, share_of_time

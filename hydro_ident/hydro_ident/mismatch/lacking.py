@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.outcome import ChannelResult
 from hydro_ident.mismatch.settings import FAR, FAR_SHARE, GROSS, GROSS_SHARE

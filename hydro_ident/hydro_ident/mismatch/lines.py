@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.dependence import Dependence, dependence_of
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.periodic import VARIABLES, Lines
 from hydro_ident.mismatch.state_space import row_values
 from hydro_ident.mismatch.training import Training

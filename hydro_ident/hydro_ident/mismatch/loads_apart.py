@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.onset import standing
 from hydro_ident.mismatch.prediction import Model, Predictor

@@ -25,7 +25,7 @@ from hydro_ident.mismatch.dependence import (
     values_of,
 )
 from hydro_ident.mismatch.few_periods import POSITIONS, Tried, repeating
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.lines import Repeatable, lines_of
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED, LEAST_EFFECTIVE
 from hydro_ident.mismatch.state_space import OF_READINGS, factors_of, hats, knots_of

@@ -22,7 +22,8 @@ from hydro_ident.mismatch.contenders import firsts
 from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import exclude
 from hydro_ident.mismatch.few_motions import FewMotions
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.modelled import Model, same
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.one_delay import as_one_delay

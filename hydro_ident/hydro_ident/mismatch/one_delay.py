@@ -19,7 +19,8 @@ from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contender import Contender, at_a_bound
 from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import SPOOL
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted, settled
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import DELAY, Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score

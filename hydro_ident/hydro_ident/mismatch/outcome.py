@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hydro_ident.free_run import FreeRun
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.residuals import Residuals

@@ -6,7 +6,7 @@ import numpy as np
 
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.constancy import SHIFTS
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.training import Training
 from hydro_model.robot import FloatArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.model import spec_of
 from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
 from hydro_ident.mismatch.shooting import Unknowns

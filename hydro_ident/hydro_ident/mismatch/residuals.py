@@ -20,7 +20,8 @@ from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.as_listed import with_listed
 from hydro_ident.mismatch.check import Check, elsewhere, held_back
 from hydro_ident.mismatch.choices import Choices, choices_of
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import (

@@ -10,7 +10,8 @@ import numpy as np
 from hydro_ident.mismatch.contenders import CLOSE_SHARE
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.exclusion import rival
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, named_of
 

@@ -22,7 +22,8 @@ from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
 from hydro_ident.mismatch.choices import Choices
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.stepping import at_longest_delay

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import both_at_own_instants
 from hydro_ident.mismatch.outcome import Finding

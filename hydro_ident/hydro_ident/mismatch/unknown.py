@@ -14,7 +14,7 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import Form
 from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_periods import POSITIONS
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed
 from hydro_ident.mismatch.scoring import SWALLOWED, Score

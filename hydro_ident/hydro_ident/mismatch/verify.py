@@ -20,7 +20,8 @@ from hydro_ident.mismatch.agreement import Agreement, agreements, alike, untold
 from hydro_ident.mismatch.check import Check, noise_there
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, inconstancy
 from hydro_ident.mismatch.contender import at_a_bound
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.held_out import STANDS, HeldOut, looked
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.judging import (

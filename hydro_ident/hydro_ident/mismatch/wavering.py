@@ -19,7 +19,7 @@ from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.constancy import COMES_AND_GOES, Sizes, sizes_of
 from hydro_ident.mismatch.dependence import alone, values_of
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.held_out import VERIFIED, rms
 from hydro_ident.mismatch.precision import least_unconfirmed

@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.grids import FLANK
 from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms

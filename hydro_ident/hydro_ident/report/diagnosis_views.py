@@ -12,7 +12,7 @@ from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.channel_words import ChannelWords
 from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
 from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
-from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.lines import waves
 from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.prediction import Model, Predictor

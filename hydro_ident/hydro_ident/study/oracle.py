@@ -20,7 +20,8 @@ import numpy as np
 from hydro_ident.mismatch.candidates import Trial, trials
 from hydro_ident.mismatch.chance import overdispersion
 from hydro_ident.mismatch.contest import CONTENDER_SHARE, CONTENDERS
-from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit, fit_term
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.residuals import Residuals, residuals

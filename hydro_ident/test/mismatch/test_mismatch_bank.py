@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.fitting import Fitted, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.scoring import Bank, Entry, bank_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.contenders import behind, leading
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import Fitted, fit, fit_term, fitted, settled
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit, fit_term, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals

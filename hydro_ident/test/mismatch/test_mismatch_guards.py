@@ -18,7 +18,8 @@ from hydro_ident.mismatch.contender import Contender, shape_at_a_bound
 from hydro_ident.mismatch.describe import form_of, form_text
 from hydro_ident.mismatch.diagnosis import _too_little, diagnose
 from hydro_ident.mismatch.diagnosis_file import result_dict
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.named import Named, named_of, untold_by_few
 from hydro_ident.mismatch.outcome import Diagnosis

@@ -14,7 +14,8 @@ from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.instants import at_own_instants, begun, both_at_own_instants
 from hydro_ident.mismatch.model import robot_of

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fitting import fit, fitted
+from hydro_ident.mismatch.fitted import fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.whitening import Layout, Noise
 from hydro_model.robot import Robot
 

@@ -11,7 +11,8 @@ import pytest
 from hydro_ident.mismatch.agreement import fitted_there
 from hydro_ident.mismatch.answering import answered
 from hydro_ident.mismatch.confirmation import searched
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.worth import OF_VALVES

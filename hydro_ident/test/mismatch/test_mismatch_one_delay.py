@@ -10,7 +10,8 @@ import pytest
 
 from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.named import Named, named_of

@@ -14,7 +14,8 @@ from hydro_ident.estimate.closed_chain import expected_sizes
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import _owned, fit, fitted
+from hydro_ident.mismatch.fitted import fitted
+from hydro_ident.mismatch.fitting import _owned, fit
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.prior import Prior, fixed_prior, left_open, open_notes, parts_prior
 from hydro_ident.mismatch.residuals import Residuals, own_forces

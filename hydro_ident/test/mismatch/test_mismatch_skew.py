@@ -17,7 +17,8 @@ from hydro_ident.estimate.derivatives import (
 )
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitting import Fitted, fit, settled
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.lacking import readings_apart
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.residuals import Residuals, residuals

@@ -19,7 +19,8 @@ from hydro_ident.mismatch.confirmation import (
 )
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitting import Fitted, fit
+from hydro_ident.mismatch.fitted import Fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.named import Named, named_of
