@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.agreement import fitted_there
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitted import Fitted
@@ -20,7 +21,6 @@ from hydro_ident.mismatch.name import Search, Searcher
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.one_delay import from_one_delay
 from hydro_ident.mismatch.outcome import Finding
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import FAR, NAMED_SHARE
 from hydro_ident.mismatch.spoilt import made_worse, sides_of

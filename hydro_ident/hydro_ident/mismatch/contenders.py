@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_model.effects.targets import ActiveEffect
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.scores import GUARD_PERIODS
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.chance import overdispersed, overdispersion, told_best
 from hydro_ident.mismatch.contender import Contender, at_a_bound
 from hydro_ident.mismatch.contenders import (
@@ -23,7 +24,7 @@ from hydro_ident.mismatch.fit_starts import Starts
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit, fit_term, reach_of
 from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.prediction import DELAY, Model
+from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import FOLD_BLOCK_S, FOLDS
 from hydro_ident.mismatch.stepping import WAYS, is_free

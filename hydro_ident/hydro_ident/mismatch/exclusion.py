@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hydro_ident.mismatch.prediction import DELAY
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_model.effects.targets import ActiveEffect
 
 SPOOL = "valve_spool_lag"

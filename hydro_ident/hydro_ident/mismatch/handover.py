@@ -16,7 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.base_columns import DELAY
+from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.skew import PRESSURE_DELAY, is_listed
 from hydro_model.effects.targets import ActiveEffect
 

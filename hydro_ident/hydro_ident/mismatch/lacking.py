@@ -127,7 +127,7 @@ def readings_apart(training: Training, whole: Fitted) -> dict[str, str]:
         joints, what = predictor.torque_joints, "torques"
         if reading != TORQUES:
             cylinder = robot.cylinders[reading // 2]
-            joints, what = [robot.joint_index(cylinder.joint)], f"pressures of {cylinder.name}"
+            joints, what = (robot.joint_index(cylinder.joint),), f"pressures of {cylinder.name}"
         for k, name in enumerate(material.channels):
             if not material.is_flow(k) and material.joint_of(k) in joints and name not in result:
                 result[name] = _apart_text(what, name, skews_s[reading])

@@ -11,8 +11,9 @@ import numpy as np
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.inertial import parameter_scales
 from hydro_ident.identified_robot import has_definite_mass
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.prediction import DELAY, Predictor
+from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.prior import left_open
 from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges

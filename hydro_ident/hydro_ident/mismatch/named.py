@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.contender import Contender, at_a_bound, shape_at_a_bound
 from hydro_ident.mismatch.exclusion import SPOOL
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
 from hydro_model.effects.targets import ActiveEffect
 

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import LEAST_EXCESS
 from hydro_ident.mismatch.slopes import linearised

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.candidates import trials
 from hydro_ident.mismatch.contender import Contender, at_a_bound
 from hydro_ident.mismatch.contest import PASSES, Contest
@@ -22,7 +23,7 @@ from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.prediction import DELAY, Model
+from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.worth import OF_VALVES, resolved

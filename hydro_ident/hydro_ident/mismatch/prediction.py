@@ -8,9 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
+from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.derivatives import low_pass, smooth_rates
 from hydro_ident.mismatch.balance_steps import Balance, balance_steps
+from hydro_ident.mismatch.base_columns import BaseColumns, delay_name
 from hydro_ident.mismatch.contributions import (
     changed,
     contribution,
@@ -20,27 +21,21 @@ from hydro_ident.mismatch.contributions import (
 from hydro_ident.mismatch.force_rows import measured, skewed
 from hydro_ident.mismatch.material import Material, Stretch, pressure_of
 from hydro_ident.mismatch.modelled import Model, reading_key, same, same_base, shapes
-from hydro_ident.mismatch.ripple import ripple_force, ripple_name
+from hydro_ident.mismatch.ripple import ripple_force
 from hydro_ident.mismatch.shaping import Signals
-from hydro_ident.mismatch.skew import TORQUE_SKEW, TORQUES, skew_name
+from hydro_ident.mismatch.skew import TORQUES, skew_name
 from hydro_ident.mismatch.under_way import under_way
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray, Robot
 
-__all__ = ["DELAY", "Model", "Predictor", "shapes"]
+__all__ = ["Model", "Predictor", "shapes"]
 
-DELAY = "command_delay"
 #: Measured forces (T, n) of a stretch, filtered regressor (T, n, p), skews' columns (T, 2 c + n).
 ForceRows = tuple[FloatArray, FloatArray, FloatArray]
 #: Flow rows kept per stretch: some models' worth of chambers.
 _KEPT_FLOWS = 64
 #: Force rows kept per stretch: one per reading of the sensors.
 _KEPT_FORCES = 4
-
-
-def delay_name(chamber: Chamber) -> str:
-    """What the delay of a chamber's valve is called."""
-    return f"{chamber.valve.name}.{DELAY}"
 
 
 @dataclass(slots=True)
@@ -58,6 +53,8 @@ class Predictor:
     skew_columns : dict of int to int
         Where the skew of each chamber's pressure is, chambers a and b of each cylinder in turn,
         and that of all measured torques, `TORQUES`.
+    torque_joints : tuple of int
+        Joints with rows of a torque that is measured.
     """
 
     material: Material
@@ -66,7 +63,7 @@ class Predictor:
     delay_columns: dict[int, int] = field(init=False)
     ripple_columns: dict[int, int] = field(init=False)
     skew_columns: dict[int, int] = field(init=False)
-    _by_torques: list[int] = field(init=False)
+    torque_joints: tuple[int, ...] = field(init=False)
     _forces: dict[tuple[object, ...], tuple[FloatArray, FloatArray, FloatArray]] = field(
         default_factory=dict
     )
@@ -77,25 +74,10 @@ class Predictor:
 
     def __post_init__(self) -> None:
         self.signals = Signals(self.material)
-        self._by_torques = self._read_by_torques()
-        material, cylinders = self.material, self.material.robot.cylinders
-        forces = any(not material.is_flow(k) for k in range(len(material.channels)))
-        names = list(material.forces.names) if forces else []
-        chambers = self._flow_chambers()
-        for chamber in chambers:
-            own = [f"{chamber.cylinder.name}.{INVERSE_BULK}"]
-            own += [f"{chamber.valve.name}.{edge}" for edge in chamber.edges]
-            names += [name for name in own if name not in names]
-        delays = {c.index: delay_name(c) for c in chambers}
-        ripples = {i: ripple_name(cylinders[i].name) for i in self._rippled()}
-        read = dict.fromkeys([*self._read_by_pressures(), *(c.index for c in chambers)])
-        skews = {2 * i + k: skew_name(cylinders[i].name, side)
-                 for i in read for k, side in enumerate("ab")}  # fmt: skip
-        skews |= {TORQUES: TORQUE_SKEW} if self._by_torques else {}
-        self.names = (*names, *delays.values(), *ripples.values(), *skews.values())
-        self.delay_columns = {i: self.names.index(name) for i, name in delays.items()}
-        self.ripple_columns = {i: self.names.index(name) for i, name in ripples.items()}
-        self.skew_columns = {i: self.names.index(name) for i, name in skews.items()}
+        own = BaseColumns.of(self.material)
+        self.names, self.torque_joints = own.names, own.torque_joints
+        self.delay_columns, self.ripple_columns = own.delays, own.ripples
+        self.skew_columns = own.skews
 
     def base(self, model: Model) -> tuple[FloatArray, FloatArray]:
         """Measured values (N,) and base columns (N, p) at a model's signals and delay."""
@@ -110,7 +92,7 @@ class Predictor:
                 y[place.rows] = measured[:, joint]
                 x[place.rows, :count] = columns[:, joint]
                 for one, at in self.skew_columns.items():
-                    if one == TORQUES and joint in self._by_torques:
+                    if one == TORQUES and joint in self.torque_joints:
                         x[place.rows, at] = skew[:, 2 * len(material.robot.cylinders) + joint]
                     elif one != TORQUES and self._joint_of(one // 2) == joint:
                         x[place.rows, at] = skew[:, one]
@@ -200,38 +182,9 @@ class Predictor:
             values |= {self.names[at]: own[i] for i, at in columns.items() if own}
         return np.array([values.get(name, 0.0) for name in self.names])
 
-    @property
-    def torque_joints(self) -> list[int]:
-        """Joints with rows of a torque that is measured."""
-        return self._by_torques
-
     def _joint_of(self, cylinder: int) -> int:
         robot = self.material.robot
         return robot.joint_index(robot.cylinders[cylinder].joint)
-
-    def _read_by_pressures(self) -> list[int]:
-        """Cylinders with rows of a force that is that of pressures."""
-        material = self.material
-        if material.forces.torque:
-            return []
-        forced = {material.joint_of(p.channel) for p in material.places
-                  if not material.is_flow(p.channel)}  # fmt: skip
-        cylinders = range(len(material.robot.cylinders))
-        return [i for i in cylinders if self._joint_of(i) in forced]
-
-    def _read_by_torques(self) -> list[int]:
-        """Joints with rows of a torque that is measured."""
-        material = self.material
-        forced = {material.joint_of(p.channel) for p in material.places
-                  if not material.is_flow(p.channel)}  # fmt: skip
-        dry = material.robot.dry_joints
-        return [j for j in sorted(forced) if material.forces.torque or j in dry]
-
-    def _rippled(self) -> list[int]:
-        """Such cylinders beside a balance that knows the valve."""
-        known = dict.fromkeys(c.index for c in self._flow_chambers())
-        forced = self._read_by_pressures()
-        return [i for i in known if i in forced]
 
     def _ripple_base(self, model: Model, stretches: tuple[Stretch, ...], into: FloatArray) -> None:
         material, key = self.material, (reading_key(model), _edges_of(model.robot))
@@ -256,14 +209,6 @@ class Predictor:
         force = ripple_force(robot, index, trace)
         smooth = low_pass(force, trace.step_s, settings.differentiation_hz, settings.order)
         return self.material.filtered(stretch, smooth)
-
-    def _flow_chambers(self) -> list[Chamber]:
-        material = self.material
-        return [
-            material.chambers[material.chamber_index(k)]
-            for k in range(len(material.channels))
-            if material.is_flow(k)
-        ]
 
     def _force_base(self, model: Model) -> list[ForceRows]:
         """Measured forces, filtered regressor and what skews add, of every stretch."""

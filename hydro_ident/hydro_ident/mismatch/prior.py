@@ -15,7 +15,8 @@ import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
 from hydro_ident.estimate.closed_chain import expected_sizes
-from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.base_columns import DELAY
+from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.ripple import in_step, known_ripple
 from hydro_ident.mismatch.skew import usual_skew
 from hydro_model.base_parameters import BaseMap

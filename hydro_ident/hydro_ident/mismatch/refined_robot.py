@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.model import spec_of
-from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.shooting import Unknowns
 from hydro_ident.mismatch.shots import Shots
 from hydro_ident.mismatch.stepping import is_free, moved, with_values

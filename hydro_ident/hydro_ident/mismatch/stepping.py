@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.mismatch.prediction import DELAY, Model, Predictor
+from hydro_ident.mismatch.base_columns import DELAY
+from hydro_ident.mismatch.prediction import Model, Predictor
 from hydro_ident.mismatch.ripple import largest_ripple
 from hydro_ident.mismatch.settings import LEAST_EXCESS
 from hydro_ident.mismatch.skew import TORQUES, is_listed, largest_skew

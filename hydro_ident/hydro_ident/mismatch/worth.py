@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitted import Fitted
@@ -14,7 +15,6 @@ from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
-from hydro_ident.mismatch.prediction import DELAY
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import (
     ADDED_SHARE,
