@@ -16,9 +16,10 @@ from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.diagnosis import diagnose
 from hydro_ident.mismatch.diagnosis_file import as_modelled, result_json
 from hydro_ident.mismatch.locate import dependences
+from hydro_ident.mismatch.not_testable import NotTestable
 from hydro_ident.mismatch.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.unknown import NotTestable, Unexplained
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views

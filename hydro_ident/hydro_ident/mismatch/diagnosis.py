@@ -19,6 +19,7 @@ from hydro_ident.mismatch.instants import at_own_instants, begun
 from hydro_ident.mismatch.locate import dependences
 from hydro_ident.mismatch.minor import minor_notes, parted, parted_unknown
 from hydro_ident.mismatch.model import Modelled, robot_of
+from hydro_ident.mismatch.not_testable import not_testable
 from hydro_ident.mismatch.notes import (
     apart,
     apart_notes,
@@ -48,7 +49,7 @@ from hydro_ident.mismatch.settings import (
     FEW_MOTIONS,
     DiagnosisSettings,
 )
-from hydro_ident.mismatch.unknown import Unexplained, not_testable
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.recording_summary import recording_summaries
 from hydro_ident.sources import KeptSource, Source, check_names, sources_of
 from hydro_ident.survey import Survey, by_torques, recorded_notes, survey_source

@@ -8,9 +8,10 @@ from hydro_ident.free_run import FreeRun
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.named import Named
+from hydro_ident.mismatch.not_testable import NotTestable
 from hydro_ident.mismatch.refinement import Refinement
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.unknown import NotTestable, Unexplained
+from hydro_ident.mismatch.unknown import Unexplained
 from hydro_ident.mismatch.verify import Verification
 from hydro_ident.recording_summary import RecordingSummary
 from hydro_ident.verdict import BagLoss

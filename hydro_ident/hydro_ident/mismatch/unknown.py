@@ -1,4 +1,4 @@
-"""What is left: dependence that no effect of the catalogue explains, and what could not show."""
+"""What is left: dependence that no effect of the catalogue explains."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.flaws import Flaws
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed
-from hydro_ident.mismatch.scoring import SWALLOWED, Score
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
     LEAST_EXCESS,
@@ -25,16 +24,10 @@ from hydro_ident.mismatch.settings import (
     LEAST_SHARE_UNCONFIRMED,
 )
 from hydro_ident.mismatch.state_space import OF_READINGS
-from hydro_ident.mismatch.testable import untestable
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.wavering import Wavering
 from hydro_ident.mismatch.worth import SAME_AS_DELAY, mere_delay
-from hydro_model.effects.catalogue import CATALOGUE
 
-#: Deviations at which a candidate's size is as good as always found.
-_SURE = 5.0
-#: Usual sizes beyond which a motion cannot show an effect at all.
-_NEVER = 1000.0
 _WORDS = {
     "": "",
     "direction": " times the direction of motion",
@@ -84,19 +77,6 @@ class Unexplained:
     form: Form | None = None
     confirmed: bool = False
     size: float = math.inf
-
-
-@dataclass(frozen=True, slots=True)
-class NotTestable:
-    """An effect that these recordings could not have shown.
-
-    Attributes
-    ----------
-    name, why : str
-    """
-
-    name: str
-    why: str
 
 
 def wanders(one: Dependence, longest_s: float) -> bool:
@@ -283,52 +263,3 @@ def _least_size(
     if wandering:
         drift = max(drift, least_unconfirmed(training, fitted.model, one.channel))
     return max(drift, flaws.of_form(one, wandering=wandering))
-
-
-def not_testable(
-    training: Training, scanned: Sequence[Score], found: Sequence[str]
-) -> tuple[NotTestable, ...]:
-    """Effects that these recordings could not have shown, and why.
-
-    Parameters
-    ----------
-    training : Training
-    scanned : sequence of Score
-        Of every trial, on the final model.
-    found : sequence of str
-        Names that were found: they were testable.
-    """
-    material = training.predictor.material
-    result = []
-    for name, effect in CATALOGUE.items():
-        if name in found:
-            continue
-        # Whatever goes by the name: it could show if one form of it could.
-        reasons = [untestable(material, form) for form in effect.forms]
-        why = "" if "" in reasons else reasons[0]
-        if not why:
-            why = _too_small(name, [s for s in scanned if s.entry.trial.name == name])
-        if why:
-            result.append(NotTestable(name, why))
-    return tuple(result)
-
-
-def _too_small(name: str, own: Sequence[Score]) -> str:
-    """Why an effect of its typical size would not have stood out; empty where it would."""
-    if not own:
-        return "nothing in these recordings changes with it, or a refit of the base swallows it"
-    smallest = min(_detectable(s) for s in own)
-    if smallest > _NEVER:
-        return "nothing of it is left in this motion that a refit of the base does not swallow"
-    if smallest > 1.0:
-        return (
-            f"in this motion it would have to be {smallest:.2g} times its usual size to stand out"
-        )
-    return ""
-
-
-def _detectable(one: Score) -> float:
-    """Size that would be found, in units of the trial's own."""
-    gram, plain = np.diag(one.partial.gram), one.partial.plain
-    told = gram > SWALLOWED * plain
-    return float(_SURE / np.sqrt(np.max(gram[told]))) if told.any() else np.inf

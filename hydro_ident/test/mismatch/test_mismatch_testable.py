@@ -12,9 +12,9 @@ from hydro_ident.mismatch.diagnosis import _testable
 from hydro_ident.mismatch.exclusion import shut_out
 from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.named import named_of
+from hydro_ident.mismatch.not_testable import not_testable
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.unknown import not_testable
 from hydro_ident.mismatch.verify import Verification
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
