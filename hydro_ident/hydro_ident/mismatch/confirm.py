@@ -15,9 +15,9 @@ from hydro_ident.mismatch.chance import reached
 from hydro_ident.mismatch.check import Check
 from hydro_ident.mismatch.dependence import Dependence, alone, values_of
 from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.held_out import VERIFIED
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.lines import waves
+from hydro_ident.mismatch.looks import VERIFIED
 from hydro_ident.mismatch.state_space import factors_of, hats
 from hydro_ident.mismatch.training import Training, block_of
 from hydro_model.robot import FloatArray

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.held_out import SHOWN, STANDS, HeldOut, Look, missed, objection
+from hydro_ident.mismatch.held_out import STANDS, HeldOut
+from hydro_ident.mismatch.looks import SHOWN, Look, missed, objection
 from hydro_ident.mismatch.named import Named
 from hydro_ident.mismatch.products import paid
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED

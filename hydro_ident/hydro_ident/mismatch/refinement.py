@@ -17,8 +17,8 @@ import numpy as np
 from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.contender import at_a_bound
 from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.held_out import VERIFIED, WORSE
 from hydro_ident.mismatch.instants import at_own_instants
+from hydro_ident.mismatch.looks import VERIFIED, WORSE
 from hydro_ident.mismatch.products import chance
 from hydro_ident.mismatch.refined_robot import Refinable
 from hydro_ident.mismatch.residuals import Residuals

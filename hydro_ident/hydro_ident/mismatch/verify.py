@@ -22,7 +22,7 @@ from hydro_ident.mismatch.constancy import COMES_AND_GOES, COMES_AND_GOES_FLOW, 
 from hydro_ident.mismatch.contender import at_a_bound
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.held_out import STANDS, HeldOut, looked
+from hydro_ident.mismatch.held_out import STANDS, HeldOut
 from hydro_ident.mismatch.instants import at_own_instants
 from hydro_ident.mismatch.judging import (
     FURTHER,
@@ -33,6 +33,7 @@ from hydro_ident.mismatch.judging import (
     paid_for,
     vague,
 )
+from hydro_ident.mismatch.looks import looked
 from hydro_ident.mismatch.modelled import same
 from hydro_ident.mismatch.named import Named, untold_by_few
 from hydro_ident.mismatch.placebos import placebo_residuals

@@ -21,7 +21,8 @@ from hydro_ident.mismatch.constancy import COMES_AND_GOES, Sizes, sizes_of
 from hydro_ident.mismatch.dependence import alone, values_of
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.flaws import Flaws
-from hydro_ident.mismatch.held_out import VERIFIED, rms
+from hydro_ident.mismatch.held_out import rms
+from hydro_ident.mismatch.looks import VERIFIED
 from hydro_ident.mismatch.precision import least_unconfirmed
 from hydro_ident.mismatch.products import paid
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED

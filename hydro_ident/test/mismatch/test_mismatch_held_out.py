@@ -18,7 +18,8 @@ from hydro_ident.mismatch.diagnosis import _verdict
 from hydro_ident.mismatch.diagnosis_file import result_dict
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.held_out import STANDS, HeldOut, Look, looked, missed, objection
+from hydro_ident.mismatch.held_out import STANDS, HeldOut
+from hydro_ident.mismatch.looks import Look, looked, missed, objection
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.notes import silent_notes, unverified_notes
 from hydro_ident.mismatch.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding

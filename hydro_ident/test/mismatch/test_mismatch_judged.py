@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.held_out import SHOWN, STANDS, Look
+from hydro_ident.mismatch.held_out import STANDS
 from hydro_ident.mismatch.judging import judged, vague
+from hydro_ident.mismatch.looks import SHOWN, Look
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.notes import left_notes
 from hydro_ident.mismatch.outcome import ChannelResult
