@@ -16,8 +16,9 @@ from hydro_ident.estimate.chambers import (
     chambers_of,
     column_names,
 )
+from hydro_ident.estimate.cylinder_fit import CylinderFit
 from hydro_ident.estimate.derivatives import FilterSettings, secant_slope
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
 from hydro_ident.estimate.late_forces import late_rows
 from hydro_ident.estimate.listed_effects import ListedEffects

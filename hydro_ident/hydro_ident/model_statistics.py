@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.cylinder_fit import CylinderFit
+from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.left_out import cylinder_errors, force_errors, left_out_rms
 from hydro_ident.estimate.scores import ChannelScore

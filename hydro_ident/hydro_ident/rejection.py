@@ -16,7 +16,8 @@ import numpy as np
 from hydro_ident.estimate.bounds import conditioned, effect_bounds
 from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
 from hydro_ident.estimate.closed_chain import HeldPart
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.cylinder_fit import CylinderFit
+from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.listed_laws import NULL_BIAS
 from hydro_ident.estimate.scores import ChannelScore

@@ -14,7 +14,8 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.compare import compare
 from hydro_ident.estimate.bounds import conditioned
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.cylinder_fit import CylinderFit
+from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimation import Estimates
 from hydro_ident.identification import Identification, Settings, identify
 from hydro_ident.identification_node import determined

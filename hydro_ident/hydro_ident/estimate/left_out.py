@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hydro_ident.estimate.hydraulics import CylinderFit
+from hydro_ident.estimate.cylinder_fit import CylinderFit
 from hydro_ident.estimate.inertial import InertialFit
 from hydro_ident.estimate.least_squares import Fit
 from hydro_ident.estimate.scores import ChannelScore

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK, Chamber
+from hydro_ident.estimate.cylinder_fit import CylinderFit
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.held_effects import (
     corrected,
@@ -23,7 +24,7 @@ from hydro_ident.estimate.held_effects import (
     known_motion,
     moving_signals,
 )
-from hydro_ident.estimate.hydraulics import CylinderFit, HydraulicFit
+from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.listed_laws import (
     COMPLIANCE,
