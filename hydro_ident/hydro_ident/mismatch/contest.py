@@ -23,6 +23,7 @@ from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.fit_starts import Starts
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit, fit_term, reach_of
+from hydro_ident.mismatch.lags import OF_VALVES, base_delay, resolved
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Score
@@ -31,14 +32,7 @@ from hydro_ident.mismatch.stepping import WAYS, is_free
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.weighed import Weighed
 from hydro_ident.mismatch.whitening import Noise
-from hydro_ident.mismatch.worth import (
-    OF_VALVES,
-    base_delay,
-    bears,
-    in_reach,
-    resolved,
-    sized,
-)
+from hydro_ident.mismatch.worth import bears, in_reach, sized
 from hydro_model.effects.targets import ActiveEffect
 
 #: Trials beyond the best whose fit is refined, and the least share of its gain to be one.

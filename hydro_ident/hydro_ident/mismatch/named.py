@@ -190,7 +190,7 @@ def named_of(
         Blocks per motion, where there are so few motions that each counts as one observation of
         the laws' forms.
     allowance : float
-        Sum of squares of what the base has of the same effect (`worth.base_delay`).
+        Sum of squares of what the base has of the same effect (`lags.base_delay`).
     """
     whole = max(c.gain for c in contenders) + allowance
     form = FORM_TOLERANCE**2 * whole / _FORM_NATS

@@ -16,11 +16,11 @@ import numpy as np
 from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.lags import OF_VALVES
 from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.settings import LEAST_EXCESS
 from hydro_ident.mismatch.slopes import linearised
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.worth import OF_VALVES
 from hydro_model.robot import FloatArray
 
 #: Deviations by which a valve is surely later than the next one.

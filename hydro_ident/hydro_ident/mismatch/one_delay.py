@@ -22,11 +22,11 @@ from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit, settled
+from hydro_ident.mismatch.lags import OF_VALVES, resolved
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
 from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.worth import OF_VALVES, resolved
 from hydro_model.effects.targets import ActiveEffect
 
 #: Passes of the fit of a lag that is begun anew: the valley is long.

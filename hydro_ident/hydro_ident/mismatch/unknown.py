@@ -16,6 +16,7 @@ from hydro_ident.mismatch.encoders import Encoders
 from hydro_ident.mismatch.few_periods import POSITIONS
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.flaws import Flaws
+from hydro_ident.mismatch.lags import SAME_AS_DELAY, mere_delay
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed
 from hydro_ident.mismatch.settings import (
     FAMILY_ERROR_UNNAMED,
@@ -26,7 +27,6 @@ from hydro_ident.mismatch.settings import (
 from hydro_ident.mismatch.state_space import OF_READINGS
 from hydro_ident.mismatch.training import Training
 from hydro_ident.mismatch.wavering import Wavering
-from hydro_ident.mismatch.worth import SAME_AS_DELAY, mere_delay
 
 _WORDS = {
     "": "",

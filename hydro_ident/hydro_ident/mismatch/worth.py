@@ -6,35 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.bench import Bench
 from hydro_ident.mismatch.contender import Contender
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.grids import FLANK
-from hydro_ident.mismatch.handover import late_valves
 from hydro_ident.mismatch.held_out import rms
 from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.precision import drift_of, least_unconfirmed, measured_size
 from hydro_ident.mismatch.scoring import Score
 from hydro_ident.mismatch.settings import (
     ADDED_SHARE,
-    LEAST_CYCLES,
-    LEAST_EXCESS,
     LEAST_SHARE_UNCONFIRMED,
     PRECISION,
     PRECISION_COMPRESSED,
     PRECISION_FLOW,
 )
-from hydro_ident.mismatch.skew import PRESSURE_DELAY, least_skew
 from hydro_ident.mismatch.training import Training
 from hydro_model.effects.catalogue import end_s, start_s
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray
 
-#: Effects that, where small, are a delay of a valve's signal or of its flow.
-LAGS = ("valve_spool_lag", "valve_rate_limit", "valve_hysteresis", "line_dynamics")
-#: What makes one valve later than others.
-OF_VALVES = (*LAGS, DELAY)
 #: Effects of where a machine is, not of how it moves: what a drifting transducer does, too, and
 #: the share of a usual drift from which they count.
 _STATIC = frozenset(
@@ -59,8 +50,6 @@ _TOLD = 0.5
 #: What a joint runs against, the share of its largest force from which it is met, and the share of
 #: the rows in which a spring is.
 CONTACT, _TOUCHED, _MOSTLY = "external_contact", 0.01, 0.5
-#: Share of an effect's gain from which a mere delay says the same.
-SAME_AS_DELAY = 0.9
 
 
 def worth(
@@ -166,41 +155,6 @@ def _opens_beside(one: ActiveEffect, terms: Sequence[ActiveEffect]) -> bool:
     )
 
 
-def resolved(training: Training, without: Fitted, one: Contender) -> bool:
-    """Whether a contender is more than a shift in time that sampling cannot tell.
-
-    Parameters
-    ----------
-    training : Training
-    without : Fitted
-        The model that it was added to.
-    one : Contender
-    """
-    cycle_s, term = training.cycle_s, one.term
-    if term.effect.name == PRESSURE_DELAY:
-        # What the base has of it goes over to the effect.
-        columns, skews_s = training.predictor.skew_columns, one.fitted.model.skews_s
-        late_s = term.parameters[0] + least_skew(term, columns, skews_s)
-        return bool(late_s >= LEAST_CYCLES * cycle_s)
-    if term.effect.name == DELAY:
-        delays_s = one.fitted.model.delays_s
-        # Of a valve without a balance no delay was fitted.
-        own_s = min(delays_s[i] for i in late_valves(term, training.predictor.delay_columns))
-        excess = term.parameters[0] + own_s - training.own_delay_of(term.cylinder)
-        return bool(excess >= LEAST_EXCESS * cycle_s)
-    if term.effect.name not in LAGS:
-        return True
-    channel = training.predictor.material.channel
-    column = training.predictor.contribution(without.model, term)
-    acting = [k for k in np.unique(channel).tolist() if column[channel == k].any()]
-    gain, shift_s = mere_delay(training, without, acting)
-    late_s = shift_s
-    if term.cylinder is not None:
-        late_s += without.model.delays_s[term.cylinder] - training.own_delay_of(term.cylinder)
-    excess_s = max(abs(shift_s), late_s)
-    return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
-
-
 def in_reach(training: Training, without: Fitted, one: Contender) -> bool:
     """Whether what a joint runs against is met in less than half of what was recorded.
 
@@ -252,50 +206,6 @@ def sized(one: Contender) -> bool:
     sizes = [(term.effect.parameters[k].name, abs(term.parameters[k])) for k in term.effect.sizes]
     own = f"{term.target}.{term.effect.name}."
     return all(deviations.get(own + name, 0.0) <= _TOLD * size for name, size in sizes)
-
-
-def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float:
-    """Sum of squares, in units of the noise, of the delay that a base has where a lag is tried.
-
-    What a lag adds to it is a part of one and the same: laws of it differ by their forms as a
-    whole.
-
-    Parameters
-    ----------
-    training : Training
-    without : Fitted
-        The model that the lag is added to.
-    term : ActiveEffect
-    """
-    predictor = training.predictor
-    if term.effect.name not in LAGS or term.cylinder not in predictor.delay_columns:
-        return 0.0
-    at = predictor.delay_columns[term.cylinder]
-    _, base = predictor.base(without.model)
-    late = base[:, at] * without.model.delays_s[term.cylinder]
-    rest = without.columns.copy()
-    rest[:, at] = 0.0
-    return float(np.sum(training.bench(without.bench.noise, late, rest).residual ** 2))
-
-
-def mere_delay(
-    training: Training, without: Fitted, channels: Sequence[int]
-) -> tuple[float, float]:
-    """What a mere delay of all that commands do in some channels gains, and the delay in s.
-
-    Parameters
-    ----------
-    training : Training
-    without : Fitted
-    channels : sequence of int
-    """
-    predictor, mask = training.predictor, training.mask
-    _, base = predictor.base(without.model)
-    slopes = base[:, list(predictor.delay_columns.values())].sum(axis=1)
-    slope = slopes * np.isin(predictor.material.channel, channels)
-    own = without.bench.beyond(slope[mask][:, None])[:, 0]
-    square, product = float(own @ own), float(own @ without.bench.residual)
-    return (product**2 / square, product / square) if square > 0.0 else (0.0, 0.0)
 
 
 def _explained(training: Training, current: Fitted, bench: Bench, acting: Sequence[int]) -> float:

@@ -12,6 +12,7 @@ from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit
+from hydro_ident.mismatch.lags import OF_VALVES, resolved
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.name import Searcher
 from hydro_ident.mismatch.named import Named, named_of
@@ -20,7 +21,6 @@ from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.revision import Revision
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.worth import OF_VALVES, resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve

@@ -20,6 +20,7 @@ from hydro_ident.mismatch.contest import Contest
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.lacking import readings_apart
+from hydro_ident.mismatch.lags import resolved
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.scoring import score
@@ -32,7 +33,6 @@ from hydro_ident.mismatch.skew import (
     usual_skew,
 )
 from hydro_ident.mismatch.training import start_model
-from hydro_ident.mismatch.worth import resolved
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
