@@ -44,6 +44,7 @@ from hydro_ident.mismatch.outcome import (
 )
 from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.rests import motions_in
 from hydro_ident.mismatch.settings import (
     FAR,
     FEW_MOTIONS,
@@ -238,7 +239,7 @@ def _doubtful(
     material = work.training.predictor.material
     # Where one pressure is not known, another law may look like what was found.
     unpaired = any(name in f.channels for f in findings for name in material.unpaired)
-    few = material.motions < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
+    few = motions_in(material) < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
     elsewhere = any(f.channels[0] in ratios for f in findings)
     return few or unpaired or elsewhere or _hardly_better(findings, channels)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.rests import motions_in, motions_of
 from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.targets import ActiveEffect
 
@@ -24,8 +25,8 @@ class FewMotions:
     """
 
     def __init__(self, material: Material, blocks: float) -> None:
-        self._robot, most = material.robot, material.motions
-        moved = [material.motions_of(j) for j in range(material.robot.dof)]
+        self._robot, most = material.robot, motions_in(material)
+        moved = [motions_of(material, j) for j in range(material.robot.dof)]
         # What stands still all along has no curve over its position.
         counted = [m or most for m in moved]
         self._few = [max(blocks / max(m, 1), 1.0) if m < FEW_MOTIONS else 1.0 for m in counted]

@@ -18,26 +18,16 @@ from numpy.typing import NDArray
 from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of
 from hydro_ident.estimate.derivatives import (
     FilterSettings,
-    low_pass,
     parallel_filter,
 )
 from hydro_ident.estimate.force_rows import ForceModel, Motion
 from hydro_ident.estimate.rows import BoolArray, Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.rests import directions, known_velocities, lasting, usual_size
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]
 Value = TypeVar("Value", bound=np.generic)
-
-#: A joint rests where it is slower than this share of its usual fast speed for so long; the
-#: filters smear what it does there into some rows before and after, at least so many seconds.
-REST_SPEED, REST_REACH_S = 0.01, 0.1
-#: A valve's signal below this share of its usual large one does nothing on purpose.
-IDLE_SIGNAL = 0.1
-#: A motion is one beyond this share of the usual fast speed.
-MOTION_SPEED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,87 +204,6 @@ class Material:
         if not self.is_flow(channel):
             return values[stretch.kept]
         return values[stretch.starts[self.chamber_index(channel)] + stretch.span // 2]
-
-    def moving(self) -> BoolArray:
-        """Rows whose joint moves.
-
-        At rest dry friction is whatever holds the load: no law of velocity says anything about
-        it, and every one that is asked is wrong in its own way. And a small valve signal is then
-        what the controller makes of the disturbances in the same row: held against it, they look
-        like a law of the valve near its middle. A larger one that moves nothing is not.
-        """
-        result = np.ones(self.size, dtype=np.bool_)
-        reach_s = max(REST_REACH_S, 1.0 / self.filters.parallel_hz)
-        speeds = [self._speed(s) for s in self.stretches]
-        for k, _ in enumerate(self.channels):
-            joint, places = self.joint_of(k), self.of_channels([k])
-            own = [v[:, joint] for p in places if (v := speeds[p.stretch]) is not None]
-            usual = usual_size(own)
-            if usual is None:
-                continue
-            for place in places:
-                speed, stretch = speeds[place.stretch], self.stretches[place.stretch]
-                if speed is not None:
-                    noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
-                    # What never moves has no usual speed, and rests throughout.
-                    slow = speed[:, joint] <= max(REST_SPEED * usual, noise)
-                    resting = lasting(slow, stretch.trace.step_s, reach_s)
-                    if self.is_flow(k):
-                        resting &= self._idle(stretch, self.chambers[self.chamber_index(k)].index)
-                    result[place.rows] = ~self.on_rows(stretch, k, resting)
-        return result
-
-    def _idle(self, stretch: Stretch, cylinder: int) -> BoolArray:
-        """Samples whose valve signal is small beside what is usual."""
-        signals = [np.abs(s.trace.valve_signal[:, cylinder]) for s in self.stretches]
-        usual = usual_size(signals) or 0.0
-        return np.asarray(np.abs(stretch.trace.valve_signal[:, cylinder]) < IDLE_SIGNAL * usual)
-
-    @property
-    def motions(self) -> int:
-        """How often the joint that turns most often moves, one way and then the other.
-
-        Steps one way are one motion, as they are of one curve over the position: friction is told
-        from gravity, and time from position, by a joint that comes back.
-        """
-        return max((self.motions_of(j) for j in range(self.robot.dof)), default=0)
-
-    def motions_of(self, joint: int) -> int:
-        """How often a joint moves, one way and then the other.
-
-        Parameters
-        ----------
-        joint : int
-        """
-        speeds = []
-        for s in self.stretches:
-            if (v := self._velocity(s)) is not None:
-                # What the filters make of a recording's ends is no motion.
-                edge = self.filters.edge_samples(s.trace.step_s)
-                speeds.append((s, v[edge : len(v) - edge, joint]))
-        usual = usual_size([np.abs(v) for _, v in speeds])
-        if usual is None:
-            return 0
-        noise = 0.0 if self.rest_speed is None else self.rest_speed[joint]
-        least = max(MOTION_SPEED * usual, noise)
-        if not least > 0.0:
-            return 0
-        ways = [w for s, v in speeds for w in directions(v, least, s.trace.step_s)]
-        return sum(way != before for way, before in zip(ways, [0, *ways], strict=False))
-
-    def _speed(self, stretch: Stretch) -> FloatArray | None:
-        """Speeds of the joints, behind the parallel filter where they are noisy."""
-        velocity = self._velocity(stretch)
-        return None if velocity is None else np.abs(velocity)
-
-    def _velocity(self, stretch: Stretch) -> FloatArray | None:
-        """Velocities (T, n), unknown ones NaN; None where no joint's is known."""
-        filters, step_s = self.filters, stretch.trace.step_s
-        moved = stretch.moved
-        qd = known_velocities(stretch.trace, filters) if moved is None else moved.qd
-        if qd is None or self.rest_speed is None:
-            return qd
-        return low_pass(qd, step_s, filters.parallel_hz, filters.order)
 
     @property
     def stopped(self) -> BoolArray:

@@ -15,6 +15,7 @@ from hydro_ident.mismatch.name import Search
 from hydro_ident.mismatch.onset import begins, ends
 from hydro_ident.mismatch.outcome import ChannelResult, Finding
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.rests import motions_in
 from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.effects.targets import ActiveEffect
@@ -42,7 +43,7 @@ _ELSEWHERE, _ELSEWHERE_SHARE = 5.0, 1.0 / 3.0
 def data_notes(work: Residuals) -> list[str]:
     """What is to be known of the recordings; `work` holds their rows."""
     material = work.training.predictor.material
-    few = [_FEW.format(material.motions)] if material.motions < FEW_MOTIONS else []
+    few = [_FEW.format(motions_in(material))] if motions_in(material) < FEW_MOTIONS else []
     unpaired = [_UNPAIRED.format(", ".join(material.unpaired))] if material.unpaired else []
     return [*few, *unpaired, *work.notes]
 

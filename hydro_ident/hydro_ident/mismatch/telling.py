@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.mismatch.material import Material, Place, pressure_of
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_model.robot import FloatArray
 
 #: Share of a joint's range by which rows to check on may lie beyond those that were fitted.
@@ -33,7 +34,7 @@ def telling(material: Material, signals: SignalSurvey) -> BoolArray:
     -------
     (N,) bool array
     """
-    result = material.moving()
+    result = moving_rows(material)
     for place in material.places:
         if material.is_flow(place.channel):
             result[place.rows] &= _told(material, place, signals)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hydro_ident.mismatch.material import Material
+from hydro_ident.mismatch.rests import motions_in
 from hydro_ident.mismatch.settings import FEW_MOTIONS
 from hydro_model.effects.catalogue import targets
 from hydro_model.effects.effect import Effect, Stage
@@ -26,14 +27,14 @@ def untestable(material: Material, effect: Effect) -> str:
         return "no pressures were recorded"
     if not targets(material.robot, effect):
         return "the robot has nothing that it could act on"
-    if effect.channel == "force" and material.motions < 2:
+    if effect.channel == "force" and motions_in(material) < 2:
         return (
             "the joints move one way only: friction, gravity, levers and sensors' errors are one"
             " curve over the position"
         )
-    if effect.start and material.motions < FEW_MOTIONS:
+    if effect.start and (count := motions_in(material)) < FEW_MOTIONS:
         return (
-            f"motions of the joints in all: {material.motions}; an instant is not told from the"
+            f"motions of the joints in all: {count}; an instant is not told from the"
             " position at which it falls"
         )
     return ""

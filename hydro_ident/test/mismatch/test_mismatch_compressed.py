@@ -13,6 +13,7 @@ from hydro_ident.mismatch.confirmation import searched
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import resolve
@@ -60,7 +61,7 @@ def test_air_is_in_the_dead_volume_too(
         replace(t, parameters=np.array([0.7 * t.parameters[0], *t.parameters[1:]]))
         for t in model.terms
     )
-    training = Training.of(predictor, predictor.material.moving())
+    training = Training.of(predictor, moving_rows(predictor.material))
     found = fit(training, replace(model, terms=off), passes=6).model
     sizes = {t.effect.name: t.parameters for t in found.terms}
     assert sizes["dead_volume"] == pytest.approx([1e-3, 1e-3], rel=0.02)

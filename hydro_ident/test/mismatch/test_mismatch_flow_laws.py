@@ -13,6 +13,7 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.flow_laws import looks_at_valve
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_ident.mismatch.slopes import slopes_at, start_at
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import CATALOGUE, resolve
@@ -81,7 +82,7 @@ def test_slopes_of_a_delay_have_what_a_law_makes_of_it(make_run: Make, predictor
 
 def test_delay_and_compensation_are_found_together(make_run: Make, predictor_of: Lay) -> None:
     predictor, model = _exact(make_run, predictor_of, LAWS[1], 0.0013)
-    training = Training.of(predictor, predictor.material.moving())
+    training = Training.of(predictor, moving_rows(predictor.material))
     off = replace(model.terms[0], parameters=np.array([0.7, 5e5, 0.0]))
     found = fit(training, replace(model, terms=(off,), delays_s=(0.0, 0.0)), passes=6).model
     assert found.delays_s[0] == pytest.approx(0.0013, abs=1e-5)

@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_ident.mismatch.training import Training, start_model
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
@@ -52,7 +53,7 @@ def test_a_supply_gives_way_when_the_late_valves_draw(drooping: tuple[Predictor,
     flows = np.isin(predictor.material.channel, np.flatnonzero(
         ["/flow_" in name for name in predictor.material.channels]
     ))  # fmt: skip
-    flows &= predictor.material.moving()
+    flows &= moving_rows(predictor.material)
     left = predictor.residual(model)[flows]
     own = predictor.contribution(model, model.terms[0])[flows]
     assert left.std() < 5e-4 * own.std()

@@ -10,6 +10,7 @@ import pytest
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_ident.mismatch.scoring import Bank
 from hydro_ident.mismatch.training import start_model
 from hydro_model.effects.catalogue import resolve
@@ -58,7 +59,7 @@ def on_soft_rails(make_run: tuple, predictor_of: Lay) -> tuple[Predictor, Model]
 def _moving(predictor: Predictor) -> FloatArray:
     """Rows of the lift cylinder's balances while it moves."""
     own = [k for k, name in enumerate(predictor.material.channels) if name.startswith("lift/flow")]
-    return np.asarray(np.isin(predictor.material.channel, own) & predictor.material.moving())
+    return np.asarray(np.isin(predictor.material.channel, own) & moving_rows(predictor.material))
 
 
 def test_the_true_laws_leave_nothing(in_series: tuple[Predictor, Model]) -> None:

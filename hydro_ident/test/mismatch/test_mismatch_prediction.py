@@ -16,6 +16,7 @@ from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.modelled import on_signals
 from hydro_ident.mismatch.parts import spread_parts
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.rests import moving_rows
 from hydro_ident.mismatch.shaping import Signals
 from hydro_ident.mismatch.slopes import start_at
 from hydro_ident.mismatch.stepping import moved
@@ -31,7 +32,7 @@ def test_the_true_model_leaves_noise_alone(true_model: tuple[Predictor, Model]) 
     predictor, model = true_model
     residual, material = predictor.residual(model), predictor.material
     y, _ = predictor.base(model)
-    moving = material.moving()
+    moving = moving_rows(material)
     for k, name in enumerate(material.channels):
         own = (material.channel == k) & moving
         share = residual[own].std() / y[own].std()
@@ -117,7 +118,7 @@ def test_below_a_mode_nothing_changes(true_model: tuple[Predictor, Model]) -> No
 
 def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Model]) -> None:
     predictor, model = true_model
-    training = Training.of(predictor, predictor.material.moving())
+    training = Training.of(predictor, moving_rows(predictor.material))
     off = tuple(
         replace(t, parameters=np.where([p.optional for p in t.effect.parameters], 1.0, 0.7)
                 * t.parameters)
@@ -133,7 +134,7 @@ def test_a_refit_of_everything_finds_the_truth(true_model: tuple[Predictor, Mode
 
 def test_a_null_bias_finds_its_sign(true_model: tuple[Predictor, Model]) -> None:
     predictor, model = true_model
-    training = Training.of(predictor, predictor.material.moving())
+    training = Training.of(predictor, moving_rows(predictor.material))
     wrong = tuple(
         replace(t, parameters=-0.3 * t.parameters) if t.effect.name == "valve_null_bias" else t
         for t in model.terms
@@ -224,7 +225,7 @@ def test_numbers_of_a_cylinder_are_its_own_wherever_it_is_alone(
     )
     assert set(there.names) < set(predictor.names)
     # As a fit leaves them: a step from a model that has none yet.
-    training = Training.of(predictor, own.moving())
+    training = Training.of(predictor, moving_rows(own))
     step = np.zeros(len(predictor.names))
     for columns in (predictor.ripple_columns, predictor.skew_columns):
         for k, at in enumerate(columns.values()):

@@ -17,7 +17,7 @@ from hydro_ident.mismatch.few_motions import FewMotions
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.material import Material
 from hydro_ident.mismatch.parts import spread_parts
-from hydro_ident.mismatch.rests import usual_size
+from hydro_ident.mismatch.rests import motions_in, moving_rows, usual_size
 from hydro_ident.mismatch.testable import untestable
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE, resolve
@@ -70,7 +70,7 @@ def _material(robot: Robot, traces: tuple[Trace, ...]) -> Material:
 def test_a_joint_that_hardly_ever_moves_rests_the_remainder(robot: Robot, share: float) -> None:
     trace = _trace(robot, _speeds(_bursts(share)), 3e-7, 2e-3)
     material = _material(robot, (trace,))
-    moving = material.moving()
+    moving = moving_rows(material)
     for name in ("tilt/force", "tilt/flow_a", "tilt/flow_b"):
         own = material.channel == material.channels.index(name)
         # The filters smear rests into both ends of nine motions.
@@ -120,7 +120,7 @@ def test_steps_one_way_are_one_motion_and_those_to_and_fro_are_one_each(
         tilt = 0.3 * _bursts(0.4 / count if one_way else 0.2, count, one_way)
         speeds = np.stack([np.zeros_like(tilt), tilt], axis=1)
         material = _material(robot, (_trace(robot, speeds + 1e-12, 0.0, 0.0),))
-        assert material.motions == motions
+        assert motions_in(material) == motions
         friction = untestable(material, CATALOGUE["coulomb_friction"])
         assert friction.startswith("the joints move one way only") == (motions < 2)
 
@@ -151,7 +151,7 @@ def test_what_filters_make_of_a_recordings_ends_is_no_motion(robot: Robot) -> No
     kicked = trace.q.copy()
     kicked[:20] += 1e-3 * np.linspace(1.0, 0.0, 20)[:, None] ** 2
     kicked[-20:] -= 1e-3 * np.linspace(0.0, 1.0, 20)[:, None] ** 2
-    assert _material(robot, (replace(trace, q=kicked),)).motions == 1
+    assert motions_in(_material(robot, (replace(trace, q=kicked),))) == 1
 
 
 def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:
@@ -159,7 +159,7 @@ def test_a_sweep_in_parts_is_one_motion(robot: Robot) -> None:
     whole = (_trace(robot, np.stack([0.5 * tilt, tilt], axis=1), 0.0, 0.0),)
     parts = spread_parts(whole, 80.0)
     assert len(parts) == 8
-    assert _material(robot, parts).motions == 1
+    assert motions_in(_material(robot, parts)) == 1
 
 
 def test_motions_are_counted_across_parts(robot: Robot) -> None:
@@ -168,4 +168,4 @@ def test_motions_are_counted_across_parts(robot: Robot) -> None:
     tilt = 0.004 * np.sign(np.sin(2.0 * np.pi * (time + 0.5) / 150.0))
     whole = (_trace(robot, np.stack([0.0 * tilt, tilt], axis=1) + 1e-12, 0.0, 0.0),)
     material = _material(robot, spread_parts(whole, 80.0))
-    assert material.motions == 4
+    assert motions_in(material) == 4

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.rests import motions_in, motions_of, moving_rows
 from hydro_ident.mismatch.training import start_model
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import resolve
@@ -103,12 +104,12 @@ def test_a_joint_that_never_moves_rests_throughout(
     q[:, JOINT] = -1.3
     locked = replace(crane_run, q=q, voltage=crane_run.voltage * [1.0, 0.0])
     material = lay_out(locked, [locked]).training.predictor.material
-    moving = material.moving()
+    moving = moving_rows(material)
     own = {name: material.channel == k for k, name in enumerate(material.channels)}
     assert not moving[own["tilt/force"]].any()
     assert moving[own["lift/force"]].mean() > 0.5
-    assert material.motions > 0
-    assert material.motions_of(JOINT) == 0
+    assert motions_in(material) > 0
+    assert motions_of(material, JOINT) == 0
 
 
 def test_a_joint_whose_neighbour_is_not_read_still_moves(
@@ -123,11 +124,11 @@ def test_a_joint_whose_neighbour_is_not_read_still_moves(
     true_crane, _ = make_run
     whole = predictor_of(true_crane(), given).material
     part = predictor_of(true_crane(), replace(given, q=q)).material
-    assert part.motions_of(0) == whole.motions_of(0) == part.motions > 0
-    assert part.motions_of(JOINT) == 0
+    assert motions_of(part, 0) == motions_of(whole, 0) == motions_in(part) > 0
+    assert motions_of(part, JOINT) == 0
     at = part.channel == part.channels.index("lift/flow_a")
     there = whole.channel == whole.channels.index("lift/flow_a")
-    np.testing.assert_array_equal(part.moving()[at], whole.moving()[there])
+    np.testing.assert_array_equal(moving_rows(part)[at], moving_rows(whole)[there])
 
 
 @pytest.mark.parametrize("joint", ["lift", "tilt"])
