@@ -18,6 +18,7 @@ from hydro_ident.estimate.least_squares import (
     weights_of,
 )
 from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.listed_steps import stepped
 from hydro_ident.estimate.regression import Solution, solve_iv, solve_ols, solve_wls
 from hydro_ident.estimate.robust import EXCESS, Weights
 from hydro_ident.estimate.signal_survey import SignalSurvey
@@ -144,7 +145,7 @@ class Estimation:
         for _ in range(_PASSES):
             if fit is None or not self.plan.effects.iterated:
                 break
-            moved, step = self.plan.effects.refined(fit)
+            moved, step = stepped(self.plan.effects, fit)
             if step < _LEAST_STEP:
                 break
             self.plan = replace(self.plan, effects=moved)

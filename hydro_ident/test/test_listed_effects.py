@@ -13,6 +13,7 @@ from hydro_ident.estimate.chambers import chambers_of
 from hydro_ident.estimate.hydraulics import fit_hydraulics
 from hydro_ident.estimate.inertial import fit_inertial
 from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.listed_steps import stepped
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_ident.identified_robot import identified_robot
 from hydro_ident.job import planned_force_model
@@ -107,7 +108,7 @@ def _edges(robot: Robot, given: Robot, traces: tuple[Trace, ...]) -> np.ndarray:
         assert fit is not None
         if not effects.iterated:
             break
-        effects, step = effects.refined(fit)
+        effects, step = stepped(effects, fit)
     assert not effects.iterated or step < 1e-6
     return np.array([
         one.value(edge)[0] / float(getattr(robot.valve_of(one.cylinder), edge)) - 1.0

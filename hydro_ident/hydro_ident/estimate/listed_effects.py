@@ -9,13 +9,11 @@ chambers, have no place in the chambers' balances: `ListedEffects.ignored` names
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK, Chamber
-from hydro_ident.estimate.cylinder_fit import CylinderFit
+from hydro_ident.estimate.chambers import OVER_BULK, Chamber
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.held_effects import (
     corrected,
@@ -24,7 +22,6 @@ from hydro_ident.estimate.held_effects import (
     known_motion,
     moving_signals,
 )
-from hydro_ident.estimate.hydraulics import HydraulicFit
 from hydro_ident.estimate.inertial import Motion
 from hydro_ident.estimate.listed_laws import (
     COMPLIANCE,
@@ -47,7 +44,7 @@ from hydro_model.cylinder import chamber_volumes
 from hydro_model.effects import with_changes
 from hydro_model.effects.catalogue import ActiveEffect, resolve, target_name
 from hydro_model.effects.effect import Stage
-from hydro_model.robot import FloatArray, Robot, Valve
+from hydro_model.robot import FloatArray, Robot
 from hydro_model.signals import (
     PISTON_VELOCITY,
     PRESSURE_A,
@@ -56,9 +53,6 @@ from hydro_model.signals import (
 )
 from hydro_model.valve import edge_flows
 
-#: Steps of edges count so much beside a null bias': rails that follow them to 1e-4 are settled.
-_PER_EDGE = 1.0e-3
-EDGES = ("c_pa", "c_at", "c_pb", "c_bt")
 _RAILS = (Stage.SUPPLY, Stage.TANK)
 
 
@@ -197,8 +191,13 @@ class ListedEffects:
         own = [o for o in self.active if is_dead(o) and o.cylinder == chamber.index]
         return float(sum(one.parameters[at] for one in own))
 
-    def _holds_air(self, one: ActiveEffect) -> bool:
-        """Whether what is listed is the dead volume of a cylinder with compliance listed."""
+    def holds_air(self, one: ActiveEffect) -> bool:
+        """Whether what is listed is the dead volume of a cylinder with compliance listed.
+
+        Parameters
+        ----------
+        one : ActiveEffect
+        """
         soft = [o for o in self.active if set(COMPLIANCE.values()) & set(o.effect.stages)]
         return is_dead(one) and any(o.cylinder == one.cylinder for o in soft)
 
@@ -206,60 +205,10 @@ class ListedEffects:
     def biases(self) -> dict[str, float]:
         """Null bias by `<cylinder>.valve_null_bias.bias` where it is listed."""
         return {
-            f"{self._cylinder_name(one)}.{NULL_BIAS}": float(one.parameters[0])
+            f"{self.cylinder_name(one)}.{NULL_BIAS}": float(one.parameters[0])
             for one in self.active
             if is_bias(one)
         }
-
-    def refined(self, fit: HydraulicFit) -> tuple[ListedEffects, float]:
-        """One step of what is iterated, and its largest size.
-
-        Gauss-Newton of the listed null biases; dead volumes beside air are those fitted, and rails
-        follow the flow of the edges as fitted.
-
-        Parameters
-        ----------
-        fit : HydraulicFit
-            Of traces with these laws; its `NULL_BIAS` is the step of a null bias.
-
-        Returns
-        -------
-        effects : ListedEffects
-            With biases and dead volumes moved, and the fitted edges for the next slope and the
-            rails.
-        largest : float
-            Of biases, and of volumes in m^3.
-        """
-        found = {c.cylinder: c for c in fit.cylinders}
-        bent = {n: c for n, c in found.items() if NULL_BIAS in c.names}
-        fitted = bent | {n: c for n, c in found.items() if self._rails and not c.rejected}
-        valves, largest = self._with_edges(fitted)
-        active = []
-        for one in self.active:
-            own, moved = found.get(self._cylinder_name(one)), one.parameters
-            bounds = one.effect.parameters
-            if own is not None and is_bias(one) and NULL_BIAS in own.names:
-                moved = moved + own.value(NULL_BIAS)[0]
-            elif own is not None and self._holds_air(one):
-                moved = _dead_volumes(one, own)
-            moved = np.clip(moved, [p.lower for p in bounds], [p.upper for p in bounds])
-            largest = max(largest, float(np.abs(moved - one.parameters).max(initial=0.0)))
-            active.append(replace(one, parameters=moved))
-        moved_robot = replace(self.robot, valves=valves)
-        return replace(self, robot=moved_robot, active=tuple(active)), largest
-
-    def _with_edges(self, found: Mapping[str, CylinderFit]) -> tuple[tuple[Valve, ...], float]:
-        """Valves with the edges of fits by cylinder, and by how much rails are yet to follow."""
-        valves, most = [], 0.0
-        for valve in self.robot.valves:
-            fresh = valve
-            if valve.cylinder in found:
-                fresh = _with_edges(valve, found[valve.cylinder])
-            if self._rails:
-                pairs = [(getattr(fresh, e), getattr(valve, e)) for e in EDGES]
-                most = max(most, *(abs(new / old - 1.0) for new, old in pairs))
-            valves.append(fresh)
-        return tuple(valves), _PER_EDGE * most
 
     def with_signal_laws(self, trace: Trace) -> Trace:
         """The trace as the balances are to see it.
@@ -269,19 +218,20 @@ class ListedEffects:
         """
         trace = self._with_spools(self.corrected(trace))
         stages = [s for s, read in zip(_RAILS, trace.rails_read, strict=True) if not read]
-        rails = [one for one in self._rails if set(stages) & set(one.effect.stages)]
+        rails = [one for one in self.rails if set(stages) & set(one.effect.stages)]
         if not rails:
             return trace
         return railed(self.robot, trace, rails, [self.robot.command_delay_s] * trace.p_a.shape[1])
 
     @property
     def iterated(self) -> bool:
-        """Whether rows of balances depend on what they are fitted for: `refined`."""
-        held = any(self._holds_air(one) for one in self.active)
-        return bool(self.biases or self._rails or held)
+        """Whether rows of balances depend on what they are fitted for: `listed_steps.stepped`."""
+        held = any(self.holds_air(one) for one in self.active)
+        return bool(self.biases or self.rails or held)
 
     @property
-    def _rails(self) -> list[ActiveEffect]:
+    def rails(self) -> list[ActiveEffect]:
+        """Listed effects by which rails give way."""
         return [one for stage in _RAILS for one in self._with(stage)]
 
     def _with_spools(self, trace: Trace) -> Trace:
@@ -327,21 +277,11 @@ class ListedEffects:
     def _with(self, stage: Stage) -> list[ActiveEffect]:
         return [o for o in self.active if any(t.stage is stage for t in o.terms)]
 
-    def _cylinder_name(self, one: ActiveEffect) -> str:
+    def cylinder_name(self, one: ActiveEffect) -> str:
+        """Name of the cylinder that an effect is listed at; the first's where it is at none.
+
+        Parameters
+        ----------
+        one : ActiveEffect
+        """
         return self.robot.cylinders[one.cylinder or 0].name
-
-
-def _with_edges(valve: Valve, fit: CylinderFit) -> Valve:
-    c_pa, c_at, c_pb, c_bt = (
-        fit.value(edge)[0] if edge in fit.names else float(getattr(valve, edge)) for edge in EDGES
-    )
-    return replace(valve, c_pa=c_pa, c_at=c_at, c_pb=c_pb, c_bt=c_bt)
-
-
-def _dead_volumes(one: ActiveEffect, fit: CylinderFit) -> FloatArray:
-    """Dead volumes as fitted; those that were not, as they were."""
-    inverse, result = fit.value(INVERSE_BULK)[0], one.parameters.copy()
-    for i, name in enumerate(linear_names(one)):
-        if inverse > 0.0 and f"{name}{OVER_BULK}" in fit.names:
-            result[i] = fit.value(f"{name}{OVER_BULK}")[0] / inverse
-    return result

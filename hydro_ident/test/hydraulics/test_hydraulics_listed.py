@@ -12,6 +12,7 @@ from scipy.signal import lsim
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.hydraulics import fit_hydraulics
 from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.listed_steps import stepped
 from hydro_ident.estimate.summed_flow import SummedComparison, SummedFlow, summed_dict
 from hydro_ident.estimate.traces import Trace, traces_of
 from hydro_model.robot import EffectSpec, Robot
@@ -78,7 +79,7 @@ def test_air_is_in_the_dead_volume_too(make_run: Any) -> None:
     for _ in range(8):
         fit = fit_hydraulics(robot, traces, None, effects.chamber_columns)
         assert fit is not None
-        effects, step = effects.refined(fit)
+        effects, step = stepped(effects, fit)
     assert step < 1e-6
     [lift] = [c for c in fit.cylinders if c.cylinder == "lift_cylinder"]
     assert lift.value("entrained_air.fraction")[0] == pytest.approx(0.02, rel=0.01)
