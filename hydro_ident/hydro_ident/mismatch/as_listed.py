@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hydro_ident.mismatch.fitting import Fitted, fit, fitted
+from hydro_ident.mismatch.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.modelled import Model
 from hydro_ident.mismatch.stepping import is_shape
 from hydro_ident.mismatch.training import Training

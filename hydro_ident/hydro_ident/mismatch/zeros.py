@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from hydro_ident.estimate.force_rows import pressed_joints
-from hydro_ident.mismatch.fitting import Fitted
+from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.prediction import Predictor
 from hydro_ident.transducers import zero_pa
 from hydro_model.robot import FloatArray
