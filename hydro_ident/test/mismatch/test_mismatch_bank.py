@@ -26,6 +26,14 @@ def clean(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
     return lay_out(crane_run)
 
 
+@pytest.fixture(scope="module")
+def bank(clean: Residuals) -> Bank:
+    """One that the base asked first: what is evaluated beside an effect is kept under its name."""
+    bank = Bank(clean.training.predictor)
+    assert bank.entries(clean.base.model)
+    return bank
+
+
 @pytest.mark.parametrize(
     ("name", "target"),
     [
@@ -40,10 +48,9 @@ def clean(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
     ],
 )
 def test_what_is_tried_is_tried_beside_what_was_found(
-    clean: Residuals, name: str, target: str
+    clean: Residuals, bank: Bank, name: str, target: str
 ) -> None:
-    bank, base = Bank(clean.training.predictor), clean.base
-    assert bank.entries(base.model)
+    base = clean.base
     spec = EffectSpec(name, target, {p.name: p.typical for p in CATALOGUE[name].parameters})
     (found,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
     model = base.model.with_term(found)
