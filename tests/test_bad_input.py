@@ -6,6 +6,8 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
+from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 REFERENCE = shipped_robots()["xs031"].parent
 DOMAIN = 10 + (os.getpid() + 22) % 90
 BUS = "udp_multicast:239.74.163.2:43161"
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def run(package: str, executable: str, *arguments: object) -> subprocess.CompletedProcess[str]:
@@ -31,6 +34,22 @@ def run(package: str, executable: str, *arguments: object) -> subprocess.Complet
         env=environment,
         check=False,
     )
+
+
+@pytest.fixture
+def within(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Run:
+    """As `run`, what an executable of Python calls in this process: once more of its kind."""
+
+    def ended(
+        package: str, executable: str, *arguments: object
+    ) -> subprocess.CompletedProcess[str]:
+        entries = distribution(package).entry_points
+        (entry,) = entries.select(group="console_scripts", name=executable)
+        words = [executable, *map(str, arguments)]
+        monkeypatch.setattr("sys.argv", words)
+        return subprocess.CompletedProcess(words, entry.load()(), *capfd.readouterr())
+
+    return ended
 
 
 def assert_refused(result: subprocess.CompletedProcess[str], *words: str) -> None:
@@ -56,13 +75,15 @@ def edited(folder: Path, old: str, new: str) -> Path:
     return file
 
 
-def users_of_robots(robot: object, tmp_path: Path) -> list[subprocess.CompletedProcess[str]]:
-    """Every command that takes a robot, each given the same one."""
+def users_of_robots(
+    robot: object, tmp_path: Path, command: Run
+) -> list[subprocess.CompletedProcess[str]]:
+    """Every command that takes a robot, each given the same one; nodes as processes."""
     bag = tmp_path / "no_bag"
     return [
-        run("hydro_ident", "identify", bag, "--robot", robot, "--out", tmp_path / "out"),
-        run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out"),
-        run("hydro_hw_bridge", "sim_rig", "--robot", robot, "--can", BUS),
+        command("hydro_ident", "identify", bag, "--robot", robot, "--out", tmp_path / "out"),
+        command("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out"),
+        command("hydro_hw_bridge", "sim_rig", "--robot", robot, "--can", BUS),
         run("hydro_hw_bridge", "can_bridge", "--ros-args", "-p", f"robot:={robot}"),
         run("hydro_control", "controller", "--ros-args", "-p", f"robot:={robot}"),
     ]
@@ -70,38 +91,40 @@ def users_of_robots(robot: object, tmp_path: Path) -> list[subprocess.CompletedP
 
 @pytest.mark.ros
 def test_missing_robot_file(tmp_path: Path) -> None:
-    for result in users_of_robots(tmp_path / "nobody.yaml", tmp_path):
+    for result in users_of_robots(tmp_path / "nobody.yaml", tmp_path, run):
         assert_refused(result, "nobody.yaml", "xs031")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.ros
-def test_malformed_robot_file(robot_folder: Path, tmp_path: Path) -> None:
+def test_malformed_robot_file(robot_folder: Path, tmp_path: Path, within: Run) -> None:
     robot = edited(robot_folder, "bore_m: 0.080", "bore_m: eighty")
-    for result in users_of_robots(robot, tmp_path):
+    for result in users_of_robots(robot, tmp_path, within):
         assert_refused(result, "xs031.hydraulics.yaml", "bore_m", "a number", "eighty")
 
 
-def test_unknown_joint_name(robot_folder: Path, tmp_path: Path) -> None:
+def test_unknown_joint_name(robot_folder: Path, tmp_path: Path, within: Run) -> None:
     robot = edited(robot_folder, "joint: tilt", "joint: wrist")
-    result = run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
+    result = within("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
     assert_refused(result, "wrist", "lift, tilt")
 
 
-def test_valve_on_a_cylinder_that_is_not_there(robot_folder: Path, tmp_path: Path) -> None:
+def test_valve_on_a_cylinder_that_is_not_there(
+    robot_folder: Path, tmp_path: Path, within: Run
+) -> None:
     robot = edited(robot_folder, "cylinder: tilt_cylinder, rated", "cylinder: bucket, rated")
-    result = run("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
+    result = within("hydro_ident", "excite", "--robot", robot, "--out", tmp_path / "out")
     assert_refused(result, "bucket", "lift_cylinder, tilt_cylinder")
 
 
-def test_mapping_with_a_valve_that_is_not_there(tmp_path: Path) -> None:
+def test_mapping_with_a_valve_that_is_not_there(tmp_path: Path, within: Run) -> None:
     shipped = ROOT / "hydro_msgs_docs/can"
     shutil.copy(shipped / "xs031.dbc", tmp_path)
     mapping = tmp_path / "xs031.mapping.yaml"
     text = (shipped / "xs031.mapping.yaml").read_text()
     assert "tilt_valve" in text
     mapping.write_text(text.replace("tilt_valve", "bucket_valve"))
-    result = run("hydro_hw_bridge", "sim_rig", "--can", BUS, "--mapping", mapping)
+    result = within("hydro_hw_bridge", "sim_rig", "--can", BUS, "--mapping", mapping)
     assert_refused(result, "bucket_valve", "tilt_valve")
 
 
@@ -121,19 +144,20 @@ def test_no_bag_there(command: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["inspect", "tracking", "player", "identify"])
-def test_directory_that_is_no_bag(command: str, tmp_path: Path) -> None:
+def test_directory_that_is_no_bag(command: str, tmp_path: Path, within: Run) -> None:
     (tmp_path / "holiday").mkdir()
     (tmp_path / "holiday" / "photo.txt").write_text("sea")
     more = ["--robot", "xs031", "--out", tmp_path / "out"] if command == "identify" else []
-    assert_refused(run("hydro_ident", command, tmp_path / "holiday", *more), "holiday")
+    assert_refused(within("hydro_ident", command, tmp_path / "holiday", *more), "holiday")
     assert not (tmp_path / "out").exists()
 
 
-def test_results_of_before_stay(tmp_path: Path) -> None:
+def test_results_of_before_stay(tmp_path: Path, within: Run) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "result.json").write_text("{}")
-    result = run("hydro_ident", "identify", tmp_path / "nothing", "--robot", "xs031", "--out", out)
+    arguments = (tmp_path / "nothing", "--robot", "xs031", "--out", out)
+    result = within("hydro_ident", "identify", *arguments)
     assert_refused(result, "nothing")
     assert (out / "result.json").read_text() == "{}"
     assert [p.name for p in out.iterdir()] == ["result.json"]
