@@ -85,8 +85,12 @@ def _needed(item: pytest.Item) -> set[str]:
 @contextmanager
 def _hidden(packages: set[str]) -> Iterator[None]:
     """Make packages ones that are not installed, with all that was loaded of them."""
+    # Among thousands, before each test: a split of every name takes five times as long.
+    below = tuple(f"{name}." for name in packages)
     loaded = {
-        name: module for name, module in sys.modules.items() if name.split(".")[0] in packages
+        name: module
+        for name, module in sys.modules.items()
+        if name in packages or name.startswith(below)
     }
     sys.modules.update(dict.fromkeys({*packages, *loaded}))  # type: ignore[arg-type]
     try:
