@@ -34,6 +34,24 @@ _LONG = re.compile(r"pytest\.mark\.long\b")
 #: together weigh less than a tenth of a process.
 _NICER = 15
 
+
+def _my_turn() -> int | None:
+    """Wait until one worker has collected the tests; what the first of them holds while it does.
+
+    Whatever is imported for the first time is compiled by that one alone, as it is kept for all.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return None
+    descriptor = os.open(__file__, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        fcntl.flock(descriptor, fcntl.LOCK_SH)
+    return descriptor
+
+
+_turn = _my_turn()
+
 for _package in ("hydro_control", "hydro_hw_bridge", "hydro_ident", "hydro_msgs_docs"):
     _found = find_spec(_package)
     # A folder of that name alone has no origin.
@@ -115,6 +133,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for name in sorted(_needed(item)):
         if find_spec(name) is None:
             pytest.skip(f"{name} is not installed (rosdep has no key for it): pip install {name}")
+
+
+def pytest_collection_finish() -> None:
+    """Let the other workers collect."""
+    global _turn
+    if _turn is not None:
+        os.close(_turn)
+        _turn = None
 
 
 @pytest.hookimpl(tryfirst=True)
