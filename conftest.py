@@ -10,6 +10,7 @@ depends on, and there is no xdist, clarabel or plotly. What needs one of the lat
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import re
 import sys
@@ -164,6 +165,11 @@ class _Worker:
         Then long ones, that no worker is left with one when the others are done.
         """
         items.sort(key=lambda item: (not _has_processes(item.path), not _says(item.path, _LONG)))
+
+    def pytest_collection_finish(self) -> None:
+        """Keep garbage collection from walking through all modules and tests again and again."""
+        gc.collect()
+        gc.freeze()
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
         """Lower the priority at the first test without processes, once for all."""

@@ -147,6 +147,7 @@ def prepared() -> Iterator[RealTime]:
 
 def test_collection_is_off_in_the_loop_and_on_again_after() -> None:
     assert gc.isenabled()
+    gc.unfreeze()  # what a worker of pytest-xdist has collected (conftest.py)
     measures = RealTime(RealTimeOptions(), print)
     measures.prepare()
     measures.prepare()
