@@ -46,7 +46,7 @@ def run(make_run: tuple[Callable[..., Robot], Callable[..., Any]]) -> Any:
         EffectSpec("coulomb_friction", "lift_cylinder", {"force": 2500.0}),
         EffectSpec("valve_null_bias", "tilt_valve", {"bias": 0.006}),
     )
-    return simulated_run(replace(true_crane(), effects=effects), 14.0)
+    return simulated_run(replace(true_crane(), effects=effects), 9.0)
 
 
 def results(

@@ -144,7 +144,7 @@ def test_what_one_pressure_tells_is_found(
     """A valve off its middle shows in the one balance; other laws may look like it there."""
     true_crane, simulated_run = make_run
     both, one = list[Any](), list[Any]()
-    for name, seconds, seed in (("run", 24.0, 2), ("check", 18.0, 4)):
+    for name, seconds, seed in (("run", 14.0, 2), ("check", 9.0, 4)):
         run = simulated_run(replace(true_crane(), effects=(BIAS,)), seconds, seed=seed)
         both.append(run.recording(name))
         one.append(run.recording(name, **_without(run, "b")))
