@@ -21,6 +21,9 @@ APPROACH_LIMIT = {"tip": 0.3, "joint": 0.3}
 APPROACH_SPEED = {"tip": 0.1, "joint": 0.1}
 SHORTEST_APPROACH_S, LONGEST_APPROACH_S = 0.5, 60.0
 APPROACH_CHECKS = 8
+#: What arithmetic leaves of no distance, such as where joints are held and the tip's place is
+#: computed of them, m or rad.
+_NO_DISTANCE = 1e-9
 #: Slower than the joints' limits by this share where speeds are known at some points only.
 _SPARE = {"tip": 0.05, "joint": 0.0}
 _TIP_SPARE = 0.05
@@ -62,7 +65,7 @@ def approach_to(
     """
     away = first - at
     distance = float(np.linalg.norm(away) if space == "tip" else np.max(np.abs(away)))
-    if distance == 0.0:
+    if distance <= _NO_DISTANCE:
         return ()
     if not distance <= APPROACH_LIMIT[space]:  # so that no number is refused, too
         raise ControlError(

@@ -12,6 +12,7 @@ from hydro_control.approach import APPROACH_CHECKS, approach_to
 from hydro_control.errors import ControlError
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
+from hydro_control.posture import is_redundant, posture_at_tip
 from hydro_control.required_motion import Reference
 from hydro_control.stopping import Slowing
 from hydro_control.trajectory import Waypoint, segments_through
@@ -60,15 +61,35 @@ class ReferencePlayer:
         self.robot = robot
         self._tip_speed_m_s = tip_speed_m_s
         self._plan = _hold("joint", np.array(q, dtype=float))
-        self._start_s = 0.0
+        self._start_s, self._settled = 0.0, True
 
     def play(self, plan: Plan, start_s: float) -> None:
         """Play a plan from a stamp on."""
         self._plan, self._start_s = plan, start_s
+        self._settled = plan.space == "joint"
 
     def hold(self, q: FloatArray, stamp_s: float) -> None:
         """Stand at joint positions from a stamp on, whatever was played."""
         self.play(_hold("joint", np.array(q, dtype=float)), stamp_s)
+
+    def settle(self, q: FloatArray, stamp_s: float) -> None:
+        """Once a motion of the tip has ended, hold the joints where its place leaves them free.
+
+        Along the joints' motions that leave the tip where it is nothing but their speed is
+        controlled: held by its tip, a redundant chain creeps along them for as long as it stands.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Measured joint positions, rad or m.
+        stamp_s : float
+            Of the sample.
+        """
+        if self._settled or self.moving(stamp_s):
+            return
+        self._settled = True
+        if is_redundant(self.robot, q):
+            self.hold(posture_at_tip(self.robot, self.sample(stamp_s).position, q), stamp_s)
 
     def moving(self, stamp_s: float) -> bool:
         """A plan is not played to its end yet.

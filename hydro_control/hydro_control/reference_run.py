@@ -295,6 +295,7 @@ class ReferenceRun:
             if asked.epoch == self.epoch and not self.moving and not stopped:
                 self._play(asked.plan)
                 self.of_path, self.path_waits = asked.of_path, False
+        self.player.settle(self.q, self.now_s)
         return self.player.sample(self.now_s)
 
     def ahead(self, lead_s: float) -> Reference:
