@@ -53,8 +53,8 @@ class ControllerCore:
     robot : Robot
     gains : Gains
     path : TipPath or JointPath, optional
-        Played from the first sample on. It is checked at once, and from the pose of that sample
-        where this makes a difference.
+        Played from the first sample on. What holds from every pose is checked at once, the rest
+        from the pose of that sample where this makes a difference.
     start_delay_s : float
         Hold before the path.
     adaptation : AdaptationSettings, optional
@@ -98,6 +98,7 @@ class ControllerCore:
         self._adaptation_reset = False
         self._watch = AppliedWatch(np.array([v.rated_voltage_v for v in self.robot.valves]))
         self._runaway = RunawayWatch(self.robot, self.law.limits, self.runaway, self.law.dt_s)
+        self._path_checked_from: FloatArray | None = None
         if self.path is not None:
             limits = self.law.robot, self.path, self.tip_speed_m_s
             self._path_checked_from = start_of_path(*limits)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.motion_limits import refuse_fast
+from hydro_control.posture import is_redundant
 from hydro_control.required_motion import ACCELERATION_PER_VELOCITY_1_S
 from hydro_model.errors import RobotError
 from hydro_model.paths import JointPath, TipPath
@@ -65,8 +69,14 @@ def refuse_beyond(
     return check
 
 
-def start_of_path(robot: Robot, path: TipPath | JointPath, tip_speed_m_s: float) -> FloatArray:
+def start_of_path(
+    robot: Robot, path: TipPath | JointPath, tip_speed_m_s: float
+) -> FloatArray | None:
     """Check a path before any pose is known, and say from which pose it was checked.
+
+    Where the path leaves open in which pose the machine will stand, only what holds in every one
+    is checked: a path that can be followed from where it stands is not refused for a pose that
+    nobody stands in.
 
     Parameters
     ----------
@@ -76,9 +86,10 @@ def start_of_path(robot: Robot, path: TipPath | JointPath, tip_speed_m_s: float)
 
     Returns
     -------
-    (n,) array
-        Joint positions at its start: joints that it does not name in mid-range, a tip by the
-        first posture found inside the limits.
+    (n,) array or None
+        Joint positions at its start, a tip by the first posture found inside the limits. None
+        where joints are not named, or a redundant chain's tip is: all that hangs on their
+        positions is not checked yet.
 
     Raises
     ------
@@ -86,13 +97,48 @@ def start_of_path(robot: Robot, path: TipPath | JointPath, tip_speed_m_s: float)
         As of `refuse_beyond`.
     """
     try:
+        if isinstance(path, JointPath) and not _names_all(robot, path):
+            _refuse_named(robot, path)
+            return None
+        if isinstance(path, TipPath) and _leaves_open(robot, path):
+            _refuse_place(robot, path, tip_speed_m_s)
+            return None
         return refuse_beyond(robot, path, tip_speed_m_s).start_position
     except NUMERICAL_ERRORS as error:
         raise ControlError(f"the path cannot be computed: {error}") from error
 
 
+def _names_all(robot: Robot, path: JointPath) -> bool:
+    return set(robot.joint_names) <= set(path.joints)
+
+
+def _refuse_named(robot: Robot, path: JointPath) -> None:
+    """Refuse what the joints that a path names cannot do, wherever the others stand.
+
+    Where those stand decides on weights, on the tip's speed and on strokes of their own: no
+    cylinder is looked at but the named joints', nor what it can hold.
+    """
+    own = tuple(c for c in robot.cylinders if c.joint in path.joints)
+    alone = replace(robot, cylinders=own, part_inertia=None, valves=())
+    refuse_beyond(alone, path, math.inf)
+
+
+def _leaves_open(robot: Robot, path: TipPath) -> bool:
+    """Whether a path's start can be reached in ever so many postures."""
+    if path.tip_link != robot.tip_link:
+        return False
+    return is_redundant(robot, joints_at_tip(robot, path.sample(0.0)[0]))
+
+
+def _refuse_place(robot: Robot, path: TipPath, tip_speed_m_s: float) -> None:
+    """Refuse what the tip cannot do, whatever the posture it begins in."""
+    for at_s in path.breaks_s:
+        joints_at_tip(robot, path.sample(at_s)[0])
+    refuse_fast(robot, path, tip_speed_m_s)
+
+
 def same_start(
-    robot: Robot, path: TipPath | JointPath, checked: FloatArray, q: FloatArray
+    robot: Robot, path: TipPath | JointPath, checked: FloatArray | None, q: FloatArray
 ) -> bool:
     """Whether the check of `start_of_path` holds where the robot stands.
 
@@ -100,7 +146,7 @@ def same_start(
     ----------
     robot : Robot
     path : TipPath or JointPath
-    checked : (n,) array
+    checked : (n,) array or None
         What that said.
     q : (n,) array
         Joint positions.
@@ -111,8 +157,10 @@ def same_start(
         Not where joints that the path does not name, or the posture of its tip, are others: other
         weights hang on the cylinders, and others of them come to their ends.
     """
+    if checked is None:
+        return False
     if isinstance(path, JointPath):
-        return set(robot.joint_names) <= set(path.joints)
+        return _names_all(robot, path)
     try:
         start = joints_at_tip(robot, path.sample(0.0)[0], q)
     except RobotError:

@@ -270,7 +270,8 @@ def test_a_wrong_model_is_followed_worse_but_stably() -> None:
 
 def test_what_a_listed_load_makes_too_heavy_is_refused() -> None:
     """The feed-forward knows the load; where no pressure can hold it the arm would sink."""
-    path = JointPath((Quintic.at_rest([-1.5], [-0.9], 6.0),), joints=("tilt",))
+    out = Quintic.at_rest([0.6, -1.5], [0.6, -0.9], 6.0)
+    path = JointPath((out,), joints=("lift", "tilt"))
     loaded = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 500.0}),))
     ControllerCore(ROBOT, Gains(), path)
     with pytest.raises(RobotError, match="'lift_cylinder' would have to hold"):

@@ -16,6 +16,7 @@ from hydro_control.gains import Gains
 from hydro_control.path_limits import same_start, start_of_path
 from hydro_control.reference import ReferencePlayer
 from hydro_control.trajectory import Waypoint
+from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.paths_check import joints_at_tip
@@ -163,10 +164,52 @@ def test_the_check_of_a_tip_path_holds_for_its_posture_alone() -> None:
     up = joints_at_tip(ROBOT, corner, np.array([0.2, 0.5]))
     np.testing.assert_allclose(tip_position(ROBOT, up), corner, atol=1e-6)
     checked = start_of_path(ROBOT, path, 3.0)
+    assert checked is not None
     np.testing.assert_allclose(checked, down, atol=1e-6)
     near = np.array([0.05, -0.05])
     assert same_start(ROBOT, path, checked, down + near)
     assert not same_start(ROBOT, path, checked, up + near)
+
+
+@pytest.mark.parametrize(("lift", "plays"), [(1.5, True), (0.825, False)])
+def test_a_path_of_some_joints_is_judged_where_the_others_stand_and_nowhere_else(
+    lift: float, plays: bool
+) -> None:
+    """With the lift in mid-range half a tonne is too heavy for it; steep it is held."""
+    effects = (EffectSpec("payload_change", ROBOT.name, {"mass": 500.0}),)
+    out = JointPath((Quintic.at_rest([-1.5], [-0.9], 6.0),), joints=("tilt",))
+    core = ControllerCore(replace(ROBOT, effects=effects), Gains(), out)
+    answered(core, 0, np.array([lift, -1.5]))
+    assert core.moving == plays
+    assert plays or re.match("path refused, holding: .*'lift_cylinder' would have", core.message)
+
+
+@pytest.mark.parametrize(
+    ("end", "seconds", "joint", "expected"),
+    [
+        (-0.1, 9.0, "tilt", "joint 'tilt' goes to -0.1 at"),
+        (-0.9, 0.5, "tilt", "joint 'tilt' reaches a speed of"),
+        (-1.4, 0.05, "tilt", "joint 'tilt' reaches"),
+        (-0.9, 6.0, "jib", "no joint 'jib'"),
+    ],
+)
+def test_what_the_named_joints_cannot_do_is_refused_before_any_pose_is_known(
+    end: float, seconds: float, joint: str, expected: str
+) -> None:
+    path = JointPath((Quintic.at_rest([-1.5], [end], seconds),), joints=(joint,))
+    with pytest.raises(RobotError, match=expected):
+        ControllerCore(ROBOT, Gains(), path)
+
+
+def test_what_the_cylinders_of_named_joints_cannot_do_is_refused_of_them_alone() -> None:
+    """Strokes end before the joints do; that of the lift would in the middle of its range."""
+    lift, tilt = ROBOT.cylinders
+    short = replace(tilt, stroke_m=0.3)
+    path = JointPath((Quintic.at_rest([-1.5], [-0.5], 9.0),), joints=("tilt",))
+    with pytest.raises(RobotError, match="cylinder 'tilt_cylinder' goes to"):
+        start_of_path(replace(ROBOT, cylinders=(lift, short)), path, 3.0)
+    odd = replace(ROBOT, cylinders=(replace(lift, stroke_m=0.01), tilt))
+    assert start_of_path(odd, path, 3.0) is None
 
 
 class Beside:

@@ -8,11 +8,15 @@ import numpy as np
 import pytest
 
 from hydro_control.core import Answer, ControllerCore, Sample
+from hydro_control.errors import ControlError
 from hydro_control.gains import Gains
+from hydro_control.path_limits import refuse_beyond
 from hydro_control.posture import is_redundant, posture_at_tip
 from hydro_control.trajectory import Waypoint
 from hydro_model.cylinder import lever
+from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_jacobian, tip_position
+from hydro_model.paths import TipPath
 from hydro_model.robot import Cylinder, FloatArray, Joint, Robot, Valve
 from hydro_model.robot_files import load_robot
 
@@ -75,8 +79,8 @@ UP, UP_AND_OUT = np.array([0.0, 0.0, 0.1]), np.array([0.1, 0.0, 0.2])
 class Leaking:
     """A machine that moves as it is asked to, but for a telescope that creeps out."""
 
-    def __init__(self) -> None:
-        self.core, self.q, self.cycle = ControllerCore(ROBOT, Gains()), POSE.copy(), -1
+    def __init__(self, path: TipPath | None = None, q: FloatArray = POSE) -> None:
+        self.core, self.q, self.cycle = ControllerCore(ROBOT, Gains(), path), q.copy(), -1
 
     def run(self, seconds: float) -> Answer:
         for _ in range(round(seconds / DT_S)):
@@ -175,3 +179,36 @@ def test_a_place_out_of_reach_is_held_near_and_no_joint_thrown_about() -> None:
     # By as little motion of the joints as there is: none along those that leave the tip.
     null = np.linalg.svd(tip_jacobian(ROBOT, POSE))[2][2]
     assert abs(null @ (exact - POSE)) < 0.05 * np.linalg.norm(exact - POSE)
+
+
+#: From here the crane's joints make way for the motion; in the posture found first the telescope
+#: would have to go in beyond its end.
+STEEP = np.array([1.35, -1.79, 0.6])
+OUT = np.array([-0.33, 0.0, 0.27])
+
+
+def tip_path(step: FloatArray, seconds: float) -> TipPath:
+    place = np.asarray(tip_position(ROBOT, STEEP))
+    return TipPath.through([place.tolist(), (place + step).tolist()], [seconds])
+
+
+def test_a_tip_path_of_a_redundant_chain_is_judged_in_the_posture_it_stands_in() -> None:
+    path = tip_path(OUT, 3.0)
+    with pytest.raises(RobotError, match="joint 'extension' goes to"):
+        refuse_beyond(ROBOT, path, 3.0)
+    machine = Leaking(path, STEEP)
+    assert machine.run(0.1).reference.space == "tip"
+    assert machine.core.moving
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        (tip_path(30.0 * OUT, 90.0), "cannot put its tip at"),
+        (tip_path(OUT, 0.2), "the tip reaches"),
+        (replace(tip_path(OUT, 3.0), tip_link="hook"), "the path is of 'hook'"),
+    ],
+)
+def test_a_place_or_a_speed_in_no_posture_is_refused_at_once(path: TipPath, expected: str) -> None:
+    with pytest.raises((ControlError, RobotError), match=expected):
+        ControllerCore(ROBOT, Gains(), path)
