@@ -9,8 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hydro_model.kinematics import tip_position
+from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
 
 pytestmark = pytest.mark.ros
@@ -81,19 +84,38 @@ def test_a_sent_stop_ends_what_is_played(
     assert process.poll() is None
 
 
+def _before_time_0(space: str) -> tuple[str, Any]:
+    """A topic and a message of a single point, where the arm stands, a second too early."""
+    from builtin_interfaces.msg import Duration
+    from geometry_msgs.msg import Transform, Vector3
+    from trajectory_msgs.msg import (
+        JointTrajectory,
+        JointTrajectoryPoint,
+        MultiDOFJointTrajectory,
+        MultiDOFJointTrajectoryPoint,
+    )
+
+    early = {"time_from_start": Duration(sec=-1)}
+    if space == "joint":
+        joints = JointTrajectoryPoint(positions=[0.6], **early)
+        return topics.JOINT_TRAJECTORY, JointTrajectory(joint_names=["lift"], points=[joints])
+    x, y, z = tip_position(load_robot("xs031"), np.array([0.6, -1.5])).tolist()
+    at = Transform(translation=Vector3(x=x, y=y, z=z))
+    tip = MultiDOFJointTrajectoryPoint(transforms=[at], **early)
+    return topics.TIP_TRAJECTORY, MultiDOFJointTrajectory(joint_names=["tip_link"], points=[tip])
+
+
+@pytest.mark.parametrize("space", ["joint", "tip"])
 def test_a_single_point_before_time_0_is_refused_and_the_arm_held_on(
+    space: str,
     machine: Any,
     controller: Callable[..., subprocess.Popen[str]],
     wait_for: Callable[..., bool],
 ) -> None:
-    from builtin_interfaces.msg import Duration
-    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
     process = controller()
     machine.answer(0)
-    message = JointTrajectory(joint_names=["lift"])
-    message.points.append(JointTrajectoryPoint(positions=[0.6], time_from_start=Duration(sec=-1)))
-    publisher = machine.publisher(topics.JOINT_TRAJECTORY, topics.reliable())
+    topic, message = _before_time_0(space)
+    publisher = machine.publisher(topic, topics.reliable())
     assert wait_for(lambda: publisher.get_subscription_count() > 0)
     publisher.publish(message)
 
