@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
 from hydro_control.gain_checks import gain_warnings
 from hydro_control.hot_path import HotPath
+from hydro_control.reference_run import MOST_POINTS
 from hydro_control.trajectory import Waypoint
 from hydro_model.paths import load_path
 from hydro_model.robot_files import load_robot
@@ -139,35 +140,43 @@ class ControllerNode(LifecycleNode):
         self.failure = error
 
     def _on_joints(self, message: Any) -> None:
-        points = [
-            _waypoint(p, (p.positions, p.velocities, p.accelerations)) for p in message.points
-        ]
-        self._request("joint", message, points)
+        self._request("joint", message, _of_joints)
 
     def _on_tip(self, message: Any) -> None:
-        points = []
-        for p in message.points:
-            place = [_xyz(t.translation) for t in p.transforms[:1]]
-            speed = [_xyz(t.linear) for t in p.velocities[:1]]
-            change = [_xyz(t.linear) for t in p.accelerations[:1]]
-            flat = tuple(part[0] if part else [] for part in (place, speed, change))
-            points.append(_waypoint(p, flat))
-        self._request("tip", message, points)
+        self._request("tip", message, _of_tip)
 
     def _request(
-        self, space: Literal["tip", "joint"], message: Any, points: list[Waypoint]
+        self,
+        space: Literal["tip", "joint"],
+        message: Any,
+        waypoint: Callable[[int, Any], Waypoint],
     ) -> None:
         stamp = message.header.stamp
         start_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
         try:
             if not self._active:
                 raise ControlError("trajectory refused: the controller is not active")
+            points = self._points(message.points, waypoint)
             self._core.request_trajectory(space, list(message.joint_names), points, start_ns)
         except ControlError as error:
             self.get_logger().error(str(error))
             return
         what = f"with {len(points)} points" if points else "to stop"
         self.get_logger().info(f"{space} trajectory {what} accepted")
+
+    def _points(
+        self, points: Sequence[Any], waypoint: Callable[[int, Any], Waypoint]
+    ) -> list[Waypoint]:
+        """The points of a message, counted first: a million take seconds and memory to read."""
+        if len(points) > MOST_POINTS:
+            raise self._core.refusal(
+                f"expected at most {MOST_POINTS} points, found {len(points)}: send it in parts, or"
+                " give it as the controller's path"
+            )
+        try:
+            return [waypoint(index, point) for index, point in enumerate(points)]
+        except ControlError as error:
+            raise self._core.refusal(str(error)) from error
 
     def _reset_adaptation(
         self, _request: Trigger.Request, response: Trigger.Response
@@ -242,8 +251,24 @@ class ControllerNode(LifecycleNode):
         return values
 
 
-def _xyz(vector: Any) -> list[float]:
-    return [vector.x, vector.y, vector.z]
+def _of_joints(_index: int, point: Any) -> Waypoint:
+    return _waypoint(point, (point.positions, point.velocities, point.accelerations))
+
+
+def _of_tip(index: int, point: Any) -> Waypoint:
+    """Of the tip alone: of several bodies nobody knows which is meant."""
+    parts = {
+        "transforms": [t.translation for t in point.transforms],
+        "velocities": [t.linear for t in point.velocities],
+        "accelerations": [t.linear for t in point.accelerations],
+    }
+    for name, vectors in parts.items():
+        if len(vectors) > 1:
+            raise ControlError(
+                f"point {index} of the trajectory should have at most one entry of {name}, the"
+                f" tip's, found {len(vectors)}"
+            )
+    return _waypoint(point, [[x for v in of for x in (v.x, v.y, v.z)] for of in parts.values()])
 
 
 def _waypoint(point: Any, parts: Sequence[Sequence[float]]) -> Waypoint:

@@ -29,7 +29,7 @@ from hydro_control.sample import Sample
 from hydro_control.sensor_correction import SensorCorrection
 from hydro_control.stamps import StampWatch
 from hydro_control.trajectory import Waypoint
-from hydro_model.errors import RobotError
+from hydro_model.errors import RobotError, in_short
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
@@ -363,22 +363,34 @@ class ControllerCore:
         """
         run = self._run
         if run is None:
-            raise self._refusal("no sample has come yet")
+            raise self.refusal("no sample has come yet")
         if not waypoints:
             run.stop = True
             return
         if stopped := self.silent or self._runaway.fault or self._stamps.other_rate:
-            raise self._refusal(f"the controller stopped: {stopped}")
+            raise self.refusal(f"the controller stopped: {stopped}")
         try:
             run.ask(space, names, waypoints, start_ns)
         except (ControlError, RobotError) as error:
-            raise self._refusal(str(error)) from error
-        except NUMERICAL_ERRORS as error:
-            # Whatever was overlooked above: the arm is held on, only this request is not played.
-            raise self._refusal(f"it cannot be computed: {error}") from error
+            raise self.refusal(str(error)) from error
+        # Whatever was overlooked above, memory included: the arm is held on, only this request is
+        # not played.
+        except Exception as error:
+            raise self.refusal(f"it cannot be computed: {in_short(error)}") from error
         self.message = ""
 
-    def _refusal(self, why: str) -> ControlError:
+    def refusal(self, why: str) -> ControlError:
+        """Count a trajectory that is not played, and say so until the next one is.
+
+        Parameters
+        ----------
+        why : str
+
+        Returns
+        -------
+        ControlError
+            To be raised by whoever was asked for it.
+        """
         self.counts.refused += 1
         self.message = f"trajectory refused: {why}"
         return ControlError(self.message)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from hydro_control.approach import APPROACH_CHECKS, approach_to
-from hydro_control.errors import ControlError
+from hydro_control.errors import ControlError, names_in_short
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
 from hydro_control.posture import is_redundant, posture_at_tip
@@ -201,7 +201,7 @@ class ReferencePlayer:
         if unknown or not names or len(set(names)) != len(names):
             raise ControlError(
                 f"a trajectory of {space} space should name {', '.join(known)}, each once,"
-                f" found {', '.join(names) or 'no name'}"
+                f" found {names_in_short(names) or 'no name'}"
             )
         if space == "tip":
             segments = segments_through(at, waypoints)

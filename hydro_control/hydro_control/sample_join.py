@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_control.core import Sample
+from hydro_control.errors import names_in_short
 from hydro_model.robot import FloatArray, Robot
 from hydro_msgs_docs.messages import StampedVector, by_name
 
@@ -76,7 +77,8 @@ class SampleJoin:
         if not set(names) & set(vector.name):
             return  # of another machine, such as a gripper's driver
         self.malformed += 1
-        self.message = f"{topic} should carry {', '.join(names)}, found {', '.join(vector.name)}"
+        found = names_in_short(vector.name)
+        self.message = f"{topic} should carry {', '.join(names)}, found {found}"
 
     @property
     def waiting(self) -> bool:

@@ -104,6 +104,14 @@ def test_messages_of_other_machines_are_none_of_this_one() -> None:
     assert (join.malformed, join.message) == (0, "")
 
 
+def test_what_is_said_of_foreign_names_is_a_short_line() -> None:
+    join = SampleJoin(ROBOT)
+    join.add_joints(vector(1, ["lift", *(f"{k}{'x' * 100}\n" for k in range(1000))], [0.1]))
+    assert join.malformed == 1
+    assert join.message.isprintable()
+    assert len(join.message) < 1000
+
+
 def test_cleared_and_bounded() -> None:
     join = SampleJoin(ROBOT)
     for stamp in range(1000):
