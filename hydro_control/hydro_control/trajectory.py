@@ -68,15 +68,15 @@ def segments_through(start: FloatArray, waypoints: Sequence[Waypoint]) -> tuple[
         raise ControlError(
             f"times of a trajectory should grow from 0 s, found {times[0]:g} s at point 0"
         )
-    if times[0] > 0.0:
-        states.insert(0, (start, still, still))
-        times.insert(0, 0.0)
     for index, (before, after) in enumerate(pairwise(times)):
         if not before < after:
             raise ControlError(
                 f"times of a trajectory should grow from 0 s, found {after:g} s after"
                 f" {before:g} s at point {index + 1}"
             )
+    if times[0] > 0.0:
+        states.insert(0, (start, still, still))
+        times.insert(0, 0.0)
     for name, value in zip(("velocity", "acceleration"), states[-1][1:], strict=True):
         if np.any(value != 0.0):
             raise ControlError(f"a trajectory should end at rest, its last {name} is {value}")

@@ -140,7 +140,7 @@ HOSTILE = {
     ),
     "time 0 alone": (joints(((0, 0), NEAR)), "a point after time 0"),
     "a nanosecond": (joints(((0, 1), NEAR)), "reaches a speed of"),
-    "times that stand": (joints((IN_2_S, NEAR), (IN_2_S, NEAR)), "2 s after 2 s at point"),
+    "times that stand": (joints((IN_2_S, NEAR), (IN_2_S, NEAR)), "2 s after 2 s at point 1"),
     "stamp of the past": (joints((IN_2_S, NEAR), stamp=(1, 0)), "now or later, found 999999999"),
     "least stamp": (joints((IN_2_S, NEAR), stamp=(LEAST, 0)), "now or later"),
     "last stamp": (joints((IN_2_S, NEAR), stamp=(MOST, 2**32 - 1)), "within 10 s of the newest"),
