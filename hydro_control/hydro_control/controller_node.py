@@ -19,6 +19,7 @@ from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
 from hydro_control.gain_checks import gain_warnings
 from hydro_control.hot_path import HotPath
+from hydro_control.path_limits import refuse_frame
 from hydro_control.reference_run import MOST_POINTS
 from hydro_control.trajectory import Waypoint
 from hydro_model.paths import load_path
@@ -156,7 +157,7 @@ class ControllerNode(LifecycleNode):
         try:
             if not self._active:
                 raise ControlError("trajectory refused: the controller is not active")
-            points = self._points(message.points, waypoint)
+            points = self._points(space, message, waypoint)
             self._core.request_trajectory(space, list(message.joint_names), points, start_ns)
         except ControlError as error:
             self.get_logger().error(str(error))
@@ -165,16 +166,22 @@ class ControllerNode(LifecycleNode):
         self.get_logger().info(f"{space} trajectory {what} accepted")
 
     def _points(
-        self, points: Sequence[Any], waypoint: Callable[[int, Any], Waypoint]
+        self,
+        space: Literal["tip", "joint"],
+        message: Any,
+        waypoint: Callable[[int, Any], Waypoint],
     ) -> list[Waypoint]:
         """The points of a message, counted first: a million take seconds and memory to read."""
-        if len(points) > MOST_POINTS:
+        count, frame = len(message.points), message.header.frame_id
+        if count > MOST_POINTS:
             raise self._core.refusal(
-                f"expected at most {MOST_POINTS} points, found {len(points)}: send it in parts, or"
-                " give it as the controller's path"
+                f"expected at most {MOST_POINTS} points, found {count}: send it in parts, or give"
+                " it as the controller's path"
             )
         try:
-            return [waypoint(index, point) for index, point in enumerate(points)]
+            if space == "tip" and count and frame:
+                refuse_frame(self._core.robot, frame)
+            return [waypoint(index, point) for index, point in enumerate(message.points)]
         except ControlError as error:
             raise self._core.refusal(str(error)) from error
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_control.errors import NUMERICAL_ERRORS, ControlError
+from hydro_control.errors import NUMERICAL_ERRORS, ControlError, names_in_short
 from hydro_control.motion_limits import refuse_fast
 from hydro_control.posture import is_redundant
 from hydro_control.required_motion import ACCELERATION_PER_VELOCITY_1_S
@@ -69,6 +69,26 @@ def refuse_beyond(
     return check
 
 
+def refuse_frame(robot: Robot, frame: str) -> None:
+    """Refuse places of the tip in another frame than the robot's base: it would go elsewhere.
+
+    Parameters
+    ----------
+    robot : Robot
+    frame : str
+
+    Raises
+    ------
+    ControlError
+    """
+    base = robot.joints[0].parent_link
+    if frame != base:
+        raise ControlError(
+            f"places of the tip should be in the frame '{base}', found"
+            f" '{names_in_short([frame])}': transform them before they are sent"
+        )
+
+
 def start_of_path(
     robot: Robot, path: TipPath | JointPath, tip_speed_m_s: float
 ) -> FloatArray | None:
@@ -96,6 +116,8 @@ def start_of_path(
     ControlError, RobotError
         As of `refuse_beyond`.
     """
+    if isinstance(path, TipPath):
+        refuse_frame(robot, path.frame)
     try:
         if isinstance(path, JointPath) and not _names_all(robot, path):
             _refuse_named(robot, path)

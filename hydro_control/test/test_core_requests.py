@@ -182,6 +182,13 @@ def test_the_check_of_a_tip_path_holds_for_its_posture_alone() -> None:
     assert not same_start(ROBOT, path, checked, up + near)
 
 
+def test_a_tip_path_in_another_frame_is_refused_at_once() -> None:
+    place = tip_position(ROBOT, POSE).tolist()
+    path = TipPath.through([place, [*place[:2], place[2] + 0.1]], [3.0], frame="truck")
+    with pytest.raises(ControlError, match="in the frame 'base_link', found 'truck'"):
+        ControllerCore(ROBOT, Gains(), path)
+
+
 @pytest.mark.parametrize(("lift", "plays"), [(1.5, True), (0.825, False)])
 def test_a_path_of_some_joints_is_judged_where_the_others_stand_and_nowhere_else(
     lift: float, plays: bool

@@ -92,8 +92,10 @@ def tip(
     transforms: int = 1,
     twists: int = 0,
     accelerations: int = 0,
+    frame: str = "",
 ) -> MultiDOFJointTrajectory:
     message = MultiDOFJointTrajectory(joint_names=list(names))
+    message.header.frame_id = frame
     for sec, (x, y, z) in points:
         at = Transform(translation=Vector3(x=x, y=y, z=z))
         message.points.append(
@@ -155,6 +157,7 @@ HOSTILE = {
     "two bodies": (tip((2, TIP), transforms=2), "at most one entry of transforms, the tip's"),
     "two twists": (tip((2, TIP), twists=2), "one entry of velocities, the tip's, found 2"),
     "two changes": (tip((2, TIP), accelerations=3), "of accelerations, the tip's, found 3"),
+    "another frame": (tip((2, TIP), frame="truck"), "in the frame 'base_link', found 'truck'"),
     "tip no number": (tip((2, [X, NAN, Z])), "not finite"),
     "tip far out": (tip((9, [1e6, 0.0, 0.0])), "cannot put its tip at"),
     "tip out of the plane": (tip((2, [X, 0.1, Z])), "cannot put its tip at"),
@@ -188,11 +191,24 @@ def test_it_is_refused_with_its_reason_and_the_arm_held_on(asked: Asked, name: s
 
 
 def test_the_same_messages_without_what_is_wrong_are_played() -> None:
-    for message in (joints((IN_2_S, NEAR)), tip((2, TIP)), tip((2, TIP), twists=1)):
+    based = tip((2, TIP), twists=1, frame="base_link")
+    for message in (joints((IN_2_S, NEAR)), tip((2, TIP)), based):
         one = Asked()
         assert one(message).endswith("trajectory with 1 points accepted")
         one.answer(1)
         assert one.core.moving
+
+
+def test_a_stop_is_one_whatever_else_the_message_holds() -> None:
+    one = Asked()
+    one(joints((IN_2_S, NEAR)))
+    one.answer(1)
+    assert one.core.moving
+    assert one(tip(frame="truck", names=("", "hook"))) == "tip trajectory to stop accepted"
+    for cycle in range(2, 300):
+        answer = one.answer(cycle)
+    assert not answer.reference.velocity.any()
+    assert not one.core.moving
 
 
 def test_so_many_names_are_shown_as_fit_into_a_line() -> None:
