@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -19,9 +18,7 @@ from hydro_control.core import ControllerCore
 from hydro_control.errors import ControlError
 from hydro_control.gain_checks import gain_warnings
 from hydro_control.hot_path import HotPath
-from hydro_control.path_limits import refuse_frame
-from hydro_control.reference_run import MOST_POINTS
-from hydro_control.trajectory import Waypoint
+from hydro_control.trajectory_intake import TrajectoryIntake
 from hydro_model.paths import load_path
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
@@ -86,9 +83,10 @@ class ControllerNode(LifecycleNode):
             self, self._core, settings.required_recorders, self._real_time, self._failed
         )
         options = QoSOverridingOptions.with_default_policies()
+        intake = TrajectoryIntake(self._core, lambda: self._active, self.get_logger())
         for message_type, topic, callback in (
-            (JointTrajectory, topics.JOINT_TRAJECTORY, self._on_joints),
-            (MultiDOFJointTrajectory, topics.TIP_TRAJECTORY, self._on_tip),
+            (JointTrajectory, topics.JOINT_TRAJECTORY, partial(intake.take, "joint")),
+            (MultiDOFJointTrajectory, topics.TIP_TRAJECTORY, partial(intake.take, "tip")),
         ):
             self._trajectories.append(
                 self.create_subscription(
@@ -139,51 +137,6 @@ class ControllerNode(LifecycleNode):
 
     def _failed(self, error: BaseException) -> None:
         self.failure = error
-
-    def _on_joints(self, message: Any) -> None:
-        self._request("joint", message, _of_joints)
-
-    def _on_tip(self, message: Any) -> None:
-        self._request("tip", message, _of_tip)
-
-    def _request(
-        self,
-        space: Literal["tip", "joint"],
-        message: Any,
-        waypoint: Callable[[int, Any], Waypoint],
-    ) -> None:
-        stamp = message.header.stamp
-        start_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
-        try:
-            if not self._active:
-                raise ControlError("trajectory refused: the controller is not active")
-            points = self._points(space, message, waypoint)
-            self._core.request_trajectory(space, list(message.joint_names), points, start_ns)
-        except ControlError as error:
-            self.get_logger().error(str(error))
-            return
-        what = f"with {len(points)} points" if points else "to stop"
-        self.get_logger().info(f"{space} trajectory {what} accepted")
-
-    def _points(
-        self,
-        space: Literal["tip", "joint"],
-        message: Any,
-        waypoint: Callable[[int, Any], Waypoint],
-    ) -> list[Waypoint]:
-        """The points of a message, counted first: a million take seconds and memory to read."""
-        count, frame = len(message.points), message.header.frame_id
-        if count > MOST_POINTS:
-            raise self._core.refusal(
-                f"expected at most {MOST_POINTS} points, found {count}: send it in parts, or give"
-                " it as the controller's path"
-            )
-        try:
-            if space == "tip" and count and frame:
-                refuse_frame(self._core.robot, frame)
-            return [waypoint(index, point) for index, point in enumerate(message.points)]
-        except ControlError as error:
-            raise self._core.refusal(str(error)) from error
 
     def _reset_adaptation(
         self, _request: Trigger.Request, response: Trigger.Response
@@ -256,28 +209,3 @@ class ControllerNode(LifecycleNode):
             values["malformed"] = self._hot.malformed[0]
             values |= self._hot.times.values() | self._real_time.values()
         return values
-
-
-def _of_joints(_index: int, point: Any) -> Waypoint:
-    return _waypoint(point, (point.positions, point.velocities, point.accelerations))
-
-
-def _of_tip(index: int, point: Any) -> Waypoint:
-    """Of the tip alone: of several bodies nobody knows which is meant."""
-    parts = {
-        "transforms": [t.translation for t in point.transforms],
-        "velocities": [t.linear for t in point.velocities],
-        "accelerations": [t.linear for t in point.accelerations],
-    }
-    for name, vectors in parts.items():
-        if len(vectors) > 1:
-            raise ControlError(
-                f"point {index} of the trajectory should have at most one entry of {name}, the"
-                f" tip's, found {len(vectors)}"
-            )
-    return _waypoint(point, [[x for v in of for x in (v.x, v.y, v.z)] for of in parts.values()])
-
-
-def _waypoint(point: Any, parts: Sequence[Sequence[float]]) -> Waypoint:
-    time_s = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-    return Waypoint(time_s, *(np.array(part, dtype=float) for part in parts))

@@ -22,7 +22,7 @@ from hydro_control.law import ControlLaw
 from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.output import Output
 from hydro_control.path_limits import same_start, start_of_path
-from hydro_control.reference_run import ReferenceRun
+from hydro_control.reference_run import ReferenceRun, Standing
 from hydro_control.required_motion import Reference
 from hydro_control.runaway import RunawayLimits, RunawayWatch
 from hydro_control.sample import Sample
@@ -318,11 +318,16 @@ class ControllerCore:
         """The next voltage on the way to 0 V within the slew limit."""
         return self.law.wind_down()
 
+    @property
+    def standing(self) -> Standing | None:
+        """Where the reference stands now; None before the first sample."""
+        return None if self._run is None else self._run.standing
+
     def request_stop(self) -> None:
         """Come to rest at the next sample. May be called from another thread."""
         run = self._run
         if run is not None:
-            run.stop = True
+            run.ask_stop()
 
     def request_adaptation_reset(self) -> None:
         """Start the estimates anew at the next sample. May be called from another thread.
@@ -344,6 +349,7 @@ class ControllerCore:
         names: Sequence[str],
         waypoints: Sequence[Waypoint],
         start_ns: int = 0,
+        standing: Standing | None = None,
     ) -> None:
         """Play a trajectory from the next sample on. May be called from another thread.
 
@@ -355,6 +361,9 @@ class ControllerCore:
             Empty: come to rest.
         start_ns : int
             Stamp to start at, up to `reference_run.MOST_AHEAD_S` ahead; 0 for now.
+        standing : Standing, optional
+            `standing` when it was asked for; by default now. What was stopped, or set the
+            reference anew, between then and the end of its check is not followed by it.
 
         Raises
         ------
@@ -365,12 +374,15 @@ class ControllerCore:
         if run is None:
             raise self.refusal("no sample has come yet")
         if not waypoints:
-            run.stop = True
+            run.ask_stop()
             return
+        standing = run.standing if standing is None else standing
         if stopped := self.silent or self._runaway.fault or self._stamps.other_rate:
             raise self.refusal(f"the controller stopped: {stopped}")
         try:
-            run.ask(space, names, waypoints, start_ns)
+            standing.run.ask(space, names, waypoints, start_ns, standing)
+            if self._run is not standing.run:
+                raise ControlError("the controller began anew while it was checked: ask again")
         except (ControlError, RobotError) as error:
             raise self.refusal(str(error)) from error
         # Whatever was overlooked above, memory included: the arm is held on, only this request is

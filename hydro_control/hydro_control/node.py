@@ -48,7 +48,7 @@ def run(arguments: Sequence[str]) -> int:
 
     from hydro_control.controller_node import ControllerNode
 
-    # A shorter turn of the interpreter's lock: planning a trajectory in the service thread
+    # A shorter turn of the interpreter's lock: planning a trajectory in another thread
     # then costs the control loop at most this much at each step.
     sys.setswitchinterval(0.0005)
     _start_ros(rclpy, arguments, SignalHandlerOptions.NO)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from hydro_control.errors import NUMERICAL_ERRORS, ControlError
 from hydro_control.reference import Plan, ReferencePlayer
@@ -19,7 +19,7 @@ from hydro_model.robot import FloatArray, Robot
 #: machines to begin together. More is a stamp of another clock, or of one that was put forward:
 #: the arm would begin by itself when everybody has forgotten.
 MOST_AHEAD_S = 10.0
-#: Longest trajectory, and its most points: nobody is heard while it is checked.
+#: Longest trajectory, and its most points: no other is heard while it is checked.
 LONGEST_S, MOST_POINTS = 600.0, 5000
 
 _SECOND_NS = 1_000_000_000
@@ -34,13 +34,31 @@ class Asked:
     plan : Plan
     epoch : int
         In which it was planned.
+    stops : int
+        How many stops had been asked for before it.
     of_path : bool
         It is the controller's own path.
     """
 
     plan: Plan
     epoch: int
+    stops: int
     of_path: bool = False
+
+
+class Standing(NamedTuple):
+    """Where the reference stands at an instant: what is asked for then is played from there alone.
+
+    Attributes
+    ----------
+    run : ReferenceRun
+    epoch, stops : int
+        Of it, at that instant.
+    """
+
+    run: ReferenceRun
+    epoch: int
+    stops: int
 
 
 @dataclass(slots=True)
@@ -67,6 +85,8 @@ class ReferenceRun:
         planned in one is played in no other.
     stop : bool
         To come to rest at the next sample.
+    stops : int
+        Stops asked for so far: what was asked for before one is not played after it.
     following : bool
         Commands are withheld: the reference stays with the robot.
     dropped : bool
@@ -89,6 +109,7 @@ class ReferenceRun:
     pending: Asked | None = None
     epoch: int = 0
     stop: bool = False
+    stops: int = 0
     following: bool = False
     dropped: bool = False
     of_path: bool = False
@@ -178,7 +199,7 @@ class ReferenceRun:
         ControlError
             It is refused from where the reference stands still: why.
         """
-        epoch = self.epoch
+        epoch, stops = self.epoch, self.stops
         if not self.path_waits or self.pending is not None:
             return
         try:
@@ -189,7 +210,7 @@ class ReferenceRun:
             self.path_waits = False
             raise ControlError(str(error)) from error
         if self.path_waits and self.epoch == epoch:
-            self.pending = Asked(plan, epoch, of_path=True)
+            self.pending = Asked(plan, epoch, stops, of_path=True)
 
     def ask(
         self,
@@ -197,6 +218,7 @@ class ReferenceRun:
         names: Sequence[str],
         waypoints: Sequence[Waypoint],
         start_ns: int,
+        standing: Standing,
     ) -> None:
         """Have a trajectory played from the next sample on.
 
@@ -208,14 +230,14 @@ class ReferenceRun:
         start_ns : int
             Stamp to start at, up to `MOST_AHEAD_S` after the newest sample's; 0 for now. An
             approach to the first point ends there.
+        standing : Standing
+            When it was asked for, which may be before its turn to be checked came.
 
         Raises
         ------
         ControlError, RobotError
             It is refused: why.
         """
-        # Before all else: planning takes up to seconds, in which samples come in another thread.
-        epoch = self.epoch
         if self.following:
             raise ControlError("the valves do not get the commands")
         if self.path_waits:
@@ -244,10 +266,22 @@ class ReferenceRun:
                 f"it should have begun {self.now_s - plan.start_s:.3f} s ago, as it took so long"
                 " to check it: ask for it earlier"
             )
-        self.pending = Asked(plan, epoch)
-        # Looked at after it was handed over: what is set anew later finds it, and drops it.
-        if self.epoch != epoch:
+        self.pending = Asked(plan, standing.epoch, standing.stops)
+        # Looked at after it was handed over: what comes later finds it, and drops it.
+        if self.stops != standing.stops:
+            raise ControlError("a stop was asked for while it was checked")
+        if self.epoch != standing.epoch:
             raise ControlError("the reference was set anew while it was checked: ask again")
+
+    @property
+    def standing(self) -> Standing:
+        """Where the reference stands now."""
+        return Standing(self, self.epoch, self.stops)
+
+    def ask_stop(self) -> None:
+        """Come to rest at the next sample, and play nothing that was asked for before."""
+        self.stops += 1
+        self.stop = True
 
     def _play(self, plan: Plan) -> None:
         self.epoch += 1
@@ -286,12 +320,12 @@ class ReferenceRun:
     def reference(self) -> Reference:
         """The reference at the newest sample, once what was asked for has been taken up."""
         if self.stop:
-            self.stop, self.pending, self.path_waits = False, None, False
+            self.stop, self.path_waits = False, False
             if self.moving:
                 self.player.stop(self.now_s)
         if self.pending is not None:
             asked, self.pending = self.pending, None
-            stopped = asked.of_path and not self.path_waits
+            stopped = asked.stops != self.stops or (asked.of_path and not self.path_waits)
             if asked.epoch == self.epoch and not self.moving and not stopped:
                 self._play(asked.plan)
                 self.of_path, self.path_waits = asked.of_path, False

@@ -148,6 +148,58 @@ def test_a_trajectory_is_not_played_from_where_another_began(
     np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
 
 
+THERE = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
+
+
+@pytest.mark.parametrize("answered_before", [False, True])
+def test_what_is_stopped_while_it_is_checked_is_not_played(
+    answered_before: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether or not a sample comes between the stop and the end of the check."""
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+
+    def stop() -> None:
+        core.request_trajectory("joint", [], [])
+        if answered_before:
+            answered(core, 1)
+
+    while_checked(monkeypatch, stop)
+    with pytest.raises(ControlError, match="refused: a stop was asked for while it was checked"):
+        core.request_trajectory("joint", ["lift"], THERE)
+    np.testing.assert_array_equal(answered_up_to(core, 2, 50).reference.position, POSE)
+    core.request_trajectory("joint", ["lift"], THERE)
+    answered(core, 51)
+    assert core.moving
+
+
+def test_what_waits_for_its_check_is_of_when_it_was_asked_for() -> None:
+    core = ControllerCore(ROBOT, Gains())
+    assert core.standing is None
+    answered(core, 0)
+    before = core.standing
+    core.request_stop()
+    answered(core, 1)
+    with pytest.raises(ControlError, match="a stop was asked for while it was checked"):
+        core.request_trajectory("joint", ["lift"], THERE, standing=before)
+    after = core.standing
+    core.restart()
+    answered(core, 0)
+    with pytest.raises(ControlError, match="the controller began anew while it was checked"):
+        core.request_trajectory("joint", ["lift"], THERE, standing=after)
+    assert not answered(core, 1).reference.velocity.any()
+    assert not core.moving
+
+
+def test_what_is_asked_for_after_a_stop_is_played() -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    core.request_stop()
+    core.request_trajectory("joint", ["lift"], THERE)
+    answered(core, 1)
+    assert core.moving
+
+
 LOADED = replace(ROBOT, effects=(EffectSpec("payload_change", ROBOT.name, {"mass": 20.0}),))
 #: Held with the lift in mid-range; with the lift low the tilt's cylinder cannot.
 OUT = JointPath((Quintic.at_rest([-2.2], [-2.4], 4.0),), joints=("tilt",))

@@ -19,6 +19,11 @@ from hydro_msgs_docs import topics
 pytestmark = pytest.mark.ros
 
 
+def diagnosed(machine: Any, text: str) -> bool:
+    """Whether the controller has said so."""
+    return any(text in d.status[0].message for d in machine.heard[topics.DIAGNOSTICS])
+
+
 def test_a_sent_path_is_played_and_a_far_one_refused(
     machine: Any,
     controller: Callable[..., subprocess.Popen[str]],
@@ -36,11 +41,8 @@ def test_a_sent_path_is_played_and_a_far_one_refused(
     far.write_text(text.format(-0.5, -0.6))
     assert run_module("send_path", str(far), "--timeout", "100").returncode == 0
 
-    def refused() -> bool:
-        messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
-        return any("starts 1.000 rad or m from where the robot stands" in m for m in messages)
-
-    assert wait_for(refused)
+    expected = "starts 1.000 rad or m from where the robot stands"
+    assert wait_for(lambda: diagnosed(machine, expected))
     sent = run_module("send_path", str(near), "--timeout", "100", "--json", "-")
     assert sent.returncode == 0, sent.stderr
     told = json.loads(sent.stdout)
@@ -84,8 +86,8 @@ def test_a_sent_stop_ends_what_is_played(
     assert process.poll() is None
 
 
-def _before_time_0(space: str) -> tuple[str, Any]:
-    """A topic and a message of a single point, where the arm stands, a second too early."""
+def _single_point(space: str, at_s: int) -> tuple[str, Any]:
+    """A topic and a message of a single point, where the arm stands, at a time."""
     from builtin_interfaces.msg import Duration
     from geometry_msgs.msg import Transform, Vector3
     from trajectory_msgs.msg import (
@@ -95,13 +97,13 @@ def _before_time_0(space: str) -> tuple[str, Any]:
         MultiDOFJointTrajectoryPoint,
     )
 
-    early = {"time_from_start": Duration(sec=-1)}
+    at_time = {"time_from_start": Duration(sec=at_s)}
     if space == "joint":
-        joints = JointTrajectoryPoint(positions=[0.6], **early)
+        joints = JointTrajectoryPoint(positions=[0.6], **at_time)
         return topics.JOINT_TRAJECTORY, JointTrajectory(joint_names=["lift"], points=[joints])
     x, y, z = tip_position(load_robot("xs031"), np.array([0.6, -1.5])).tolist()
     at = Transform(translation=Vector3(x=x, y=y, z=z))
-    tip = MultiDOFJointTrajectoryPoint(transforms=[at], **early)
+    tip = MultiDOFJointTrajectoryPoint(transforms=[at], **at_time)
     return topics.TIP_TRAJECTORY, MultiDOFJointTrajectory(joint_names=["tip_link"], points=[tip])
 
 
@@ -114,18 +116,33 @@ def test_a_single_point_before_time_0_is_refused_and_the_arm_held_on(
 ) -> None:
     process = controller()
     machine.answer(0)
-    topic, message = _before_time_0(space)
+    topic, message = _single_point(space, -1)
     publisher = machine.publisher(topic, topics.reliable())
     assert wait_for(lambda: publisher.get_subscription_count() > 0)
     publisher.publish(message)
-
-    def refused() -> bool:
-        messages = [d.status[0].message for d in machine.heard[topics.DIAGNOSTICS]]
-        return any("grow from 0 s, found -1 s at point 0" in m for m in messages)
-
-    assert wait_for(lambda: refused() or process.poll() is not None)
+    expected = "grow from 0 s, found -1 s at point 0"
+    assert wait_for(lambda: diagnosed(machine, expected) or process.poll() is not None)
     assert process.poll() is None
     machine.answer(1)
+
+
+def test_a_stop_is_heard_while_a_long_trajectory_is_checked(
+    machine: Any, controller: Callable[..., subprocess.Popen[str]], wait_for: Callable[..., bool]
+) -> None:
+    """Minutes of the tip take seconds to check; what was stopped meanwhile is not played."""
+    from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+    process = controller()
+    machine.answer(0)
+    topic, message = _single_point("tip", 200)
+    publisher = machine.publisher(topic, topics.reliable())
+    assert wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(message)
+    publisher.publish(MultiDOFJointTrajectory())
+    assert wait_for(lambda: diagnosed(machine, "a stop was asked for while it was checked"))
+    assert process.poll() is None
+    machine.answer(1)
+    assert not any(machine.heard[topics.JOINT_REFERENCE][-1].velocity)
 
 
 @pytest.mark.parametrize(("arguments", "found"), [((), "neither"), (("a.yaml", "--stop"), "both")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,7 +27,7 @@ from trajectory_msgs.msg import (  # noqa: E402
     MultiDOFJointTrajectoryPoint,
 )
 
-from hydro_control.controller_node import ControllerNode  # noqa: E402
+from hydro_control.trajectory_intake import TrajectoryIntake  # noqa: E402
 
 pytestmark = pytest.mark.ros
 
@@ -45,18 +46,15 @@ class Asked:
         self.said: list[str] = []
         self.core = ControllerCore(ROBOT, Gains())
         log = SimpleNamespace(error=self.said.append, info=self.said.append)
-        self.node: Any = SimpleNamespace(
-            _core=self.core, _active=True, get_logger=lambda: log, _request=self._request
-        )
-        self.node._points = lambda *given: ControllerNode._points(self.node, *given)
+        self.intake = TrajectoryIntake(self.core, lambda: True, log)
         self.answer(0)
 
-    def _request(self, *given: Any) -> None:
-        ControllerNode._request(self.node, *given)
-
     def __call__(self, message: Any) -> str:
-        joints = isinstance(message, JointTrajectory)
-        (ControllerNode._on_joints if joints else ControllerNode._on_tip)(self.node, message)
+        before = len(self.said)
+        self.intake.take("joint" if isinstance(message, JointTrajectory) else "tip", message)
+        while self.intake.busy:
+            time.sleep(1e-4)
+        assert len(self.said) == before + 1
         return self.said[-1]
 
     def answer(self, cycle: int) -> Any:
