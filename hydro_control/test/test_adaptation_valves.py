@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from hydro_model.robot import Cylinder, EffectSpec, FloatArray, Valve
 from hydro_model.robot_files import load_robot
 
 ROBOT = load_robot("xs031")
+#: Positions, velocities and accelerations.
+Motion = tuple[FloatArray, FloatArray, FloatArray]
 P_S, P_T, DT = 19.0e6, 1.0e6, 0.002
 DROP_PA, WIDTH = 7e5, 0.01
 
@@ -36,12 +39,9 @@ def signal_of(
     return float(np.copysign(max(opening - less, 0.0), xd))
 
 
-def sample(name: str, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, gauge pressures and voltages of a slow swing."""
-    rate, swing = 2.0 * np.pi * np.array([0.1, 0.13]), np.array([0.2, 0.15])
-    phase = rate * t + np.array([0.0, 2.0])
-    q = np.array([0.5, -1.4]) + swing * np.sin(phase)
-    qd, qdd = swing * rate * np.cos(phase), -swing * rate**2 * np.sin(phase)
+def sample(name: str, motion: Motion) -> Motion:
+    """Positions, gauge pressures and voltages of a motion."""
+    q, qd, qdd = motion
     torque, p_b = inverse_dynamics(ROBOT, q, qd, qdd), np.full(2, 8.0e6)
     p_a, voltage = np.empty(2), np.empty(2)
     for i, (c, valve) in enumerate(zip(ROBOT.cylinders, ROBOT.valves, strict=True)):
@@ -62,13 +62,13 @@ def sample(name: str, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     ],
 )
 def test_listed_flows_of_the_valve_are_not_estimated_again(
-    name: str, values: dict[str, float]
+    name: str, values: dict[str, float], slow_swing: Callable[[float, FloatArray], Motion]
 ) -> None:
     listed = tuple(EffectSpec(name, valve.name, values) for valve in ROBOT.valves)
     active = plan(replace(ROBOT, effects=listed)).active
     adaptation = Adaptation(ROBOT, AdaptationSettings(("null_bias",)), DT, active)
     for k in range(7500):
-        q, p, voltage = sample(name, k * DT)
+        q, p, voltage = sample(name, slow_swing(k * DT, np.array([0.2, 0.15])))
         adaptation.observe(q, p, P_S, P_T, voltage)
     for estimator in adaptation._valves:
         assert estimator.updates > 100

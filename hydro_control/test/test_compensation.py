@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -308,8 +309,11 @@ def test_masses_and_tilt_are_the_models() -> None:
     np.testing.assert_allclose(loaded.required_force_n - plain.required_force_n, weight, rtol=1e-6)
 
 
-def test_what_is_listed_is_not_estimated_again() -> None:
+def test_what_is_listed_is_not_estimated_again(
+    slow_swing: Callable[[float, FloatArray], tuple[FloatArray, FloatArray, FloatArray]],
+) -> None:
     """The machine of the adaptation's tests, in the model file already."""
+    swing = np.array([0.25, 0.2])
     size, bias = np.array([3000.0, 4000.0]), np.array([0.006, -0.004])
     robot = with_effects(
         *(
@@ -324,7 +328,7 @@ def test_what_is_listed_is_not_estimated_again() -> None:
     knowing = Adaptation(ROBOT, AdaptationSettings(KINDS), DT, plan(robot).active)
     ignorant = Adaptation(ROBOT, AdaptationSettings(KINDS), DT)
     for k in range(10_000):
-        q, p, voltage = _rubbing_sample(k * DT, size, bias)
+        q, p, voltage = _rubbing_sample(slow_swing(k * DT, swing), size, bias)
         for adaptation in (knowing, ignorant):
             adaptation.observe(q, p, P_S, P_T, voltage)
     estimated = dict(zip(knowing.names, knowing.estimates, strict=True))
@@ -338,13 +342,9 @@ def test_what_is_listed_is_not_estimated_again() -> None:
 
 
 def _rubbing_sample(
-    t: float, size: FloatArray, bias: FloatArray
+    motion: tuple[FloatArray, FloatArray, FloatArray], size: FloatArray, bias: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    rate = 2.0 * np.pi * np.array([0.1, 0.13])
-    phase = rate * t + np.array([0.0, 2.0])
-    swing = np.array([0.25, 0.2])
-    q = np.array([0.5, -1.4]) + swing * np.sin(phase)
-    qd, qdd = swing * rate * np.cos(phase), -swing * rate**2 * np.sin(phase)
+    q, qd, qdd = motion
     torque, p_b = inverse_dynamics(ROBOT, q, qd, qdd), np.full(2, 8.0e6)
     p_a, voltage = np.empty(2), np.empty(2)
     for i, (c, valve) in enumerate(zip(ROBOT.cylinders, ROBOT.valves, strict=True)):
