@@ -103,13 +103,30 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("transition", choices=(*_TRANSITIONS, "get", CLEAR_TRIP))
     parser.add_argument("node", metavar="NODE", help="name of the node, such as controller")
     parser.add_argument(
-        "--timeout", type=_seconds, default=10.0, metavar="S", help="seconds to wait (default 10)"
+        "--timeout", type=seconds, default=10.0, metavar="S", help="seconds to wait (default 10)"
     )
     add_json(parser, "node and state, or what the node said,")
     return parser
 
 
-def _seconds(text: str) -> float:
+def seconds(text: str) -> float:
+    """A time to wait as a command line gives it.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        It is not above 0 s and finite.
+    ValueError
+        It is no number.
+    """
     value = float(text)
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text}")

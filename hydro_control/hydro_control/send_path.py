@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hydro_control.errors import ControlError
+from hydro_control.lifecycle_command import seconds
 from hydro_control.node import NAME as CONTROLLER
 from hydro_model.command import run_command
 from hydro_model.output import add_json, report
@@ -147,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
         help="in the place of a path: come to rest within 0.5 s on the way of what is played",
     )
     parser.add_argument(
-        "--timeout", type=float, default=5.0, metavar="S", help="seconds to wait (default 5)"
+        "--timeout", type=seconds, default=5.0, metavar="S", help="seconds to wait (default 5)"
     )
     add_json(parser, "what was sent")
     return parser

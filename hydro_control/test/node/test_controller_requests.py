@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hydro_control import send_path
 from hydro_model.kinematics import tip_position
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs import topics
@@ -152,6 +153,18 @@ def test_a_path_or_a_stop_is_sent(
     done = run_module("send_path", *arguments)
     assert done.returncode == 2
     assert done.stderr == f"send_path: expected a path file or --stop, found {found}\n"
+
+
+@pytest.mark.parametrize("timeout", ["nan", "inf", "0", "-1", "soon"])
+def test_a_time_to_wait_is_one(
+    timeout: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A number that is none is never over, and so no wait for a controller would be."""
+    monkeypatch.setattr(send_path, "_send", lambda *_: None)
+    with pytest.raises(SystemExit, match="2"):
+        send_path.run(["--stop", f"--timeout={timeout}"])
+    assert "argument --timeout: " in capsys.readouterr().err
+    assert send_path.run(["--stop", "--timeout=0.5"]) == 0
 
 
 def tilt_reaches(speed: float, machine: Any, cycle: int, patience_s: float) -> bool:
