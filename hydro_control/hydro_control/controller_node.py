@@ -83,7 +83,10 @@ class ControllerNode(LifecycleNode):
             self, self._core, settings.required_recorders, self._real_time, self._failed
         )
         options = QoSOverridingOptions.with_default_policies()
-        intake = TrajectoryIntake(self._core, lambda: self._active, self.get_logger())
+        core = self._core
+        intake = TrajectoryIntake(
+            core, lambda: self._active and self._core is core, self.get_logger()
+        )
         for message_type, topic, callback in (
             (JointTrajectory, topics.JOINT_TRAJECTORY, partial(intake.take, "joint")),
             (MultiDOFJointTrajectory, topics.TIP_TRAJECTORY, partial(intake.take, "tip")),

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from hydro_control.errors import NUMERICAL_ERRORS, ControlError
+from hydro_control.errors import ControlError
 from hydro_control.reference import Plan, ReferencePlayer
 from hydro_control.required_motion import Reference
 from hydro_control.sample import Sample
 from hydro_control.trajectory import Waypoint
-from hydro_model.errors import RobotError
+from hydro_model.errors import HydroError, in_short
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
@@ -204,11 +204,12 @@ class ReferenceRun:
             return
         try:
             plan = self.player.plan_path(path, self.now_s, self.q, delay_s)
-        except (ControlError, RobotError, *NUMERICAL_ERRORS) as error:
+        # Whatever it is, the arm is held on: a path that waits on would be checked for ever.
+        except Exception as error:
             if self.epoch != epoch:
                 return
             self.path_waits = False
-            raise ControlError(str(error)) from error
+            raise ControlError(_why(error)) from error
         if self.path_waits and self.epoch == epoch:
             self.pending = Asked(plan, epoch, stops, of_path=True)
 
@@ -340,3 +341,8 @@ class ReferenceRun:
         lead_s : float
         """
         return self.player.sample(self.now_s + lead_s)
+
+
+def _why(error: Exception) -> str:
+    """What was raised on purpose in its own words, anything else in short."""
+    return str(error) if isinstance(error, HydroError) else in_short(error)

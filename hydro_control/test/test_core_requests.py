@@ -318,6 +318,23 @@ def test_a_path_that_is_checked_beside_is_held_for_and_then_played_or_refused(
         np.testing.assert_allclose(beside.run(3000), [lift, -2.4])
 
 
+@pytest.mark.parametrize("error", [ValueError("no"), TypeError("no"), MemoryError()])
+def test_a_path_whose_check_fails_for_whatever_reason_is_refused_once(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not checked for ever, while the machine seems to hold until that is done."""
+    beside = Beside(np.array([0.6, -2.2]))
+
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(ReferencePlayer, "plan_path", fails)
+    beside.core.check_waiting_path()
+    assert not beside.core.path_waits
+    assert beside.core.message == f"path refused, holding: {str(error) or 'MemoryError'}"
+    np.testing.assert_array_equal(beside.run(10), beside.q)
+
+
 def test_a_path_that_waits_is_stopped_and_outlives_a_gap() -> None:
     beside = Beside(np.array([0.6, -2.2]))
     beside.run(50, lost=1000)

@@ -209,6 +209,14 @@ def test_a_stop_is_one_whatever_else_the_message_holds() -> None:
     assert not one.core.moving
 
 
+def test_what_is_checked_when_the_controller_is_deactivated_is_not_called_accepted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one = Asked()
+    monkeypatch.setattr(one.intake, "_active", iter([True, False]).__next__)
+    assert one(joints((IN_2_S, NEAR))) == "trajectory refused: the controller is not active"
+
+
 def test_so_many_names_are_shown_as_fit_into_a_line() -> None:
     assert names_in_short([]) == ""
     assert names_in_short(["lift", "tilt"]) == "lift, tilt"
