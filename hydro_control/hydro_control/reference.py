@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -61,19 +62,21 @@ class ReferencePlayer:
         self.robot = robot
         self._tip_speed_m_s = tip_speed_m_s
         self._plan = _hold("joint", np.array(q, dtype=float))
-        self._start_s, self._settled = 0.0, True
+        self._start_s = 0.0
+        self._free: bool | None = False
+        self._held: FloatArray | None = None
 
     def play(self, plan: Plan, start_s: float) -> None:
         """Play a plan from a stamp on."""
         self._plan, self._start_s = plan, start_s
-        self._settled = plan.space == "joint"
+        self._free, self._held = None, None
 
     def hold(self, q: FloatArray, stamp_s: float) -> None:
         """Stand at joint positions from a stamp on, whatever was played."""
         self.play(_hold("joint", np.array(q, dtype=float)), stamp_s)
 
     def settle(self, q: FloatArray, stamp_s: float) -> None:
-        """Once a motion of the tip has ended, hold the joints where its place leaves them free.
+        """Before, after and between motions of the tip hold the joints that its place leaves free.
 
         Along the joints' motions that leave the tip where it is nothing but their speed is
         controlled: held by its tip, a redundant chain creeps along them for as long as it stands.
@@ -85,11 +88,22 @@ class ReferencePlayer:
         stamp_s : float
             Of the sample.
         """
-        if self._settled or self.moving(stamp_s):
+        if self._free is None:
+            self._free = self._plan.space == "tip" and is_redundant(self.robot, q)
+        if not self._free:
             return
-        self._settled = True
-        if is_redundant(self.robot, q):
-            self.hold(posture_at_tip(self.robot, self.sample(stamp_s).position, q), stamp_s)
+        if not self._rests(stamp_s):
+            self._held = None
+        elif self._held is None:
+            place = self._plan.path.sample(stamp_s - self._start_s)[0]
+            self._held = posture_at_tip(self.robot, place, q)
+
+    def _rests(self, stamp_s: float) -> bool:
+        """Whether what is played waits: for its start, in a pause, or at its end."""
+        path, at_s = self._plan.path, stamp_s - self._start_s
+        if not path.start_delay_s <= at_s < path.duration_s:
+            return True
+        return isinstance(path.segments[bisect_right(path.breaks_s, at_s) - 1], Hold)
 
     def moving(self, stamp_s: float) -> bool:
         """A plan is not played to its end yet.
@@ -100,6 +114,9 @@ class ReferencePlayer:
 
     def sample(self, stamp_s: float) -> Reference:
         """The reference at a stamp."""
+        held = self._held
+        if held is not None:
+            return Reference("joint", held, np.zeros_like(held), np.zeros_like(held))
         return Reference(self._plan.space, *self._plan.path.sample(stamp_s - self._start_s))
 
     def stop(self, stamp_s: float) -> None:

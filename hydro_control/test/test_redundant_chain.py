@@ -79,8 +79,11 @@ UP, UP_AND_OUT = np.array([0.0, 0.0, 0.1]), np.array([0.1, 0.0, 0.2])
 class Leaking:
     """A machine that moves as it is asked to, but for a telescope that creeps out."""
 
-    def __init__(self, path: TipPath | None = None, q: FloatArray = POSE) -> None:
-        self.core, self.q, self.cycle = ControllerCore(ROBOT, Gains(), path), q.copy(), -1
+    def __init__(
+        self, path: TipPath | None = None, q: FloatArray = POSE, delay_s: float = 0.0
+    ) -> None:
+        self.core = ControllerCore(ROBOT, Gains(), path, delay_s)
+        self.q, self.cycle = q.copy(), -1
 
     def run(self, seconds: float) -> Answer:
         for _ in range(round(seconds / DT_S)):
@@ -130,6 +133,36 @@ def test_after_a_motion_of_the_tip_the_joints_do_not_creep_around_it(stopped: bo
     np.testing.assert_allclose(answer.output.tip_d_m, end, atol=1e-9)
     if not stopped:
         np.testing.assert_allclose(end, TIP + UP_AND_OUT, atol=1e-9)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.02])
+def test_while_a_path_waits_the_joints_do_not_creep_either(away: float) -> None:
+    """Where the machine stands at its start, and where it has gone there first."""
+    start = TIP + away * UP_AND_OUT
+    path = TipPath.through([start.tolist(), (start + UP).tolist()], [2.0])
+    machine = Leaking(path, delay_s=6.0)
+    machine.run(1.0)
+    there = machine.q.copy()
+    assert machine.run(4.9).reference.space == "joint"
+    np.testing.assert_allclose(machine.q, there, atol=2e-4)
+    assert machine.core.moving
+    assert machine.run(1.0).reference.space == "tip"
+    np.testing.assert_allclose(machine.run(1.2).output.tip_d_m, start + UP, atol=1e-9)
+
+
+def test_what_waits_with_its_joints_held_does_not_set_out_once_stopped() -> None:
+    machine = Leaking()
+    machine.run(0.1)
+    point = Waypoint(1.0, TIP + UP, EMPTY, EMPTY)
+    start_ns = 10**18 + (machine.cycle + 2500) * STEP_NS
+    machine.core.request_trajectory("tip", [ROBOT.tip_link], [point], start_ns)
+    assert machine.run(4.0).reference.space == "joint"
+    assert machine.core.moving
+    machine.core.request_stop()
+    answer = machine.run(2.0)
+    assert not machine.core.moving
+    np.testing.assert_allclose(answer.output.tip_d_m, TIP, atol=1e-6)
+    np.testing.assert_allclose(machine.q, POSE, atol=3e-4)
 
 
 def test_from_holding_the_tip_to_holding_the_joints_nothing_leaps() -> None:
