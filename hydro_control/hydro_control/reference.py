@@ -15,13 +15,14 @@ from hydro_control.motion_limits import TIP_SPEED_M_S
 from hydro_control.path_limits import CHECK_STEP_S, refuse_beyond
 from hydro_control.posture import is_redundant, posture_at_tip
 from hydro_control.required_motion import Reference
+from hydro_control.some_joints import for_all_joints
 from hydro_control.stopping import Slowing
 from hydro_control.trajectory import Waypoint, segments_through
 from hydro_model.errors import RobotError
 from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, Path, TipPath
 from hydro_model.paths_check import joints_at_tip
-from hydro_model.paths_segments import Hold, Quintic, Segment
+from hydro_model.paths_segments import Hold, Segment
 from hydro_model.robot import FloatArray, Robot
 
 STOP_S = 0.5
@@ -167,7 +168,7 @@ class ReferencePlayer:
         at = self._standing(space, stamp_s, q)
         segments, first = path.segments, path.sample(0.0)[0]
         if isinstance(path, JointPath):
-            segments, first = _for_all_joints(self.robot, path, at)
+            segments, first = for_all_joints(self.robot, path, at)
         approach = self._approach(space, at, first, q)
         wait = path.start_delay_s + delay_s - sum(s.duration_s for s in approach)
         pause = (Hold(first, wait),) if wait > 0.0 else ()
@@ -226,7 +227,7 @@ class ReferencePlayer:
         else:
             columns = [self.robot.joint_index(name) for name in names]
             path = JointPath(segments_through(at[columns], waypoints), joints=tuple(names))
-            segments, first = _for_all_joints(self.robot, path, at)
+            segments, first = for_all_joints(self.robot, path, at)
         approach = self._approach(space, at, first, q)
         begin_s = _begin(start_s, stamp_s, sum(s.duration_s for s in approach))
         whole = (*approach, *segments)
@@ -309,55 +310,3 @@ def _reaching(robot: Robot, q: FloatArray) -> Robot:
 
 def _hold(space: Literal["tip", "joint"], position: FloatArray) -> Plan:
     return Plan(space, Path((Hold(position, 0.0),)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Spread:
-    """A segment of some joints as one of all, the others at rest."""
-
-    segment: Segment
-    base: FloatArray
-    columns: tuple[int, ...]
-    duration_s: float
-    polynomial: bool
-
-    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and acceleration of all joints at `t`."""
-        return self._of_all(self.segment.sample(t))
-
-    def sample_many(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, velocity and acceleration of all joints at N times, (N, n) each."""
-        return self._of_all(self.segment.sample_many(times_s))
-
-    def _of_all(
-        self, parts: tuple[FloatArray, FloatArray, FloatArray]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        shape, columns = (*parts[0].shape[:-1], len(self.base)), list(self.columns)
-        whole = (np.zeros(shape) + self.base, np.zeros(shape), np.zeros(shape))
-        for target, part in zip(whole, parts, strict=True):
-            target[..., columns] = part
-        return whole
-
-
-def _of_all_joints(segment: Segment, base: FloatArray, columns: tuple[int, ...]) -> Segment:
-    """A segment of some joints as one of all; a quintic stays one, which is quick to check."""
-    if not isinstance(segment, Quintic):
-        return _Spread(segment, base, columns, segment.duration_s, segment.polynomial)
-    coefficients = np.zeros((len(segment.coefficients), len(base)))
-    coefficients[0] = base
-    coefficients[:, list(columns)] = segment.coefficients
-    return Quintic(coefficients, segment.duration_s, segment.polynomial)
-
-
-def _for_all_joints(
-    robot: Robot, path: JointPath, at: FloatArray
-) -> tuple[tuple[Segment, ...], FloatArray]:
-    """Segments of all joints in the robot's order, and their first position."""
-    try:
-        columns = tuple(robot.joint_index(name) for name in path.joints)
-    except RobotError as error:
-        raise ControlError(str(error)) from error
-    base = np.array(at, dtype=float)
-    segments = tuple(_of_all_joints(segment, base, columns) for segment in path.segments)
-    whole = replace(path, segments=segments, start_delay_s=0.0)
-    return segments, whole.sample(0.0)[0]
