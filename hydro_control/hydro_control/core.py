@@ -166,13 +166,14 @@ class ControllerCore:
         """
         if self.silent:
             return None
-        if self._last is not None and sample.stamp_ns <= self._last.stamp_ns:
-            if sample.stamp_ns < self._last.stamp_ns:
-                self.counts.old += 1
-                self._stamps.older((self._last.stamp_ns - sample.stamp_ns) / _SECOND_NS)
-                return None
+        last = self._last
+        if last is not None and sample.stamp_ns < last.stamp_ns:
+            self.counts.old += 1
+            self._stamps.older((last.stamp_ns - sample.stamp_ns) / _SECOND_NS)
+            return None
+        if last is not None and self._is_again(sample.stamp_ns, last):
             self.counts.repeated += 1
-            return self._last
+            return last
         if self._adaptation_reset and self.law.adaptation is not None:
             self.law.adaptation.reset(used=False)
         self._adaptation_reset = False
@@ -193,6 +194,11 @@ class ControllerCore:
         self._watch.commanded(sample.stamp_ns, output.voltage_v, moving=moving)
         self._last = Answer(sample.stamp_ns, output, reference)
         return self._last
+
+    def _is_again(self, stamp_ns: int, last: Answer) -> bool:
+        """Whether a stamp is the newest one, or of no later instant as far as seconds tell."""
+        run = self._run
+        return stamp_ns == last.stamp_ns or (run is not None and not run.is_later(stamp_ns))
 
     def _guard(self, run: ReferenceRun) -> None:
         """Judge the measured motion; what runs away is at 0 V until `restart`."""

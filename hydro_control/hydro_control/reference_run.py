@@ -144,7 +144,21 @@ class ReferenceRun:
         stamp_ns : int
             Of the newest sample.
         """
-        self.now_s = (stamp_ns - self.first_ns) / _SECOND_NS
+        self.now_s = self._since_first_s(stamp_ns)
+
+    def _since_first_s(self, stamp_ns: int) -> float:
+        return (stamp_ns - self.first_ns) / _SECOND_NS
+
+    def is_later(self, stamp_ns: int) -> bool:
+        """Whether a stamp is of a later instant than `now_s`: not where seconds cannot tell.
+
+        After a leap of weeks a nanosecond more is none.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        """
+        return self._since_first_s(stamp_ns) > self.now_s
 
     def see(self, q: FloatArray) -> float:
         """Take the pose of the newest sample.
@@ -246,7 +260,7 @@ class ReferenceRun:
                 "the controller's own path is being checked: wait, or stop it with an empty"
                 " trajectory (send_path --stop)"
             )
-        start_s = (start_ns - self.first_ns) / _SECOND_NS if start_ns else None
+        start_s = self._since_first_s(start_ns) if start_ns else None
         wait_s = 0.0 if start_s is None else start_s - self.now_s
         if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
             raise ControlError(

@@ -225,3 +225,17 @@ def test_a_sample_that_is_a_little_late_changes_nothing() -> None:
     assert np.any(loop.reference()[1])
     assert loop.core.silent == ""
     assert loop.core.counts.old == 1
+
+
+def test_stamps_that_seconds_cannot_tell_apart_are_one_sample() -> None:
+    """A clock that is set from 1970 to today leaves seconds as good as a quarter microsecond."""
+    core, chambers = ControllerCore(ROBOT, Gains()), np.full(2, 8e6)
+    stamps = [k * PERIOD_NS for k in range(20)]
+    stamps += [NOW_NS + k * PERIOD_NS + more for k in range(20) for more in (0, 1)]
+    answers = [core.answer(Sample(s, POSE, chambers, chambers, None, None)) for s in stamps]
+    late = answers[20:]
+    assert all(one is not None for one in late)
+    for first, again in zip(late[::2], late[1::2], strict=True):
+        assert again is first
+    assert core.counts.repeated == 20
+    assert not core.silent
