@@ -260,6 +260,12 @@ class ReferenceRun:
                 "the controller's own path is being checked: wait, or stop it with an empty"
                 " trajectory (send_path --stop)"
             )
+        waiting = self.pending
+        if waiting is not None and self._is_playable(waiting):
+            raise ControlError(
+                "another motion was accepted and begins with the next sample: wait, or stop it"
+                " with an empty trajectory (send_path --stop)"
+            )
         start_s = self._since_first_s(start_ns) if start_ns else None
         wait_s = 0.0 if start_s is None else start_s - self.now_s
         if len(waypoints) > MOST_POINTS or waypoints[-1].time_s > LONGEST_S:
@@ -340,12 +346,16 @@ class ReferenceRun:
                 self.player.stop(self.now_s)
         if self.pending is not None:
             asked, self.pending = self.pending, None
-            stopped = asked.stops != self.stops or (asked.of_path and not self.path_waits)
-            if asked.epoch == self.epoch and not self.moving and not stopped:
+            if self._is_playable(asked) and not self.moving:
                 self._play(asked.plan)
                 self.of_path, self.path_waits = asked.of_path, False
         self.player.settle(self.q, self.now_s)
         return self.player.sample(self.now_s)
+
+    def _is_playable(self, asked: Asked) -> bool:
+        """Whether nothing was stopped, or set anew, since a plan was asked for."""
+        stopped = asked.stops != self.stops or (asked.of_path and not self.path_waits)
+        return asked.epoch == self.epoch and not stopped
 
     def ahead(self, lead_s: float) -> Reference:
         """The reference some time after the newest sample.

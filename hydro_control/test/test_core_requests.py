@@ -28,6 +28,7 @@ ROBOT = load_robot("xs031")
 POSE = np.array([0.6, -1.5])
 STEP_NS = 2_000_000
 EMPTY = np.array([])
+THERE = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
 
 
 def sample(cycle: int, q: FloatArray = POSE) -> Sample:
@@ -44,8 +45,8 @@ def answered(core: ControllerCore, cycle: int, q: FloatArray = POSE) -> Answer:
     return answer
 
 
-def answered_up_to(core: ControllerCore, first: int, last: int) -> Answer:
-    return [answered(core, k) for k in range(first, last + 1)][-1]
+def answered_up_to(core: ControllerCore, first: int, last: int, q: FloatArray = POSE) -> Answer:
+    return [answered(core, k, q) for k in range(first, last + 1)][-1]
 
 
 HUGE = float(np.finfo(float).max)
@@ -124,13 +125,11 @@ def test_a_trajectory_is_not_played_from_where_the_reference_no_longer_stands(
     """Over a gap the arm has sunk: what was planned before would lift it by a leap."""
     core, sunk = ControllerCore(ROBOT, Gains()), POSE - 0.02
     answered(core, 0)
-    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
     while_checked(monkeypatch, lambda: answered(core, 100, sunk))
     with pytest.raises(ControlError, match="refused: the reference was set anew while it was"):
-        core.request_trajectory("joint", ["lift"], there)
-    answer = [answered(core, k, sunk) for k in range(101, 110)][-1]
-    np.testing.assert_array_equal(answer.reference.position, sunk)
-    core.request_trajectory("joint", ["lift"], there)
+        core.request_trajectory("joint", ["lift"], THERE)
+    np.testing.assert_array_equal(answered_up_to(core, 101, 109, sunk).reference.position, sunk)
+    core.request_trajectory("joint", ["lift"], THERE)
     np.testing.assert_allclose(answered(core, 110, sunk).reference.position, sunk, atol=1e-3)
     assert core.moving
 
@@ -141,14 +140,15 @@ def test_a_trajectory_is_not_played_from_where_another_began(
     core = ControllerCore(ROBOT, Gains())
     answered(core, 0)
     quick = [Waypoint(0.1, np.array([0.601]), EMPTY, EMPTY)]
-    core.request_trajectory("joint", ["lift"], quick)
-    while_checked(monkeypatch, lambda: answered_up_to(core, 1, 60))
+
+    def another() -> None:
+        core.request_trajectory("joint", ["lift"], quick)
+        answered_up_to(core, 1, 60)
+
+    while_checked(monkeypatch, another)
     with pytest.raises(ControlError, match="set anew while it was checked: ask again"):
         core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
     np.testing.assert_allclose(answered(core, 61).reference.position, [0.601, -1.5])
-
-
-THERE = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
 
 
 @pytest.mark.parametrize("answered_before", [False, True])
@@ -188,7 +188,19 @@ def test_what_waits_for_its_check_is_of_when_it_was_asked_for() -> None:
     with pytest.raises(ControlError, match="the controller began anew while it was checked"):
         core.request_trajectory("joint", ["lift"], THERE, standing=after)
     assert not answered(core, 1).reference.velocity.any()
-    assert not core.moving
+
+
+def test_what_was_accepted_is_played_and_not_replaced_before_it_begins() -> None:
+    core = ControllerCore(ROBOT, Gains())
+    answered(core, 0)
+    core.request_trajectory("joint", ["lift"], THERE)
+    with pytest.raises(ControlError, match="refused: another motion was accepted and begins"):
+        core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    assert answered_up_to(core, 1, 600).reference.position[0] == pytest.approx(0.7)
+    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, POSE[:1], EMPTY, EMPTY)])
+    core.request_stop()
+    core.request_trajectory("joint", ["lift"], [Waypoint(1.0, np.array([0.8]), EMPTY, EMPTY)])
+    assert answered_up_to(core, 601, 1200).reference.position[0] == pytest.approx(0.8)
 
 
 def test_what_is_asked_for_after_a_stop_is_played() -> None:
@@ -375,14 +387,13 @@ def test_a_start_is_kept_however_long_the_check_takes(
     """Several machines that begin together do not begin apart by how long each one checked."""
     core, motion = ControllerCore(ROBOT, Gains()), Quintic.at_rest([0.6], [0.7], 1.0)
     answered(core, 0)
-    there = [Waypoint(1.0, np.array([0.7]), EMPTY, EMPTY)]
     while_checked(monkeypatch, lambda: answered_up_to(core, 1, cycles))
     if cycles > 100:
         with pytest.raises(ControlError, match=r"should have begun 0\.\d+ s ago, as it took so"):
-            core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+            core.request_trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
         assert not answered(core, cycles + 1).reference.velocity.any()
         return
-    core.request_trajectory("joint", ["lift"], there, sample(100).stamp_ns)
+    core.request_trajectory("joint", ["lift"], THERE, sample(100).stamp_ns)
     for k in range(cycles + 1, 300):
         expected = motion.sample(max(0.0, (k - 100) * 0.002))[0][0]
         assert answered(core, k).reference.position[0] == pytest.approx(expected, abs=1e-12)
