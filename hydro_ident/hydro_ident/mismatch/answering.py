@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from hydro_ident.mismatch.as_listed import relisted
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.confirmation import searched, withdrawn
@@ -105,10 +106,19 @@ def _answered(work: Residuals, base: Fitted, stage: int) -> Answer:
     search, whole, findings, rejected = searched(work, base)
     advance("verifying on what was held out", stage + 1, STAGES)
     whole, findings, taken, left = withdrawn(work, whole, findings)
+    work, whole = _relisted(work, whole)
     advance("describing what has no name", stage + 2, STAGES)
     unknown = _described(work, whole, left, findings, rejected)
     found = tuple(findings), tuple(rejected), tuple(taken)
     return Answer(work, search, whole, *found, unknown, tuple(left))
+
+
+def _relisted(work: Residuals, whole: Fitted) -> tuple[Residuals, Fitted]:
+    """As `relisted`, of all that is searched as well."""
+    training, whole = relisted(work.training, whole)
+    same = work.scan is work.training
+    scan = training if same else replace(work.scan, as_listed=training.as_listed)
+    return replace(work, training=training, scan=scan), whole
 
 
 def _described(

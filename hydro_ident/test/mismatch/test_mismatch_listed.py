@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from hydro_ident.mismatch.as_listed import as_listed_notes
+from hydro_ident.mismatch.as_listed import as_listed_notes, relisted
+from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import listed_notes
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
@@ -17,10 +18,12 @@ from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.report.model_parameters import model_rows
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
+from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 
 LIFT = "lift_cylinder"
+BIAS = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.02})
 
 
 def _rubbing(force: float, target: str = LIFT) -> EffectSpec:
@@ -78,10 +81,13 @@ def slow_valves(
     true_crane, simulated_run = make_run
     lags = _lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt")
     crane = replace(true_crane(), command_delay_s=1.4e-3, effects=lags)
-    run = simulated_run(crane, 20.0)
+    runs = {
+        biased: simulated_run(replace(crane, effects=(*lags, BIAS)[: 3 if biased else 2]), 20.0)
+        for biased in (False, True)
+    }
 
-    def under(*listed: EffectSpec) -> Residuals:
-        robot = replace(load_robot("xs031"), effects=listed)
+    def under(*listed: EffectSpec, biased: bool = False) -> Residuals:
+        robot, run = replace(load_robot("xs031"), effects=listed), runs[biased]
         sources = sources_of([run.recording()])
         surveys = [survey_source(source, robot) for source in sources]
         work = residuals(robot, sources, [], surveys, DiagnosisSettings())
@@ -133,3 +139,18 @@ def test_the_report_has_what_came_out_of_what_was_listed(
     low, high = moved.interval
     assert low < moved.value < high
     assert moved.value == pytest.approx(9.0, rel=0.03)
+
+
+def test_shapes_that_took_up_what_was_not_named_go_back_once_it_is(
+    slow_valves: Callable[..., Residuals],
+) -> None:
+    work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"), biased=True)
+    assert ("valve_spool_lag", LIFT) not in work.training.as_listed
+    assert list(work.base.model.terms[0].parameters) != [60.0, 0.9]
+    (bias,) = resolve(replace(load_robot("xs031"), effects=(BIAS,)))
+    whole = settled(work.training, fit(work.training, work.base.model.with_term(bias)))
+    training, found = relisted(work.training, whole)
+    assert ("valve_spool_lag", LIFT) in training.as_listed
+    assert list(found.model.terms[0].parameters) == [60.0, 0.9]
+    assert found.model.terms[-1].parameters[0] == pytest.approx(0.02, abs=1e-4)
+    assert found.model.delays_s[0] == pytest.approx(1.4e-3, abs=1.5e-4)
