@@ -102,13 +102,15 @@ def judge(
     -------
     Judgement
     """
+    # First of all: the likeliest reason of whatever else is wrong.
+    others = recorded_as_others(recordings)
     wrong = wrong_robot(robot, recordings)
     if wrong:
-        return Judgement(NOT_ENOUGH, tuple(wrong))
-    problems, enough = _force_problems(robot, recordings, inertial, hydraulic, continuities)
+        return Judgement(NOT_ENOUGH, (*others, *wrong))
+    found, enough = _force_problems(robot, recordings, inertial, hydraulic, continuities)
+    problems = [*others, *found]
     if enough:
         problems += _hydraulic_problems(robot, inertial, hydraulic)
-        problems += recorded_as_others(recordings)
     problems += _saturated(robot, recordings, hydraulic)
     if not enough:
         return Judgement(NOT_ENOUGH, tuple(problems))

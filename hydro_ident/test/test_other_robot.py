@@ -8,6 +8,7 @@ from typing import Any
 from hydro_ident.commands.inspect import main
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import recorded_notes, survey_source
+from hydro_ident.verdict import NOT_ENOUGH, judge
 from hydro_model.robot_files import load_robot
 
 
@@ -21,6 +22,17 @@ def test_a_diagnosis_begins_its_notes_with_it(crane_run: Any) -> None:
     notes = recorded_notes(surveys)
     assert [note for note in notes if "recorded as" in note] == [notes[0]]
     assert notes[0].startswith("x was recorded as robot 'mh26', not xs031: every parameter is")
+
+
+def test_an_identification_without_a_model_says_it_before_what_else_was_wrong(
+    crane_run: Any,
+) -> None:
+    run = crane_run.recording("x", metadata={"robot": "mh26"})
+    judged = judge(load_robot("xs031"), [run], None, None)
+    assert judged.verdict == NOT_ENOUGH
+    said, *more = judged.problems
+    assert said.startswith("x was recorded as robot 'mh26', not xs031: every parameter is")
+    assert more
 
 
 def test_inspect_asks_to_look_at_it(
