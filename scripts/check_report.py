@@ -93,6 +93,8 @@ MEASURE = """(() => {
   }
   return {
     cut: cut.slice(0, 5),
+    scrolling: [...document.querySelectorAll('.scroll')].filter(
+      s => s.scrollWidth > s.clientWidth + 1).map(s => s.querySelector('th')?.innerText.trim()),
     hint: document.querySelector('.hint')?.innerText.trim(),
     overflow: document.documentElement.scrollWidth - width,
     wide: wide.slice(0, 5),

@@ -68,6 +68,10 @@ def test_a_browser_opens_it_without_errors_at_every_width(
     assert papers["light"] != papers["dark"]
     # On paper several figures stand on a page.
     assert 2 * seen["views"][-1]["pages"] < seen["views"][0]["figures"]
+    # A tablet shows tables whole, a telephone those that are wide as far as it can.
+    scrolling = {v["width"]: v["scrolling"] for v in seen["views"] if "width" in v}
+    assert [scrolling[820], scrolling[1400]] == [[], []]
+    assert "channel" in scrolling[390]
     # A finger cannot drag in a plot: it would move the page.
     hints = {v["width"]: v["hint"] for v in seen["views"] if "width" in v}
     assert [("drag" in hints[w], "tap" in hints[w]) for w in (390, 820, 1400)] == [
