@@ -98,17 +98,22 @@ def test_nothing_to_compare_is_said() -> None:
 @pytest.fixture
 def bag(tmp_path):
     """The tip 2 mm beside its reference, encoders 1 mrad off at the second joint."""
+    return _tip_bag(tmp_path, "bag")
+
+
+def _tip_bag(tmp_path, name: str, cycles: int = 1000):
+    """Of a motion of 1000 cycles, the first ones; with the truth beside it."""
     robot = load_robot("xs031")
     s = np.linspace(0.0, 1.0, 1000)
     ramp = 10 * s**3 - 15 * s**4 + 6 * s**5
     q = np.column_stack([0.6 + 0.4 * ramp, -1.2 + 0.2 * ramp])
     tip = tip_position(robot, q)
-    path = tmp_path / "bag"
+    path = tmp_path / name
     with BagWriter(path, {"robot": "xs031"}) as writer:
         writer.add_topic("/joint_states", JOINT_STATE)
         writer.add_topic("/tip_reference", POINT_STAMPED)
         writer.add_topic("/diagnostics", DIAGNOSTIC_ARRAY)
-        for k in range(1000):
+        for k in range(cycles):
             stamp = START_NS + 500_000_000 + PERIOD_NS * k
             writer.write_stamped(
                 "/joint_states", stamp, {"position": q[k] + [0.0, 1e-3]}, names=("lift", "tilt")
@@ -200,6 +205,20 @@ def test_what_could_not_be_read_or_checked_is_said(
     assert compare([f"run={bag},{truth}", "--robot", "xs031"]) == 0
     said = capsys.readouterr().err.splitlines()
     assert said == [f"compare_tracking: warning: run: {warning}" for warning in warnings]
+
+
+def test_a_run_that_was_cut_short_is_void(tmp_path, bag, capsys) -> None:
+    """It has less error than one that went all the way, and is no better for that."""
+    short, truth = _tip_bag(tmp_path, "short", 600), tmp_path / "truth.npz"
+    runs = [f"short={short},{truth}", f"whole={bag},{truth}"]
+    assert compare([*runs, "--robot", "xs031"]) == 1
+    printed, said = capsys.readouterr()
+    assert [line.split()[0] for line in printed.splitlines() if "VOID" in line] == ["short"] * 2
+    void, why = said.splitlines()
+    assert void == "compare_tracking: void: short"
+    assert "short followed another path than whole, or was cut short" in why
+    twice = [f"{name}={bag},{truth}" for name in ("one", "two")]
+    assert compare([*twice, "--robot", "xs031"]) == 0
 
 
 class _Screen(io.StringIO):

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: A run faster than its reference by more than this share is void: rho rewards oscillation.
 SPEED_EXCESS = 0.10
+#: References that differ by more than this share in length or speed are not of one path.
+_SAME = 0.01
 _HEADS = ("RMSE mm", "max error mm", "max speed m/s", "rho s")
 _KEYS = ("rmse_mm", "max_error_mm", "max_speed_m_s", "rho_s")
 
@@ -27,7 +29,8 @@ def parser() -> argparse.ArgumentParser:
         prog="compare_tracking",
         description="Tip tracking of several runs, side by side: by the rig's true tip and by"
         " the encoders. A run whose largest speed exceeds the reference's by more than"
-        f" {SPEED_EXCESS:.0%} is void, and the command then exits with 1.",
+        f" {SPEED_EXCESS:.0%} is void, and so is one whose reference is not that of the longest"
+        " run (another path, or one that was cut short); the command then exits with 1.",
     )
     p.add_argument(
         "runs", nargs="+", metavar="NAME=BAG,TRUTH", help="a name, a bag and the rig's side file"
@@ -65,9 +68,12 @@ def run(arguments: Sequence[str]) -> int:
     lines += [] if options.against is None else ratios(rows, options.against)
     report(options.json, as_dict(rows), "\n".join(lines))
     warn("compare_tracking", warnings)
-    void = [name for name, row in rows.items() if is_void(row["truth"])]
+    apart = other_paths(rows)
+    void = [name for name, row in rows.items() if is_void(row["truth"]) or name in apart]
     if void:
         print(f"compare_tracking: void: {', '.join(void)}", file=sys.stderr)
+    for text in apart.values():
+        print(f"compare_tracking: {text}", file=sys.stderr)
     return 1 if void else 0
 
 
@@ -99,6 +105,31 @@ def is_void(row: Tracking) -> bool:
     return row.max_speed_m_s > (1.0 + SPEED_EXCESS) * row.reference_speed_m_s
 
 
+def other_paths(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, str]:
+    """Runs whose reference is another one than that of the longest, each with a sentence.
+
+    A run that was stopped on its way has little error: it is no better for that.
+
+    `rows` are as for `ratios`.
+    """
+
+    def moved(row: Tracking) -> tuple[float, float]:
+        return row.duration_s, row.reference_speed_m_s
+
+    longest = max(rows, key=lambda name: rows[name]["encoders"].duration_s)
+    whole = moved(rows[longest]["encoders"])
+    found = {}
+    for name, row in rows.items():
+        own = moved(row["encoders"])
+        if any(abs(a - b) > _SAME * b for a, b in zip(own, whole, strict=True)):
+            found[name] = (
+                f"{name} followed another path than {longest}, or was cut short: its reference"
+                f" moves for {own[0]:.2f} s at up to {own[1]:.3f} m/s, that of {longest} for"
+                f" {whole[0]:.2f} s at up to {whole[1]:.3f} m/s"
+            )
+    return found
+
+
 def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str]:
     """How many times larger each other run's true RMSE is.
 
@@ -120,12 +151,13 @@ def table(rows: Mapping[str, Mapping[str, Tracking]]) -> str:
     `rows` are as for `ratios`.
     """
     width = max(len(name) for name in rows) + 2
-    lines = []
+    lines, apart = [], other_paths(rows)
     for source, title in (("truth", "true tip"), ("encoders", "by encoders")):
         lines.append(f"{title:{width + 2}}" + "".join(f"{head:>15}" for head in _HEADS))
         for name, row in rows.items():
             values = "".join(f"{getattr(row[source], key):15.4f}" for key in _KEYS)
-            lines.append(f"  {name:{width}}{values}" + ("  VOID" if is_void(row[source]) else ""))
+            void = is_void(row[source]) or name in apart
+            lines.append(f"  {name:{width}}{values}" + ("  VOID" if void else ""))
     return "\n".join(lines)
 
 
