@@ -4,6 +4,7 @@
 #   start NAME COMMAND ...     in a session of its own, output to $log_dir/NAME.log
 #   transition NODE NAME WHAT  lifecycle transition of NODE, the process NAME; ends with its error
 #   wait_for NAME TEXT [S]     until NAME's log shows TEXT, at most S seconds (120)
+#   unused_domain FROM         the first ROS domain from FROM on that nobody here takes part in
 #   stop NAME ...              SIGTERM, then SIGKILL after 10 s; waits; 0 V comes first where
 #                              the caller names the controller and the bridge first
 # Children have sessions of their own, so that a terminal's Ctrl-C reaches the script alone and the
@@ -22,6 +23,21 @@ start() {
   (trap - EXIT INT TERM HUP && exec setsid "$@") >"$log_dir/$name.log" 2>&1 </dev/null &
   process_of[$name]=$!
   process_order+=("$name")
+}
+
+# Of 10 to 99, FROM among them. Who takes part in a domain listens on some of the 250 UDP ports from
+# 7400 + 250 times the domain on.
+unused_domain() {
+  local port k domain used=' '
+  while read -r _ port _; do
+    used+="$(((16#${port##*:} - 7400) / 250)) "
+  done < <(tail -qn +2 /proc/net/udp /proc/net/udp6 2>/dev/null)
+  for ((k = 0; k < 90; k++)); do
+    domain=$((($1 - 10 + k) % 90 + 10))
+    [[ $used == *" $domain "* ]] || { printf '%s\n' "$domain"; return; }
+  done
+  note "all ROS domains from 10 to 99 are in use on this computer"
+  return 1
 }
 
 running() { [[ -n ${process_of[$1]:-} ]] && kill -0 "${process_of[$1]}" 2>/dev/null; }

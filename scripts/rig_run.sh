@@ -44,8 +44,10 @@ source "$here/files.sh"
 log_dir=$out/logs
 source "$here/processes.sh"
 
-# A domain of its own whatever the shell says: a run must neither hear nor disturb a machine.
-export ROS_DOMAIN_ID=$((BASHPID % 90 + 10))
+# A domain of its own whatever the shell says: a run must neither hear nor disturb a machine, nor
+# another run on this computer.
+ROS_DOMAIN_ID=$(unused_domain $((BASHPID % 90 + 10)))
+export ROS_DOMAIN_ID
 mapping=$(default_mapping xs031)
 gains=$(realpath "${controller:-$(shipped_gains)}")
 planned=$(path_seconds "$path" 2.5)

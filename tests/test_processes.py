@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -65,3 +66,22 @@ def test_a_script_that_is_asked_to_end_twice_leaves_nobody_behind(
         assert not [pid for pid in children if _there(pid)]
     finally:
         script.kill()
+
+
+def test_a_domain_in_which_somebody_takes_part_is_not_taken() -> None:
+    script = 'hydro_exe() { :; }; source "$scripts/processes.sh"; unused_domain "$from"'
+
+    def unused_from(domain: int) -> int:
+        own = {"scripts": str(SCRIPTS), "from": str(domain)}
+        done = subprocess.run(
+            ["bash", "-c", script], env={**os.environ, **own}, capture_output=True, check=True
+        )
+        return int(done.stdout)
+
+    free = unused_from(99)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        # Where the first participant of a domain is reached (OMG DDSI-RTPS, 9.6.1.1).
+        participant.bind(("", 7400 + 250 * free + 10))
+        other = unused_from(free)
+    assert other != free
+    assert 10 <= other <= 99
