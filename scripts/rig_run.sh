@@ -91,4 +91,9 @@ whole=${duration%.*} # nothing in front of the point of .5; 08 is eight
 wait_end "$name.rig" $((10#${whole:-0} * 10 + 60)) || fail_with_log "the rig failed:" "$name.rig"
 running "$name.recorder" || ended "$name.recorder"
 stop "$name.controller" "$name.bridge" "$name.recorder"
+# From then on the valves had 0 V: what was recorded is no run of this path. (In real time the gate
+# also trips behind the rig that has ended.)
+if [[ $clock == lockstep ]] && why=$(grep -om1 'tripped: .*' "$log_dir/$name.bridge.log"); then
+  fail_with_log "run $name is cut short, the gate $why" "$name.bridge"
+fi
 note "run $name: $duration s of machine time in $((SECONDS - began)) s"

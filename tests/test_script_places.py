@@ -30,6 +30,7 @@ STUB = """#!/usr/bin/env bash
 case $* in
   "activate /can_bridge "*) touch "$0.driven" ;;
   configure*|activate*) ;;
+  *clock:=*) echo "$bridge"; exec sleep 240 ;;
   *--truth-out*) echo "ready, told $*"; until [[ -e $0.driven ]]; do sleep 0.05; done ;;
   *) echo "receiving /joint_states, receiving /chamber_pressures, receiving /tip_reference"
      exec sleep 240 ;;
@@ -120,16 +121,33 @@ def test_a_run_of_less_than_a_second_ends(tmp_path: Path) -> None:
     assert len(list((tmp_path / "o/bags").glob("*_n/*.mcap"))) == 1
 
 
-def test_nor_does_one_written_without_its_0_fail(tmp_path: Path) -> None:
-    """How the script takes it, around processes that do nothing; the rig takes it as it is."""
-    shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
-    stub = tmp_path / "stub"
+def run_around(
+    folder: Path, duration: str, bridge: str = "reading"
+) -> subprocess.CompletedProcess[str]:
+    """`rig_run` around processes that do nothing; what its bridge says."""
+    shutil.copytree(ROOT / "scripts", folder / "scripts")
+    stub = folder / "stub"
     stub.write_text(STUB, encoding="utf-8")
     stub.chmod(0o755)
     exe = "hydro_exe() { printf '%s' \"$stub\"; }\n"
-    (tmp_path / "scripts/env.sh").write_text(exe, encoding="utf-8")
-    arguments = [*ARGUMENTS["rig_run"], "--duration", ".5"]
-    done = run(tmp_path / "scripts/rig_run.sh", *arguments, cwd=tmp_path, stub=str(stub))
+    (folder / "scripts/env.sh").write_text(exe, encoding="utf-8")
+    arguments = [*ARGUMENTS["rig_run"], "--duration", duration]
+    return run(
+        folder / "scripts/rig_run.sh", *arguments, cwd=folder, stub=str(stub), bridge=bridge
+    )
+
+
+def test_a_run_whose_gate_tripped_fails_with_the_reason(tmp_path: Path) -> None:
+    why = "tripped: no command for 12 ms"
+    done = run_around(tmp_path, ".5", bridge=f"[ERROR] [1.0] [can_bridge]: {why}")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[0] == f"run n is cut short, the gate {why}"
+    assert "s of machine time" not in done.stderr
+
+
+def test_nor_does_one_written_without_its_0_fail(tmp_path: Path) -> None:
+    """How the script takes it; the rig takes it as it is."""
+    done = run_around(tmp_path, ".5")
     assert done.returncode == 0, done.stderr
     # Arithmetic that fails is said by the shell, which goes on with the script.
     assert re.fullmatch(r"run n: \.5 s of machine time in \d+ s\n", done.stderr)
