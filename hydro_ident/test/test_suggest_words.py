@@ -70,6 +70,12 @@ def test_german_cylinders_are_the_robots_by_what_they_move() -> None:
     assert found["Ausleger_Druck_B"].name == "boom_cylinder/b"
 
 
+def test_german_verbs_are_motions_too() -> None:
+    found = guesses(CRANE, "Winkel Kippen", "Winkel Heben", unit="deg")
+    assert [found[f"Winkel {verb}"].name for verb in ("Kippen", "Heben")] == ["tilt", "lift"]
+    assert "lift: 'heben'" in found["Winkel Heben"].why
+
+
 def test_a_place_is_not_guessed_against_the_columns_own_words() -> None:
     """By its place alone the second would be the lift's rod side."""
     found = guesses(CRANE, "Unbekannter_Druck", "Druck_Kolbenseite", "Druck_tilt", unit="barg")

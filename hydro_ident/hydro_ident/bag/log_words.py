@@ -47,12 +47,12 @@ COMMON = word_set(
 _ALIKE = tuple(
     frozenset(words.split())
     for words in (
-        "lift hub heb",
-        "tilt kipp",
+        "lift hub heb heben",
+        "tilt kipp kippen",
         "boom ausleger fleche pluma",
         "arm stick dipper stiel bras brazo",
         "bucket löffel loeffel godet cazo benna",
-        "slew swing schwenk",
+        "slew swing schwenk schwenken",
         "telescope teleskop",
     )
 )
