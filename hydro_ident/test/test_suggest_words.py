@@ -76,6 +76,19 @@ def test_german_verbs_are_motions_too() -> None:
     assert "lift: 'heben'" in found["Winkel Heben"].why
 
 
+def test_an_angle_a_whole_turn_away_is_brought_back_by_its_wrap() -> None:
+    """An encoder that counts from 0 to 360 never jumps where the joint stays on one side of 0."""
+    columns = {"t": T, "tilt angle": 290.0 + 100.0 * T, "lift angle": 150.0 + 99.0 * T}
+    log = Log(Path("log.csv"), columns, units={"tilt angle": "deg", "lift angle": "deg"})
+    found = {g.name: g for g in suggest(log, CRANE).guesses}
+    tilt, lift = found["tilt"], found["lift"]
+    assert (tilt.entry["wrap"], tilt.level) == (360.0, "guess")
+    assert "within the joint's range by whole turns" in tilt.why
+    # By no whole turn: its zero is somebody's to give.
+    assert "wrap" not in lift.entry
+    assert any(why.startswith("outside the joint's range") for why in lift.why)
+
+
 def test_a_place_is_not_guessed_against_the_columns_own_words() -> None:
     """By its place alone the second would be the lift's rod side."""
     found = guesses(CRANE, "Unbekannter_Druck", "Druck_Kolbenseite", "Druck_tilt", unit="barg")

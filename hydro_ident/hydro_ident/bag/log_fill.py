@@ -5,6 +5,7 @@ The robot's joint limits, rated signals and supply pressure decide where the fil
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection
 
 from hydro_ident.bag.log_columns import wrap_of
@@ -188,6 +189,16 @@ def _against_limits(
     unit = str(entry["unit"])
     if targets.share_inside(target.name, values, unit) > 0.99:
         return level, "within the joint's range"
+    turn = 2.0 * math.pi / UNITS["position"][unit]
+    near = targets.whole_turns(target.name, values, turn)
+    if (
+        targets.quantity_of(target.section, target.name) == "angle"
+        and "wrap" not in entry
+        and targets.share_inside(target.name, near, unit) > 0.99
+    ):
+        # As of a wrapped angle, `convert` then looks for the whole turns.
+        entry["wrap"] = round(turn, 9)
+        return "guess", "within the joint's range by whole turns"
     if targets.share_inside(target.name, -values, unit) > 0.99:
         entry["sign"] = -1
         return "guess", "within the joint's range only with its sign changed"
