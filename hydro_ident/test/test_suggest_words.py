@@ -11,6 +11,7 @@ import pytest
 from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.log_guess import Guess, words_of
 from hydro_ident.bag.log_suggest import suggest
+from hydro_ident.bag.log_suggest_text import lines_of
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import FloatArray
@@ -87,6 +88,14 @@ def test_an_angle_a_whole_turn_away_is_brought_back_by_its_wrap() -> None:
     # By no whole turn: its zero is somebody's to give.
     assert "wrap" not in lift.entry
     assert any(why.startswith("outside the joint's range") for why in lift.why)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_the_table_shows_names_as_long_as_headers_of_labs_are(whole: bool) -> None:
+    name = "Druck Hubzylinder Kolbenseite [bar]" if whole else f"rec.{'s' * 60}.LABEL"
+    suggestion = suggest(Log(Path("log.csv"), {"t": T, name: 50.0 + T}), CRANE)
+    (line,) = [one for one in lines_of(suggestion) if name[-5:] in one]
+    assert line.startswith(name if whole else "…sss")
 
 
 def test_a_place_is_not_guessed_against_the_columns_own_words() -> None:

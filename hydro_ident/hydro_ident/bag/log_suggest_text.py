@@ -12,7 +12,8 @@ from hydro_ident.bag.log_map import SCHEMA, SECTIONS
 from hydro_ident.bag.log_suggest import Suggestion
 
 _LEVELS = {"sure": "sure", "likely": "likely", "guess": "a guess", "open": "FILL IN"}
-
+#: Columns of the longest name that the table shows whole.
+_WIDEST = 44
 
 _SAID = {"clocks": "      # late_s: how much later than the zero of `time` its zero is"}
 
@@ -95,12 +96,15 @@ def lines_of(suggestion: Suggestion) -> list[str]:
     -------
     list of str
     """
-    lines = [f"{'column':28s} {'becomes':34s} {'':8s} because"]
+    width = min(max(28, *(len(g.column) for g in suggestion.guesses)), _WIDEST)
+    lines = [f"{'column':{width}s} {'becomes':34s} {'':8s} because"]
     for g in suggestion.guesses:
         units = [str(g.entry[key]) for key in ("unit", "reference") if key in g.entry]
         into = f"{g.section}{', ' if g.name else ''}{g.name} {' '.join(units)}".strip() or "-"
         level = _LEVELS[g.level] if g.section else ""
-        lines.append(f"{g.column[-28:]:28s} {into:34s} {level:8s} {'; '.join(g.why)}")
+        # Names that are long differ at their end: `rec.signals.LABEL`.
+        name = g.column if len(g.column) <= width else f"…{g.column[1 - width :]}"
+        lines.append(f"{name:{width}s} {into:34s} {level:8s} {'; '.join(g.why)}")
     lines += [f"to fill in: {text}" for text in suggestion.to_fill_in]
     lines += [f"no column for: {text}" for text in suggestion.missing]
     return lines
