@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hydro_ident.report.robot_drawing import POSES, drawings, plane_of
+from hydro_ident.report.robot_report import _drawn
 from hydro_model.cylinder import stroke
 from hydro_model.joint_ranges import limits
 from hydro_model.robot_files import load_robot
@@ -38,3 +40,17 @@ def test_the_plane_is_seen_from_the_side_gravity_down() -> None:
     assert np.allclose(plane.up, [0.0, 0.0, 1.0])
     slide = plane_of(load_robot("emps"))
     assert abs(slide.across @ slide.up) < 1e-12
+
+
+def test_cylinders_that_slide_with_their_joint_are_said_not_to_be_drawn() -> None:
+    crane = load_robot("xs031")
+    lift, tilt = crane.cylinders
+    sliding = replace(
+        crane,
+        joints=(crane.joints[0], replace(crane.joints[1], prismatic=True)),
+        cylinders=(lift, replace(tilt, l1_m=0.0, l2_m=0.0, q0_rad=0.0, barrel=None, rod=None)),
+    )
+    names = {trace["name"].split(",")[0] for trace in drawings(sliding)[0].traces}
+    assert names & {lift.name, tilt.name} == {lift.name}
+    assert f"Not drawn: {tilt.name}." in _drawn(sliding)
+    assert "Not drawn" not in _drawn(crane)

@@ -40,12 +40,24 @@ def robot_html(check: RobotCheck) -> str:
     """
     robot = check.robot
     pictures = "".join(figure.html() for figure in drawings(robot))
-    sections = [Section("geometry", "Links and pins", _DRAWN, pictures)]
+    sections = [Section("geometry", "Links and pins", _drawn(robot), pictures)]
     if check.ranges:
         body = _table(check) + "".join(_figure(robot, r).html() for r in check.ranges)
         sections.append(Section("cylinders", "Strokes, levers and loads", _RANGES, body))
     sections.append(_bodies(robot))
     return page(f"Robot description: {robot.name}", _verdict(check), sections)
+
+
+def _drawn(robot: Robot) -> str:
+    """What the drawing shows, and the cylinders that it cannot show."""
+    drawn = {cylinder.name for cylinder in robot.closed_chains}
+    slid = [c.name for c in robot.cylinders if c.name not in drawn]
+    if not slid:
+        return _DRAWN
+    return (
+        f"{_DRAWN} Not drawn: {', '.join(slid)}. A cylinder that slides with its joint has no pins"
+        " in the file."
+    )
 
 
 def _verdict(check: RobotCheck) -> Verdict:
