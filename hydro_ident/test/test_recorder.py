@@ -240,6 +240,19 @@ def test_signals_end_it_with_a_closed_bag(tmp_path, node, recorder, number) -> N
 
 
 @pytest.mark.ros
+def test_that_nothing_comes_is_said_while_it_records_and_at_its_end(tmp_path, recorder) -> None:
+    process = recorder()
+    text = f"nothing was received: are the nodes up, and in this ROS domain ({DOMAIN})?"
+    _wait_for(lambda: text in _said(tmp_path), tmp_path)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=PATIENCE_S) == 0, _said(tmp_path)
+    first, during, count, at_end = _said(tmp_path).splitlines()
+    assert first.startswith("recording ")
+    assert count.startswith("recorded 0 messages")
+    assert [during, at_end.strip()] == [text, text]
+
+
+@pytest.mark.ros
 def test_a_kill_costs_at_most_three_tenths_of_a_second(tmp_path, node, recorder) -> None:
     process = recorder()
     publishers = _publishers(node)

@@ -6,6 +6,7 @@ Raw bytes go from the middleware to the file; nothing is decoded on the way.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,12 @@ from hydro_ident.bag.definitions import TYPE_HASHES, definition_of_class, messag
 from hydro_ident.bag.metadata import OfferedQos, bag_directory
 from hydro_ident.bag.provenance import project_metadata
 from hydro_ident.bag.publisher_numbers import PublisherNumbers
-from hydro_ident.bag.recorder_summary import SLOW_S, summary, summary_dict
+from hydro_ident.bag.recorder_summary import (
+    SLOW_S,
+    nothing_heard,
+    summary,
+    summary_dict,
+)
 from hydro_ident.bag.recorder_topics import check_topic, wanted_topics
 from hydro_ident.bag.signals import stop_on_signals
 from hydro_ident.bag.writer import BagWriter
@@ -40,6 +46,8 @@ _GATHER_S = 0.004
 _TURN = 200
 #: Wake-ups where nothing comes: a chunk is closed by so much later than it should.
 _WAKE_S = 0.05
+#: After so long without any message an operator is told.
+_PATIENCE_S = 5.0
 
 
 class RecordError(IdentError):
@@ -183,6 +191,7 @@ class Recorder:
         self._writer, self._stream = writer, stream
         self.lost: dict[str, int] = {}
         self._said_slow = False
+        self._silent_at_s = time.monotonic() + _PATIENCE_S
         self._node = Node("recorder")
         self._sources = []
         for topic, message_type in topics.items():
@@ -205,8 +214,16 @@ class Recorder:
                 time.sleep(_GATHER_S)
             else:
                 self._writer.flush_older_than(time.time_ns())
+                self._say_silent()
             self._say_slow()
         self._drain(RECORDER_DEPTH, time.time_ns())
+
+    def _say_silent(self) -> None:
+        """Once, where nothing at all has come: at the end of a run it would be too late."""
+        if time.monotonic() < self._silent_at_s or any(s.announced for s in self._sources):
+            return
+        self._silent_at_s = math.inf
+        _tell(nothing_heard(), self._stream)
 
     def _say_slow(self) -> None:
         if self._writer.slowest_s > SLOW_S and not self._said_slow:

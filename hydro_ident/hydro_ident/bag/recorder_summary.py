@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,12 @@ from hydro_ident.bag.writer import BagWriter
 SCHEMA = "hydro_ident/recorded/1"
 #: A disk that takes longer for a chunk falls behind.
 SLOW_S = 0.2
+
+
+def nothing_heard() -> str:
+    """Why nothing may have come, and what to look at."""
+    domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+    return f"nothing was received: are the nodes up, and in this ROS domain ({domain})?"
 
 
 def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
@@ -30,6 +37,8 @@ def summary(writer: BagWriter, lost: Mapping[str, int], seconds: float) -> str:
     """
     counts = {topic: count for topic, count in sorted(writer.counts.items()) if count}
     lines = [f"recorded {sum(counts.values())} messages in {seconds:.1f} s: {writer.directory}"]
+    if not counts:
+        lines.append(f"  {nothing_heard()}")
     for topic, count in counts.items():
         gone = f"  {lost[topic]} LOST before the recorder" if lost.get(topic) else ""
         lines.append(f"  {count:9d}  {topic}{gone}")
