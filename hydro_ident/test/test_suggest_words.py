@@ -94,8 +94,12 @@ def test_an_angle_a_whole_turn_away_is_brought_back_by_its_wrap() -> None:
 def test_the_table_shows_names_as_long_as_headers_of_labs_are(whole: bool) -> None:
     name = "Druck Hubzylinder Kolbenseite [bar]" if whole else f"rec.{'s' * 60}.LABEL"
     suggestion = suggest(Log(Path("log.csv"), {"t": T, name: 50.0 + T}), CRANE)
-    (line,) = [one for one in lines_of(suggestion) if name[-5:] in one]
+    lines = lines_of(suggestion)
+    (line,) = [one for one in lines if name[-5:] in one and "fill" not in one[:4]]
     assert line.startswith(name if whole else "…sss")
+    # Reasons begin below one another.
+    at = lines[0].index("because")
+    assert all(one[at - 1] == " " != one[at] for one in lines[:3])
 
 
 def test_a_place_is_not_guessed_against_the_columns_own_words() -> None:

@@ -96,15 +96,18 @@ def lines_of(suggestion: Suggestion) -> list[str]:
     -------
     list of str
     """
-    width = min(max(28, *(len(g.column) for g in suggestion.guesses)), _WIDEST)
-    lines = [f"{'column':{width}s} {'becomes':34s} {'':8s} because"]
+    rows = [("column", "becomes", "", "because")]
     for g in suggestion.guesses:
         units = [str(g.entry[key]) for key in ("unit", "reference") if key in g.entry]
         into = f"{g.section}{', ' if g.name else ''}{g.name} {' '.join(units)}".strip() or "-"
-        level = _LEVELS[g.level] if g.section else ""
         # Names that are long differ at their end: `rec.signals.LABEL`.
-        name = g.column if len(g.column) <= width else f"…{g.column[1 - width :]}"
-        lines.append(f"{name:{width}s} {into:34s} {level:8s} {'; '.join(g.why)}")
+        name = g.column if len(g.column) <= _WIDEST else f"…{g.column[1 - _WIDEST :]}"
+        rows.append((name, into, _LEVELS[g.level] if g.section else "", "; ".join(g.why)))
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    lines = [
+        " ".join(f"{cell:{width}s}" for cell, width in zip(row, [*widths, 0], strict=True))
+        for row in rows
+    ]
     lines += [f"to fill in: {text}" for text in suggestion.to_fill_in]
     lines += [f"no column for: {text}" for text in suggestion.missing]
     return lines
