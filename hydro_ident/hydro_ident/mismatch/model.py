@@ -14,7 +14,7 @@ from hydro_ident.identified_robot import has_definite_mass
 from hydro_ident.mismatch.base_columns import DELAY
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.prior import left_open
+from hydro_ident.mismatch.prior import movable
 from hydro_ident.mismatch.skew import TORQUES
 from hydro_ident.mismatch.stepping import with_edges
 from hydro_ident.mismatch.zeros import of_zeros
@@ -61,7 +61,8 @@ def robot_of(
     given : Robot
         Keeps what the fit does not determine.
     fixed_base : bool
-        The base stays as given, but for what that leaves open (`prior.left_open`).
+        The base was kept within its deviations: it is written as the effects were fitted beside
+        it, and what it states no deviation of stays as given (`prior.movable`).
 
     Returns
     -------
@@ -70,8 +71,7 @@ def robot_of(
     """
     effects = tuple(spec_of(term) for term in fitted.model.terms)
     covariance, names = fitted.covariance + of_zeros(predictor, fitted), predictor.names
-    free = left_open(predictor, given) if fixed_base else names
-    # What a kept base leaves open of itself moves the rest of it within its deviations.
+    free = movable(predictor, given) if fixed_base else names
     refitted = not fixed_base or bool(set(free) & set(predictor.material.forces.base.names))
     kept = (given, ())
     robot, notes = _with_base(predictor, fitted, given, covariance) if refitted else kept
@@ -80,9 +80,9 @@ def robot_of(
         {name: float(own) for name, own in zip(names, found, strict=True) if name in free}
         for found in (predictor.parameters(fitted.model), sizes)
     )
-    cylinders, deviations, refused = _cylinders(robot, values, std)
-    deviations |= dict(given.standard_deviations) if fixed_base else {}
-    deviations |= _own_deviations(robot, std)
+    cylinders, fitted_std, refused = _cylinders(robot, values, std)
+    deviations = dict(given.standard_deviations) if fixed_base else {}
+    deviations |= fitted_std | _own_deviations(robot, std)
     late = [n for at in predictor.delay_columns.values() if (n := names[at]) in std]
     delay_s, differ = _delay(predictor, fitted, given) if late else (given.command_delay_s, ())
     if late and not set(late) & set(fitted.held):

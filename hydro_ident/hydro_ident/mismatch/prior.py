@@ -99,6 +99,28 @@ def left_open(predictor: Predictor, given: Robot) -> list[str]:
     ]
 
 
+def movable(predictor: Predictor, given: Robot) -> list[str]:
+    """What a kept base may move, by `Predictor.names`: what it leaves open or states to within.
+
+    What its file states no deviation of, and is held all the same, stays as it is there.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    given : Robot
+    """
+    inertial = predictor.material.forces.base.names if _has_forces(predictor) else ()
+    known = inertial if given.base_covariance is not None else ()
+    kept_open = left_open(predictor, given)
+    return [
+        name
+        for name in predictor.names
+        if name in kept_open
+        or name in known
+        or float(given.standard_deviations.get(_stated(given, name), 0.0)) > 0.0
+    ]
+
+
 def open_notes(predictor: Predictor, given: Robot) -> tuple[str, ...]:
     """What of the machine a base that is kept leaves open, as a note; none where it is nothing.
 

@@ -100,3 +100,32 @@ def test_deviations_have_what_zeros_of_transducers_move_the_base_by(make_run: An
     known = with_them > 0.0
     assert np.all(moved[known] < 1.1 * with_them[known])
     assert np.max(moved[known] / with_them[known]) > 0.3
+
+
+def test_a_kept_base_is_written_as_far_as_it_moved(make_run: Any) -> None:
+    """Effects are fitted beside it; what its file states no deviation of stays as it is there."""
+    true_crane, simulated_run = make_run
+    sources = sources_of([simulated_run(true_crane(), 20.0).recording()])
+    robot, name = load_robot("xs031"), "lift_cylinder.viscous_friction"
+    surveys = [survey_source(source, robot) for source in sources]
+    work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+    assert work is not None
+    known = robot_of(work.training.predictor, work.base, robot).robot
+    lift, *others = known.cylinders
+    off = replace(lift, viscous_friction=lift.viscous_friction + 900.0)
+    stated = {**known.standard_deviations, name: 900.0}
+    given = replace(known, cylinders=(off, *others), standard_deviations=stated)
+    fixed = DiagnosisSettings(fixed_base=True)
+    work = residuals(given, sources, [], surveys, fixed)
+    assert work is not None
+    predictor = work.training.predictor
+    written = robot_of(predictor, work.base, given, fixed_base=True).robot
+    at = predictor.names.index(name)
+    moved = written.cylinders[0].viscous_friction
+    assert moved == pytest.approx(predictor.parameters(work.base.model)[at], rel=1e-12)
+    assert abs(moved - lift.viscous_friction) < 0.1 * 900.0
+    assert 0.0 < written.standard_deviations[name] < 0.1 * 900.0
+    assert written.standard_deviations.keys() == stated.keys()
+    silent = replace(given, base_covariance=None)
+    held = robot_of(predictor, work.base, silent, fixed_base=True).robot
+    assert held.base_parameters == given.base_parameters
