@@ -13,6 +13,7 @@ import yaml
 
 from hydro_hw_bridge.bridge_core import BridgeCore
 from hydro_hw_bridge.bridge_step import NOTHING, Step
+from hydro_hw_bridge.bus import BusCounters
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import CommandFrame, Readings, Status
 from hydro_hw_bridge.gate import GateState
@@ -40,6 +41,11 @@ class Wire:
         if self.taking:
             self.sent.append(message)
         return self.taking
+
+    @property
+    def counters(self) -> BusCounters:
+        """As of a bus."""
+        return BusCounters(sent=len(self.sent))
 
 
 class Bench:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from hydro_hw_bridge.bridge_core import BridgeCore
+from hydro_hw_bridge.bridge_core import CLOSING_CYCLES, BridgeCore
 from hydro_hw_bridge.bus import Bus
 from hydro_hw_bridge.bus_open import open_bus
+from hydro_hw_bridge.claims import Claim
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.errors import BridgeError
 from hydro_hw_bridge.frames import CommandFrame, Readings
@@ -96,6 +97,32 @@ def test_a_full_send_queue_trips_and_zero_is_the_first_that_leaves_again(ends: E
     assert ends.core.gate.clear()[0]
     ends.cycle(1.0)
     assert ends.heard()[-1].voltages == (0.02, 0.0)
+
+
+def test_an_inactive_bridge_says_no_more_that_nothing_can_be_sent_once_its_claims_are(
+    ends: Ends,
+) -> None:
+    ends.cycle(1.0)
+    ends.say("queue_full")
+    for _ in range(LIMITS.max_age_cycles + 1):
+        ends.cycle(1.0)
+    ends.core.deactivate()
+    for _ in range(CLOSING_CYCLES + 3):
+        ends.cycle(None)
+    claim = Claim(ends.near, ends.codec)
+    claim.send()
+    assert ends.core.gate.clear() == (False, "still there: valve frames cannot be sent")
+    ends.say("ok")
+    for _ in range(LIMITS.max_age_cycles + 1):
+        assert not ends.core.gate.clear()[0]
+        claim.send()
+        ends.cycle(None)
+    assert ends.core.gate.faults == {}
+    assert ends.core.gate.clear()[0]
+    ends.core.activate(ready=True)
+    ends.heard()
+    ends.cycle(1.0)
+    assert ends.heard()[-1].enable
 
 
 def test_an_interface_that_is_gone_is_said_and_carries_again_once_it_is_back(ends: Ends) -> None:

@@ -59,6 +59,40 @@ def test_the_first_frames_may_be_the_refused_ones(most: int, wire: Any) -> None:
     assert dict(link.conditions())[UNSENT]
 
 
+@pytest.mark.parametrize("most", [0, 3])
+def test_other_frames_that_the_bus_takes_in_a_row_end_the_fault_as_well(
+    most: int, wire: Any
+) -> None:
+    """An inactive bridge sends no valve frames, and claims its bus on."""
+    wire.send(can.Message())  # claims of before say nothing
+    link = CommandLink(wire, most)
+    wire.taking = False
+    for _ in range(most + 1):
+        link.send(can.Message())
+    wire.taking = True
+    for _ in range(most + 1):
+        assert dict(link.conditions())[UNSENT]
+        wire.send(can.Message())
+    assert dict(link.conditions())[UNSENT] == ""
+    wire.taking = False
+    for refused in range(1, most + 2):  # counted anew, from the next that is refused
+        assert bool(dict(link.conditions())[UNSENT]) is (refused > most + 1)
+        link.send(can.Message())
+    assert dict(link.conditions())[UNSENT]
+
+
+def test_claims_between_refused_valve_frames_do_not_end_the_fault(wire: Any) -> None:
+    link = CommandLink(wire, 3)
+    for _ in range(20):
+        wire.taking = False
+        link.send(can.Message())
+        wire.taking = True
+        for _ in range(3):
+            wire.send(can.Message())
+        said = dict(link.conditions())[UNSENT]
+    assert said
+
+
 def test_a_frame_is_news_until_somebody_has_looked_sent_or_refused(wire: Any) -> None:
     link = CommandLink(wire, 3)
     assert not link.tried
