@@ -122,12 +122,12 @@ def _supervision() -> Iterator[Harmless]:
 
 
 def _period_watch() -> Iterator[Harmless]:
-    again = "if ahead_s < 0.0:"
+    again = "if ahead_s <= 0.0:"
     yield Harmless(
-        "period_watch", "PeriodWatch.look", again, again.replace("<", "<="),
+        "period_watch", "PeriodWatch._count", again, again.replace("<=", "<"),
         "neither ahead nor behind, this cycle is as good to count from as the one before",
     )  # fmt: skip
-    grace = "if ahead_s <= GRACE_S + SHARE * elapsed_s:"
+    grace = "if self._ahead_s <= GRACE_S:"
     yield Harmless(
         "period_watch", "PeriodWatch.look", grace, grace.replace("<=", "<"),
         "a clock's reading is not exactly at the limit but by chance, and may be told or not then",
