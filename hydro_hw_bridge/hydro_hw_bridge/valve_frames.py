@@ -12,6 +12,10 @@ from hydro_hw_bridge.gate import Gate
 from hydro_hw_bridge.own_frames import OwnFrames
 from hydro_hw_bridge.valve_echo import ValveEcho
 
+#: Amplifiers that do not say whether they are on: without a frame for so long they are off, by
+#: the watchdog that the safety case asks of them.
+WATCHDOG_S = 0.05
+
 
 class ValveFrames:
     """Answers cycles with the gate's output, whatever that is, and keeps what left.
@@ -29,7 +33,8 @@ class ValveFrames:
     spoke : bool
         A frame was sent.
     on_wire_v : tuple of float
-        What the valves get by the newest frame that left, V; 0 V before the first.
+        What the valves get by the newest frame that left, V; 0 V before the first, and once the
+        amplifiers are off for want of another.
     answered : int
         Sample counter of the cycle that was answered last; -1 where none was.
     echo : ValveEcho
@@ -42,14 +47,15 @@ class ValveFrames:
         self.echo = ValveEcho(codec.echo_spans)
         self.spoke = False
         self._answer: can.Message | None = None
-        self._answer_v = self.on_wire_v = (0.0,) * len(codec.valve_names)
+        self._zero_v = (0.0,) * len(codec.valve_names)
+        self._answer_v = self.on_wire_v = self._zero_v
         self.answered = -1
-        self._stated = -1
+        self._stated = self._left = -1
 
     def forget(self) -> None:
         """The device counts anew: it was not answered yet, and its valves are at 0 V."""
         self.answered = self._stated = -1
-        self.on_wire_v = (0.0,) * len(self.on_wire_v)
+        self.on_wire_v = self._zero_v
         self.echo.forget()
 
     def answer(self, counter: int) -> can.Message | None:
@@ -84,7 +90,7 @@ class ValveFrames:
         """
         if self._answer is None or not self._send(self._answer):
             return None
-        self.spoke = True
+        self.spoke, self._left = True, self.answered
         self.echo.sent()
         self.on_wire_v = self._answer_v
         return self._answer
@@ -113,4 +119,17 @@ class ValveFrames:
         if sample is None or sample.counter == self._stated:
             return ()
         self._stated = sample.counter
+        if self._are_off(sample):
+            # Of a bus that takes nothing they do not hear the 0 V that is meant for them.
+            self.on_wire_v = self._zero_v
         return (ValveState(sample.stamp_ns, self.on_wire_v, sample.readings.spools),)
+
+    def _are_off(self, sample: Sample) -> bool:
+        """Whether the amplifiers are off in a cycle, by themselves or as they were told."""
+        status = sample.readings.status
+        if status.amplifier_watchdog:
+            return True
+        if self._codec.tells_amplifiers:
+            return not status.amplifier_enabled
+        unheard = sample.counter - self._left
+        return unheard * self._gate.limits.period_s >= WATCHDOG_S

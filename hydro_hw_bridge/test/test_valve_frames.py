@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import yaml
 
 from hydro_hw_bridge.bridge_step import NOTHING, Sample
 from hydro_hw_bridge.codec import Codec
@@ -14,7 +15,7 @@ from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.own_frames import KEPT, OwnFrames
 from hydro_hw_bridge.permissives import Inputs
 from hydro_hw_bridge.valve_echo import PATIENCE
-from hydro_hw_bridge.valve_frames import ValveFrames
+from hydro_hw_bridge.valve_frames import WATCHDOG_S, ValveFrames
 
 LIMITS = GateLimits(("lift_valve", "tilt_valve"), (10.0, 10.0), 0.002, 1000.0, 5, 2.0e6)
 NOW = 1_700_000_000_500_000_000
@@ -78,6 +79,71 @@ def test_valve_state_says_what_left_not_what_was_meant(real_time: Any) -> None:
     zero = real_time.core.clock.zero_stamp_ns or 0
     said = {(s.stamp_ns - zero) // PERIOD: s.voltages[0] for s in states}
     assert said == {2: 0.0, 3: 1.5, 4: 1.5, 5: 2.5}
+
+
+class Refused:
+    """A bench that drove at 2 V when its bus began to refuse frames."""
+
+    def __init__(self, bench: Any) -> None:
+        self.bench, self.counter = bench, 1
+        bench.drive(2.0)
+        bench.wire.taking = False
+
+    def applied(self, cycles: int, **status: bool) -> list[float]:
+        """What /valve_state says of the lift in the cycles that come next."""
+        said = []
+        for _ in range(cycles):
+            self.counter += 1
+            step = self.bench.cycle(self.counter, **status)
+            said += [state.voltages[0] for state in step.valve_states]
+        return said
+
+
+@pytest.mark.parametrize("off", ["amplifier_watchdog", "amplifier_enabled"])
+@pytest.mark.parametrize("active", [True, False])
+def test_amplifiers_that_say_they_are_off_have_0_v_whatever_left_last(
+    real_time: Any, off: str, active: bool
+) -> None:
+    """Analysis would take a voltage at rest for one that moves nothing, and a trip for none."""
+    refused = Refused(real_time)
+    if not active:
+        real_time.core.deactivate()
+    assert set(refused.applied(100)) == {2.0}  # they hold it for as long as they say
+    said = refused.applied(10, **{off: off == "amplifier_watchdog"})
+    # In the first of these cycles, that of the one before may be what is said.
+    assert said in ([0.0] * 10, [2.0] + [0.0] * 9)
+    # On again without a frame: nothing is at the valves all the same.
+    assert set(refused.applied(10)) == {0.0}
+    real_time.core.gate.clear()
+    real_time.core.activate(ready=True)
+    real_time.wire.taking = True
+    for _ in range(2):
+        refused.applied(1)
+        step = real_time.command(refused.counter, 1.0)
+    (state,) = step.valve_states
+    assert state.voltages[0] == real_time.sent(step.answer).voltages[0] > 0.0
+
+
+def test_amplifiers_that_say_nothing_have_0_v_after_their_watchdogs_time(
+    codec: Codec, readings: Any, real_time: Any, tmp_path: Any
+) -> None:
+    content = yaml.safe_load(codec.mapping.source.read_text(encoding="utf-8"))
+    for bit in ("amplifier_enabled", "amplifier_watchdog"):
+        del content["sync"]["status"][bit]
+    path = tmp_path / "silent.mapping.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    silent = Codec.load(codec.mapping.dbc, path, codec.robot)
+    refused = Refused(type(real_time)(silent, readings, lockstep=False))
+    # Cycle 1 was answered: 25 of 2 ms later it is 50 ms ago.
+    assert refused.applied(40) == [2.0] * 24 + [0.0] * 15
+    assert pytest.approx(WATCHDOG_S) == 0.05
+
+
+def test_an_encoder_under_a_voltage_that_never_came_is_not_called_stuck(real_time: Any) -> None:
+    refused = Refused(real_time)
+    refused.applied(30)
+    refused.applied(600, amplifier_enabled=False)
+    assert real_time.core.watch.counters.stuck == 0
 
 
 def test_a_wire_without_a_count_for_0_v_has_0_v_at_the_valves_while_it_is_off(

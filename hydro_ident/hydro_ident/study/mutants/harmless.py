@@ -154,7 +154,7 @@ def _command_intake() -> Iterator[Harmless]:
 def _valve_frames() -> Iterator[Harmless]:
     values = ("- 2", "~1")
     yield from _begins(
-        "valve_frames", "ValveFrames.__init__", "_stated", values, _NO_NEGATIVE, "-1"
+        "valve_frames", "ValveFrames.__init__", "_stated = self._left", values, _NO_NEGATIVE, "-1"
     )
 
 
