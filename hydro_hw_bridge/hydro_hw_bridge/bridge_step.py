@@ -97,3 +97,29 @@ class EchoCounters:
     lost: int = 0
     refused: int = 0
     surplus: int = 0
+
+
+@dataclass(slots=True)
+class ReadingCounters:
+    """Cycles with readings that cannot be, since the start.
+
+    Attributes
+    ----------
+    jumps : int
+        Positions that moved faster than the joint can.
+    out_of_range : int
+        Pressures that cannot be.
+    stuck : int
+        Encoders without a count of motion under an open valve.
+    still : int
+        Pressures without any noise for seconds: named, no reason to stop.
+    strokes, temperatures : int
+        Strokes and temperatures of the oil that cannot be: named, no reason to stop.
+    """
+
+    jumps: int = 0
+    out_of_range: int = 0
+    stuck: int = 0
+    still: int = 0
+    strokes: int = 0
+    temperatures: int = 0

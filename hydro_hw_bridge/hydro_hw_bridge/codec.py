@@ -101,6 +101,11 @@ class Codec:
         """What one count of every joint's sensor is worth, rad or m, signed."""
         return tuple(binding.gain for binding in self._positions)
 
+    @property
+    def stroke_steps(self) -> tuple[float, ...]:
+        """What one count of every stroke sensor is worth, m, signed."""
+        return tuple(binding.gain for binding in self._strokes)
+
     @classmethod
     def load(
         cls: type[_Codec],

@@ -4,6 +4,7 @@ A CRC tells a broken frame from a whole one, not a broken sensor from a sound on
 for is what no machine does: a joint far above its speed limit from one cycle to the next, a
 pressure below vacuum or far above what the transducer can read, an encoder that stands still
 to the last count under an open valve, a pressure that is the same to the last count for seconds.
+What drives nothing, strokes and the oil's temperature, `side_readings` looks at.
 """
 
 from __future__ import annotations
@@ -11,41 +12,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hydro_hw_bridge.bridge_step import ReadingCounters
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Readings
+from hydro_hw_bridge.side_readings import JUMP_COUNTS, JUMP_FACTOR, SideWatch
 
-#: A joint may move this many times its velocity limit between two cycles.
-JUMP_FACTOR = 4.0
-#: Counts of an encoder that are no jump, whatever the speed limit.
-JUMP_COUNTS = 16
 #: Pressures may read this far below vacuum, and this many times the transducers' range.
 BELOW_VACUUM_PA, ABOVE_RANGE = 1.0e5, 1.2
 #: An encoder that has not moved a count while its valve was so far open for so long is stuck.
 STUCK_S, STUCK_SHARE = 0.5, 0.2
 #: A pressure without any noise for so long is named; a sound one may be as still for a while.
 STILL_S = 2.0
-
-
-@dataclass(slots=True)
-class ReadingCounters:
-    """Cycles with readings that cannot be, since the start.
-
-    Attributes
-    ----------
-    jumps : int
-        Positions that moved faster than the joint can.
-    out_of_range : int
-        Pressures that cannot be.
-    stuck : int
-        Encoders without a count of motion under an open valve.
-    still : int
-        Pressures without any noise for seconds: named, no reason to stop.
-    """
-
-    jumps: int = 0
-    out_of_range: int = 0
-    stuck: int = 0
-    still: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +74,7 @@ class ReadingsWatch:
         self._valve_of = tuple(_valve_of(codec, name) for name in codec.joint_names)
         self._rated = {valve.name: valve.rated_voltage_v for valve in robot.valves}
         self._valve_names = codec.valve_names
+        self._side = SideWatch(codec, period_s, self.counters)
         self.forget()
 
     def forget(self) -> None:
@@ -105,6 +83,7 @@ class ReadingsWatch:
         self._at = 0
         self._unmoved = [0] * len(self._names)
         self._unchanged = [0] * len(self._pressure_names)
+        self._side.forget()
 
     def look(self, readings: Readings, counter: int, voltages: Sequence[float]) -> Verdict:
         """Look at a cycle.
@@ -123,6 +102,8 @@ class ReadingsWatch:
         """
         last, cycles = self._last, max(1, counter - self._at)
         self._last, self._at = readings, counter
+        # What may end driving is said last, and stands.
+        self.newest = self._side.look(last, readings, cycles) or self.newest
         standing = self._out_of_range(readings)
         if last is None:
             return Verdict(standing=standing)

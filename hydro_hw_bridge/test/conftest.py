@@ -125,6 +125,17 @@ def coarse(codec: Codec, robot: Robot, tmp_path: Path) -> Codec:
 
 
 @pytest.fixture(scope="session")
+def sensed(codec: Codec, robot: Robot, tmp_path_factory: pytest.TempPathFactory) -> Codec:
+    """The reference crane with a stroke sensor, in the place of a spool's."""
+    content = yaml.safe_load(codec.mapping.source.read_text(encoding="utf-8"))
+    content["strokes"] = {"lift_cylinder": content["valves"]["lift_valve"].pop("spool")}
+    path = tmp_path_factory.mktemp("can") / "sensed.mapping.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    cylinders = (replace(robot.cylinders[0], stroke_sensor=True), *robot.cylinders[1:])
+    return Codec.load(codec.mapping.dbc, path, replace(robot, cylinders=cylinders))
+
+
+@pytest.fixture(scope="session")
 def readings() -> Make:
     """Readings of a cycle: `readings(counter, pump_on=False, spools=...)`."""
 

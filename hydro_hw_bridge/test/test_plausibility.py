@@ -100,3 +100,25 @@ def test_a_device_that_counts_anew_has_not_jumped(watch: ReadingsWatch, readings
     watch.look(readings(900), 900, SHUT)
     watch.forget()
     assert watch.look(readings(0, positions=(1.2, -2.0)), 0, SHUT) == Verdict()
+
+
+def test_what_drives_nothing_is_named_and_ends_nothing(sensed: Codec, readings: Make) -> None:
+    watch = ReadingsWatch(sensed, PERIOD_S)
+    wrong = {"strokes_m": (0.9,), "oil_temperature_c": 200.0}
+    said = "lift_cylinder: stroke cannot be 0.9000 m (from -0.0590 to 0.6490 m)"
+    assert watch.look(readings(0, **wrong), 0, SHUT) == Verdict()
+    assert (watch.newest, watch.counters.strokes, watch.counters.temperatures) == (said, 1, 1)
+    # What may end driving is told in its place, and stays: it is said once.
+    pressures = (99.0e6, 2.0e6, 3.0e6, 4.0e6, 19.0e6, 1.0e6)
+    found = watch.look(readings(1, pressures_pa=pressures, **wrong), 1, SHUT)
+    assert watch.newest == found.standing != ""
+    watch.look(readings(2, **wrong), 2, SHUT)
+    assert watch.newest == found.standing
+    # A device that counts anew is told anew.
+    watch.forget()
+    assert watch.look(readings(0, **wrong), 0, SHUT) == Verdict()
+    assert (watch.newest, watch.counters.strokes) == (said, 4)
+    # Once it is over it is still the newest.
+    watch.look(readings(9, strokes_m=(0.2,), oil_temperature_c=40.0), 9, SHUT)
+    watch.look(readings(10, strokes_m=(0.2,), oil_temperature_c=40.0), 10, SHUT)
+    assert watch.newest

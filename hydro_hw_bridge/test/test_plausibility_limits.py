@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 
+from hydro_hw_bridge.bridge_step import ReadingCounters
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.frames import Readings
-from hydro_hw_bridge.plausibility import ReadingCounters, ReadingsWatch, Verdict
+from hydro_hw_bridge.plausibility import ReadingsWatch, Verdict
 from hydro_model.robot import Robot
 
 Make = Callable[..., Readings]
@@ -40,7 +41,8 @@ def _noisy(k: int) -> tuple[float, ...]:
 
 
 def test_records() -> None:
-    assert asdict(ReadingCounters()) == {"jumps": 0, "out_of_range": 0, "stuck": 0, "still": 0}
+    names = ("jumps", "out_of_range", "stuck", "still", "strokes", "temperatures")
+    assert asdict(ReadingCounters()) == dict.fromkeys(names, 0)
     assert ReadingCounters(jumps=2).jumps == 2
     assert not hasattr(ReadingCounters(), "__dict__")
     verdict = Verdict("a", "b")

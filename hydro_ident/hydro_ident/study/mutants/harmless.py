@@ -100,6 +100,18 @@ def _plausibility() -> Iterator[Harmless]:
     )  # fmt: skip
 
 
+def _side_readings() -> Iterator[Harmless]:
+    first = "self._still_at_m = [{}] * len(self._cylinders)"
+    why = _UNREAD.format("the first cycle of all sets it")
+    afters = (first.format(" -1.0"), first.format(" 1.0"))
+    yield from _each("side_readings", "SideWatch.forget", first.format("0.0"), afters, why)
+    most = "if moved {} STUCK_SHARE * cylinder.stroke_m + STUCK_COUNTS * self._counts[i]:"
+    yield Harmless(
+        "side_readings", "SideWatch._stuck", most.format("<="), most.format("<"),
+        "a way that is computed from angles is not exactly at the limit but by chance",
+    )  # fmt: skip
+
+
 def _bridge_core() -> Iterator[Harmless]:
     unheard = "unheard_s: float = 0.0,"
     yield Harmless(
@@ -293,6 +305,7 @@ HARMLESS: tuple[Harmless, ...] = (
     *_driven_cycles(),
     *_output_ramp(),
     *_plausibility(),
+    *_side_readings(),
     *_bridge_core(),
     *_supervision(),
     *_period_watch(),

@@ -87,6 +87,7 @@ TARGETS: tuple[Target, ...] = (
         "hydro_hw_bridge.plausibility",
         (f"{_TEST}/test_plausibility.py", f"{_TEST}/test_plausibility_limits.py"),
     ),
+    Target("side_readings", "hydro_hw_bridge.side_readings", (f"{_TEST}/test_side_readings.py",)),
     *(
         Target(
             name,
