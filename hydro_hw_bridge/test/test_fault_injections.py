@@ -10,7 +10,7 @@ import pytest
 from hydro_hw_bridge.faults.bench import Bench, WatchedCodec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
 from hydro_hw_bridge.faults.command_faults import BAD, CommandFault
-from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, WATCHDOG, Injection
 from hydro_hw_bridge.faults.injections import FAMILIES, drawn
 from hydro_hw_bridge.faults.line import FaultLine
 from hydro_hw_bridge.faults.machine_faults import MISSING, MachineFault
@@ -51,6 +51,21 @@ def kept(outcome: Outcome) -> None:
 def test_every_promise_is_kept_over_many_seeds(trial: Trial, family: str, lockstep: bool) -> None:
     for seed in range(SEEDS_PER_FAMILY // 4 if lockstep else SEEDS_PER_FAMILY):
         kept(trial.run(drawn(seed, trial.codec, family), seed, lockstep=lockstep))
+
+
+@pytest.mark.parametrize("family", ["lost", "late", "split"])
+def test_what_starves_the_gate_is_held_to_a_time_and_nothing_else_stops(
+    trial: Trial, family: str
+) -> None:
+    """Samples or sync frames that stay away for five cycles; four are driven over."""
+    stopped = set()
+    for seed in range(40):
+        injection = drawn(seed, trial.codec, family)
+        outcome = trial.run(injection, seed)
+        kept(outcome)
+        assert outcome.tripped == (injection.limit_cycles is not None), injection
+        stopped.add(outcome.tripped)
+    assert stopped == {False, True}
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -176,14 +191,23 @@ def test_valve_frames_that_are_late_on_the_bus_never_drive_for_long(
     trial: Trial, late: int
 ) -> None:
     fault = BusFault("late", AT, 60, BRIDGE, amount=late)
-    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, Named()), late))
+    limit = WATCHDOG if late > STARVED else None
+    kept(trial.run(Injection("bus", fault, limit, TRIPS if limit else Named()), late))
 
 
 @pytest.mark.parametrize("late", [*range(1, 16), 23])
 def test_machine_frames_that_are_all_late_never_drive_for_long(trial: Trial, late: int) -> None:
-    """The bridge sees nothing wrong, as its clock is the machine's: the machine does."""
-    fault = BusFault("late", AT, 60, DEVICE, amount=late)
-    kept(trial.run(Injection("bus", fault, WATCHDOG if late > AGE else None, Named()), late))
+    """The bridge's clock is the machine's: what it sees is silence, and the end of the lateness.
+
+    Frames in time then come between those that are late: the gate is without a sample, of which
+    the last was as late.
+    """
+    cycles = 60
+    fault = BusFault("late", AT, cycles, DEVICE, amount=late)
+    limit = AGE if late > STARVED else cycles + AGE - late if 2 * late >= STARVED else None
+    outcome = trial.run(Injection("bus", fault, limit, TRIPS if limit else Named()), late)
+    kept(outcome)
+    assert outcome.stop_cycles == limit
 
 
 @pytest.mark.parametrize("late", range(17, 32))
@@ -206,7 +230,8 @@ def test_a_frame_of_exactly_sixteen_cycles_ago_contradicts_the_present_one(trial
 def test_an_encoder_that_is_stuck_ends_driving(trial: Trial, joint: str) -> None:
     signal = trial.codec.mapping.joints[joint].signal
     fault = BusFault("stuck", AT, 600, DEVICE, (), signal)
-    outcome = trial.run(Injection("bus", fault, None, Named(("readings_stuck",))), 1)
+    named = Named(("readings_stuck",), f"{joint}: encoder stuck")
+    outcome = trial.run(Injection("bus", fault, None, named), 1)
     kept(outcome)
     assert f"{joint}: encoder stuck" in outcome.reason
 
@@ -232,6 +257,15 @@ def test_a_broken_promise_is_told(trial: Trial) -> None:
     """The judge itself: a harmless fault of which a stop is promised."""
     outcome = trial.run(Injection("publisher", CommandFault("twice", AT), AT_ONCE, TRIPS), 8)
     assert [text.partition(" ")[0] for text in outcome.broken] == ["0", "shows"]
+
+
+def test_a_trip_that_is_none_of_a_fault_is_told(trial: Trial) -> None:
+    """Nobody asked for it: driving on was right, and so a stop is a broken promise."""
+    named = Named(("cycles_incomplete",))
+    for cycles, told in ((4, ()), (5, ("tripped: no command for 12 ms (limit 10 ms)",))):
+        injection = Injection("bus", BusFault("split", AT, cycles), None, named)
+        assert trial.run(injection, 1).broken == told
+        assert trial.run(replace(injection, may_trip="no command"), 1).broken == ()
 
 
 def test_every_fault_has_to_show_or_is_argued(trial: Trial) -> None:

@@ -15,7 +15,7 @@ import random
 
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, LINK, BusFault
-from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STUCK, WATCHDOG, Injection
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, STUCK, WATCHDOG, Injection
 from hydro_hw_bridge.faults.naming import Named
 
 #: A frame that comes exactly so many cycles late, or a multiple, and before the one that belongs
@@ -25,6 +25,9 @@ ALIVE_SPAN = 16
 #: A pressure that is the same for so many cycles is named.
 STILL = 1000
 TOO_OLD, NOTHING_HEARD = "no command for", "nothing from the device for 10 ms"
+EITHER = f"{NOTHING_HEARD}|{TOO_OLD}"
+UNSENT = "valve frames cannot be sent"
+TWO_FRAMES = "two different frames"
 AGAIN = Named(("cycles_repeated",))
 #: In lockstep nothing arrives: the machine's time stands still meanwhile.
 QUIET = Named(silent="a machine in lockstep that is silent")
@@ -34,33 +37,76 @@ def lost(source: random.Random, codec: Codec, at: int) -> Injection:
     """One of the machine's frames does not arrive."""
     cycles = source.choice((1, 2, 4, 7, 12, 40))
     frame = source.choice(codec.device_ids)
-    sync = frame == codec.device_ids[0]
-    limit = None
-    if cycles >= (WATCHDOG + 5 if sync else AGE + 1):
-        limit = WATCHDOG if sync else AGE
-    says = (NOTHING_HEARD if sync else TOO_OLD) if limit else ""
+    words = EITHER if frame == codec.device_ids[0] else TOO_OLD
+    limit, says = (AGE, words) if cycles >= STARVED else (None, "")
     shows = ("cycles_lost", "cycles_incomplete", "cycles_out_of_order")
     fault = BusFault("lost", at, cycles, DEVICE, (frame,))
     # In lockstep the cycle is sent again until it is answered: nothing trips.
     again = Named((*shows, *AGAIN.shows, "cycles_duplicates"))
-    return Injection("bus", fault, limit, Named(shows, says), again)
+    border = words if cycles == STARVED - 1 else ""
+    return Injection("bus", fault, limit, Named(shows, says), again, may_trip_late=border)
 
 
 def late(source: random.Random, codec: Codec, at: int) -> Injection:
     """The machine's frames arrive cycles later."""
     amount = source.randrange(1, ALIVE_SPAN)
     frames = () if source.random() < 0.3 else (source.choice(codec.device_ids),)
-    fault = BusFault("late", at, source.randint(1, 12), DEVICE, frames, amount=amount)
+    cycles = source.randint(1, 12)
+    fault = BusFault("late", at, cycles, DEVICE, frames, amount=amount)
     shows = ("cycles_out_of_order", "cycles_lost", "cycles_incomplete")
-    return Injection("bus", fault, None, Named(shows), Named((*shows, *AGAIN.shows)))
+    with_sync = not frames or frames[0] == codec.device_ids[0]
+    words = EITHER if with_sync else TOO_OLD
+    without = _without_samples(fault, codec)
+    named, limit, border = Named(shows), None, ""
+    if without >= STARVED:
+        named, limit = Named(shows, words), _late_limit(fault, codec)
+    elif without == STARVED - 1:
+        border = words
+    again = Named((*shows, *AGAIN.shows))
+    return Injection("bus", fault, limit, named, again, may_trip_late=border)
+
+
+def _without_samples(fault: BusFault, codec: Codec) -> int:
+    """For how many cycles, by the sample counter, late frames leave the gate without a sample.
+
+    A sync frame of the past ends the cycle in which it comes. So sync frames that are late spoil
+    the cycles from which they are missing, and as many in which they come: one gap, where the
+    latter follow at once.
+    """
+    in_a_row = fault.amount <= fault.cycles
+    if not fault.frames:
+        # Cycles that are late as a whole are whole: what was answered before the gap is as late.
+        return 2 * fault.amount if in_a_row else fault.cycles
+    if fault.frames[0] == codec.device_ids[0] and in_a_row:
+        return fault.cycles + fault.amount
+    return fault.cycles
+
+
+def _late_limit(fault: BusFault, codec: Codec) -> int:
+    """Within how many cycles late frames that starve the gate end driving.
+
+    Where sync frames come, and are late, the time that the bridge counts is behind by as much;
+    where none comes, it is the silence that ends driving.
+    """
+    if fault.amount > min(STARVED, fault.cycles):
+        return AGE
+    if not fault.frames:
+        # It drives on, too late by as much, until the cycles that are in time come in between.
+        return fault.cycles + AGE - fault.amount
+    return AGE + fault.amount if fault.frames[0] == codec.device_ids[0] else AGE
 
 
 def split(source: random.Random, codec: Codec, at: int) -> Injection:
     """The rest of a cycle's frames arrives in the next one."""
     stay = source.randint(1, len(codec.device_ids) - 1)
-    fault = BusFault("split", at, source.randint(1, 10), amount=stay)
+    cycles = source.randint(1, 10)
+    fault = BusFault("split", at, cycles, amount=stay)
+    starved = cycles >= STARVED
+    named = Named(("cycles_incomplete",), TOO_OLD if starved else "")
     again = Named((*AGAIN.shows, "cycles_out_of_order", "cycles_duplicates"))
-    return Injection("bus", fault, None, Named(("cycles_incomplete",)), again)
+    border = TOO_OLD if cycles == STARVED - 1 else ""
+    limit = AGE if starved else None
+    return Injection("bus", fault, limit, named, again, may_trip_late=border)
 
 
 def repeated(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -78,7 +124,8 @@ def reordered(source: random.Random, codec: Codec, at: int) -> Injection:
     fault = BusFault("reordered", at, 12, seed=source.randrange(1 << 30))
     shows = ("cycles_out_of_order", "cycles_incomplete")
     again = Named((*shows, *AGAIN.shows, "cycles_duplicates"))
-    return Injection("bus", fault, None, Named(shows), again)
+    # A quarter of its cycles is whole: that none of five is, is left to chance.
+    return Injection("bus", fault, None, Named(shows), again, may_trip=TOO_OLD)
 
 
 def corrupt(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -88,7 +135,7 @@ def corrupt(source: random.Random, codec: Codec, at: int) -> Injection:
         fault = BusFault("bit_flip", at, 4, DEVICE, frames, amount=source.randrange(64))
     else:
         fault = BusFault("truncated", at, 4, DEVICE, frames, amount=source.randrange(8))
-    return Injection("bus", fault, None, Named(("cycles_corrupt",)))
+    return Injection("bus", fault, None, Named(("cycles_corrupt",)), may_trip_late=EITHER)
 
 
 def counters(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -145,7 +192,13 @@ def stuck(source: random.Random, codec: Codec, at: int) -> Injection:
         brief = "a pressure stuck for less than 2 s"
     fault = BusFault("stuck", at, cycles, DEVICE, (), channels[name].signal)
     return Injection(
-        "bus", fault, limit, named if long else Named(silent=brief), None, sensor=kind
+        "bus",
+        fault,
+        limit,
+        named if long else Named(silent=brief),
+        sensor=kind,
+        # Where the joint has moved meanwhile, its encoder jumps when it goes on.
+        may_trip=f"{name}: position jumped" if kind == "encoder" else "",
     )
 
 
@@ -154,7 +207,8 @@ def babble(source: random.Random, codec: Codec, at: int) -> Injection:
     seed = source.randrange(1 << 30)
     frames = () if source.random() < 0.5 else (source.choice(codec.device_ids),)
     fault = BusFault("babble", at, 40, DEVICE, frames, amount=source.randint(5, 15), seed=seed)
-    return Injection("bus", fault, None, Named(("cycles_corrupt",)))
+    # Noise that passes its check by chance is a frame too many of its cycle.
+    return Injection("bus", fault, None, Named(("cycles_corrupt",)), may_trip=TWO_FRAMES)
 
 
 def foreign(source: random.Random, codec: Codec, at: int) -> Injection:
@@ -186,10 +240,12 @@ def link(source: random.Random, codec: Codec, at: int) -> Injection:
         named = Named(("bus_error_frames",), "bus-off")
         return Injection("bus", fault, limit, named)
     if kind == "queue_full":
-        named = Named(("bus_dropped",), "valve frames cannot be sent" if cycles > AGE else "")
-        return Injection("bus", fault, limit, named, Named(("bus_dropped",)))
+        named = Named(("bus_dropped",), UNSENT if cycles > AGE else "")
+        # In lockstep a cycle is answered as often as it is told.
+        again = Named(("bus_dropped",))
+        return Injection("bus", fault, limit, named, again, may_trip=UNSENT)
     shows = ("bus_send_errors", "cycles_lost", "trips")
-    named = Named(shows, f"{NOTHING_HEARD}|{TOO_OLD}" if cycles > AGE else "")
+    named = Named(shows, EITHER if cycles > AGE else "")
     return Injection("bus", fault, limit, named, QUIET)
 
 
@@ -201,7 +257,7 @@ def answers(source: random.Random, codec: Codec, at: int) -> Injection:
         cycles, amount = source.choice((4, 40)), source.randint(1, 30)
     if kind == "bit_flip":
         amount = source.randrange(64)
-    gone = kind in ("lost", "bit_flip", "truncated") or (kind == "late" and amount > AGE)
+    gone = kind in ("lost", "bit_flip", "truncated") or (kind == "late" and amount > STARVED)
     limit = WATCHDOG if gone and cycles > WATCHDOG else None
     seed = source.randrange(1 << 30)
     fault = BusFault(kind, at, cycles, BRIDGE, amount=amount, seed=seed)

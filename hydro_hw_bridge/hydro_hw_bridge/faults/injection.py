@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from hydro_hw_bridge.faults.naming import NONE_SHOWS, Diagnosis, Named
 
 #: Cycles of 2 ms: at once (the answer of the same cycle), a command's age, the watchdog.
 AT_ONCE, AGE, WATCHDOG = 1, 6, 25
+#: Without samples, sync frames or commands for so many cycles driving ends with the next one.
+STARVED = AGE - 1
 #: 0.5 s of a valve open by a fifth: those of the wave are so for 78 % of the time.
 STUCK = 330
 
@@ -35,6 +38,11 @@ class Injection:
         Whose value is stuck: encoder, pressure or stroke.
     parts : tuple of Injection
         Of several: each by itself.
+    may_trip : str
+        Regular expression: reasons for which driving may end where that is left to chance.
+    may_trip_late : str
+        The same where a computer is late by a part of a cycle: the fault is one short of what
+        ends driving. In device time nobody is late.
     """
 
     group: str
@@ -44,6 +52,8 @@ class Injection:
     in_lockstep: Named | None = None
     sensor: str = ""
     parts: tuple[Injection, ...] = ()
+    may_trip: str = ""
+    may_trip_late: str = ""
 
     @property
     def kind(self) -> str:
@@ -99,6 +109,26 @@ class Injection:
             return self.naming(lockstep=lockstep).silent
         none = all(part.silent(lockstep=lockstep) for part in self.parts)
         return NONE_SHOWS if none else ""
+
+    def wrongly_tripped(self, reason: str, *, lockstep: bool, late: bool = False) -> bool:
+        """Whether a trip is one that it must not make: driving on is right.
+
+        Of several at once nothing is said.
+
+        Parameters
+        ----------
+        reason : str
+            Of the trip; empty where there is none.
+        lockstep : bool
+        late : bool
+            On a computer that may be late.
+        """
+        named = self.naming(lockstep=lockstep)
+        may_stop = self.parts or self.limit_cycles is not None
+        if not reason or may_stop or named.says or "trips" in named.shows:
+            return False
+        allowed = (self.may_trip, self.may_trip_late if late else "")
+        return not any(words and re.match(words, reason) for words in allowed)
 
     def unnamed(
         self,

@@ -20,7 +20,7 @@ from hydro_hw_bridge.faults import command_faults as commands
 from hydro_hw_bridge.faults import machine_faults as machines
 from hydro_hw_bridge.faults.bus_injections import AGAIN, NOTHING_HEARD, QUIET, TOO_OLD
 from hydro_hw_bridge.faults.command_faults import CommandFault
-from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, WATCHDOG, Injection
+from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, WATCHDOG, Injection
 from hydro_hw_bridge.faults.machine_faults import MISSING, SUPPLY, MachineFault
 from hydro_hw_bridge.faults.naming import Named
 
@@ -61,7 +61,7 @@ def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
         return Injection("publisher", fault, AT_ONCE, Named(("trips",), SAID[kind]))
     if kind in commands.HARMLESS:
         return Injection("publisher", fault, None, Named((HARMLESS_SHOWS[kind],)))
-    if (kind == "silent" and cycles >= AGE) or (kind == "late" and amount >= AGE):
+    if (cycles if kind == "silent" else amount) >= STARVED:
         return Injection("publisher", fault, AGE, Named(("trips",), TOO_OLD), AGAIN)
     silent = {
         "silent": "no commands for less than 10 ms",
@@ -94,8 +94,9 @@ def _absent(kind: str, source: random.Random, at: int) -> Injection:
     """Bridge, controller or machine are gone for a while."""
     cycles = 60 if kind == "bridge_dead" else source.choice((3, 12, 60))
     fault = MachineFault(kind, at, cycles)
-    limit = AGE if kind == "controller_stopped" else WATCHDOG
-    stops = limit if cycles > limit else None
+    stops = AGE if cycles >= STARVED else None
+    if kind in ("bridge_dead", "bridge_stopped"):  # then only the amplifiers are left
+        stops = WATCHDOG if cycles > WATCHDOG else None
     if kind == "bridge_dead":
         named = Named(silent="a bridge that is dead")
         return Injection("machine", fault, stops, named)

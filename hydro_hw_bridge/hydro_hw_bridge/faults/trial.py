@@ -103,6 +103,8 @@ class Trial:
         tripped, reason = core.gate.state is GateState.TRIPPED, core.gate.reason
         broken = self._judged(bench, injection)
         broken += injection.unnamed(after, before, bench.absent(), lockstep=lockstep)
+        if tripped and injection.wrongly_tripped(reason, lockstep=lockstep):
+            broken.append(f"tripped: {reason}")
         rows = list(bench.rows)
         step_v = max((_step(a, b) for a, b in pairwise(rows)), default=0.0)
         again_v = 0.0

@@ -11,6 +11,7 @@ import pytest
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults import bus_injections
 from hydro_hw_bridge.faults.bus_faults import BRIDGE, CONTENT, DEVICE, TRANSPORT, BusFault
+from hydro_hw_bridge.faults.injection import AGE, Injection
 from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_ident.study.faults.promised import AGE_MS, ALL_FRAMES_MS, WATCHDOG_MS
 from hydro_ident.study.faults.wall_bus import DRAWN, _judged
@@ -82,23 +83,53 @@ def test_every_kind_that_a_proxy_can_make_is_drawn(codec: Codec) -> None:
     assert seen == {*CONTENT, *TRANSPORT} - {"stuck"}
 
 
+def split_of(cycles: int, codec: Codec) -> Injection:
+    """Drawn: samples stay away for so many cycles."""
+    drawn = (bus_injections.split(random.Random(n), codec, 0) for n in range(1000))
+    return next(one for one in drawn if one.fault.cycles == cycles)
+
+
 def test_a_fault_has_to_be_counted(codec: Codec) -> None:
-    injection = bus_injections.split(random.Random(1), codec, 0)
+    injection = split_of(1, codec)
     assert "cycles_incomplete" in _judged(injection, BEFORE, _after(cycles_complete=190)).broken
     assert _judged(injection, BEFORE, _after(cycles_incomplete=5)) == Judgement()
 
 
 def test_driving_on_where_that_is_right(codec: Codec) -> None:
-    injection = bus_injections.split(random.Random(1), codec, 0)
+    injection = split_of(1, codec)
     assert injection.limit_cycles is None
     tripped = _after("lift: position jumped", cycles_incomplete=5, trips=2)
     assert "tripped: lift: position jumped" in _judged(injection, BEFORE, tripped).broken
 
 
 def test_a_busy_computer_is_no_fault_of_the_bridge(codec: Codec) -> None:
-    injection = bus_injections.split(random.Random(1), codec, 0)
+    """Samples that stay away for three cycles are none that starve the gate by themselves."""
     late = _after("no command for 14 ms", cycles_incomplete=5, trips=2)
-    assert _judged(injection, BEFORE, late) == Judgement(excused="no command for 14 ms")
+    for cycles in (1, 2, 3):
+        judged = _judged(split_of(cycles, codec), BEFORE, late)
+        assert judged == Judgement(excused="no command for 14 ms")
+
+
+@pytest.mark.parametrize("cycles", [5, 6, 8, 10])
+def test_a_fault_that_starves_the_gate_has_to_trip_and_is_held_to_its_time(
+    codec: Codec, cycles: int
+) -> None:
+    injection = split_of(cycles, codec)
+    assert injection.limit_cycles == AGE
+    starved = _after("no command for 12 ms (limit 10 ms)", cycles_incomplete=5, trips=2)
+    assert _judged(injection, BEFORE, starved) == Judgement()  # no stall is needed for it
+    drove_on = _after(cycles_incomplete=5)
+    assert "said nowhere: 'no command for'" in _judged(injection, BEFORE, drove_on).broken
+
+
+def test_a_cycle_short_of_that_a_computer_that_is_late_may_trip(codec: Codec) -> None:
+    injection = split_of(4, codec)
+    assert injection.limit_cycles is None
+    late = _after("no command for 12 ms (limit 10 ms)", cycles_incomplete=5, trips=2)
+    assert _judged(injection, BEFORE, late) == Judgement()
+    assert injection.wrongly_tripped(late.texts[1], lockstep=False)  # in device time nobody is
+    other = _after("emergency stop", cycles_incomplete=5, trips=2)
+    assert "tripped: emergency stop" in _judged(injection, BEFORE, other).broken
 
 
 def test_a_trip_has_to_name_its_fault(codec: Codec) -> None:

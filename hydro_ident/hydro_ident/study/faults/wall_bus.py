@@ -38,10 +38,6 @@ DRAWN: dict[str, Draw] = {
 }
 
 
-#: Noise that passes its check by chance is a frame too many of a cycle, for which a gate may trip.
-_PASSING = ("babble",)
-
-
 class BusDeeds:
     """Faults on the bus, each drawn as in device time, judged by valves and `/diagnostics`.
 
@@ -79,7 +75,6 @@ def _judged(injection: Injection, before: Diagnosis, now: Diagnosis) -> Judgemen
     """What a fault did that it must not, or did not show as."""
     reason = now.texts[1]
     missing = injection.unnamed(now, before, lockstep=False)
-    may_trip = "trips" in injection.named.shows or injection.fault.kind in _PASSING
-    if injection.limit_cycles is None and reason and not may_trip:
+    if injection.wrongly_tripped(reason, lockstep=False, late=True):
         missing.append(f"tripped: {reason}")
     return judgement([f"{injection.kind}: {text}" for text in missing], reason)
