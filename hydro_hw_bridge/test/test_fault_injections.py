@@ -268,6 +268,24 @@ def test_a_trip_that_is_none_of_a_fault_is_told(trial: Trial) -> None:
         assert trial.run(replace(injection, may_trip="no command"), 1).broken == ()
 
 
+def test_a_command_that_is_held_for_longer_than_its_age_is_told(trial: Trial) -> None:
+    """A gate that lets commands be older drives on with what the amplifiers hold."""
+    lax = replace(trial, limits=replace(trial.limits, max_age_cycles=12))
+    named = Named(("cycles_incomplete",))
+    for cycles, told in (
+        (AGE, ()),
+        (AGE + 1, ("a command 7 cycles old at the valves, promised at most 6",)),
+        (10, ("a command 10 cycles old at the valves, promised at most 6",)),
+    ):
+        outcome = lax.run(Injection("bus", BusFault("split", AT, cycles), None, named), 1)
+        assert outcome.broken == told
+    # What the bridge sends is another matter: nobody but the amplifiers can tell that it is gone.
+    # The page says what then comes through: a step as large as what was commanded meanwhile.
+    lost = Injection("bus", BusFault("lost", AT, 20, BRIDGE), None, Named(("valve_frames_lost",)))
+    [step] = trial.run(lost, 1).broken
+    assert step == "step of 6.223 V per cycle"
+
+
 def test_every_fault_has_to_show_or_is_argued(trial: Trial) -> None:
     for family in FAMILIES:
         for seed in range(100):
