@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hydro_hw_bridge.faults.injections import FAMILIES
+from hydro_hw_bridge.faults.injections import ORDER
 from hydro_hw_bridge.faults.naming import SILENT
 from hydro_ident.study.faults.__main__ import SCHEMA
 from hydro_ident.study.faults.__main__ import run as campaign
@@ -39,6 +39,18 @@ PROCESSES = (
     "recorder",
     "send_path",
     "identification_node",
+)
+#: Kinds of faults of the campaign that keep samples away, and those of processes.
+STARVING = ("lost", "late", "split")
+PROCESS_FAULTS = (
+    "bus: foreign (bridge)",
+    "bus: frozen (bridge)",
+    "machine: bridge_dead",
+    "machine: bridge_stopped",
+    "machine: controller_stopped",
+    "machine: device_silent",
+    "publisher: late",
+    "publisher: silent",
 )
 NAMED = sorted(set(re.findall(r"`(test_\w+\.py)::(test_\w+)`", PAGE.read_text(encoding="utf-8"))))
 
@@ -154,6 +166,10 @@ def test_the_committed_campaign_kept_every_promise_in_device_time() -> None:
     assert sum(row["injections"] for kind, row in kinds.items() if "several:" in kind) >= 100
     for kind in ("babble (device)", "foreign (device)", "stuck (encoder)", "stuck (pressure)"):
         assert kinds[f"bus: {kind}"]["injections"] >= 15
+    assert min(row["injections"] for row in kinds.values()) >= 6
+    # Of whatever a stop may be promised, some had one.
+    for kind in (*(f"bus: {kind} (device)" for kind in STARVING), *PROCESS_FAULTS):
+        assert kinds[kind]["stops_promised"] >= 3, kind
     # Whatever else was injected had to be named.
     silent = found["silent"]
     assert set(silent) <= set(SILENT)
@@ -224,7 +240,7 @@ def test_changed_sources_are_told_by_folder_and_not_where_none_had_a_digest() ->
 
 
 def test_every_family_meets_both_clocks_and_both_publishers() -> None:
-    assert math.gcd(len(FAMILIES), LOCKSTEP_EVERY * CONTROLLER_EVERY) == 1
+    assert math.gcd(len(ORDER), LOCKSTEP_EVERY * CONTROLLER_EVERY) == 1
 
 
 def test_the_campaign_gives_the_same_numbers_again() -> None:

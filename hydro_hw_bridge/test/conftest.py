@@ -171,3 +171,26 @@ def real_time(codec: Codec, readings: Make) -> Bench:
 def lockstep(codec: Codec, readings: Make) -> Bench:
     """A core in lockstep between a device and a controller."""
     return Bench(codec, readings, lockstep=True)
+
+
+@pytest.fixture(scope="module")
+def trial(robot: Robot) -> Any:
+    """Runs injections, machine and bridge core to core, with a publisher of large voltages."""
+    # Here: most tests of the bridge need neither faults nor rig.
+    from hydro_hw_bridge.faults.bench import WatchedCodec
+    from hydro_hw_bridge.faults.trial import Trial
+    from hydro_hw_bridge.faults.wave import Wave
+    from hydro_hw_bridge.rig.core import RigCore
+    from hydro_hw_bridge.rig.truth_files import load_truth
+
+    codec = WatchedCodec.load(None, None, robot)
+    truth = load_truth("realistic", robot)
+    rated = tuple(valve.rated_voltage_v for valve in robot.valves)
+    limits = GateLimits(robot.valve_names, rated, 0.002, 1000.0, 5, 2.0e6)
+
+    def commander(seed: int) -> Wave:
+        return Wave(
+            robot.valve_names, rated, 2.0, frequency_hz=2.0 + seed % 4, period_s=limits.period_s
+        )
+
+    return Trial(codec, limits, lambda seed: RigCore(robot, truth, seed=seed), commander)

@@ -3,43 +3,26 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from collections import Counter
 
 import pytest
 
-from hydro_hw_bridge.faults.bench import Bench, WatchedCodec
-from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, BusFault
-from hydro_hw_bridge.faults.command_faults import BAD, CommandFault
+from hydro_hw_bridge.faults.bench import Bench
+from hydro_hw_bridge.faults.bus_faults import BRIDGE, DEVICE, LINK, BusFault
+from hydro_hw_bridge.faults.command_faults import BAD, KINDS, CommandFault
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, STARVED, WATCHDOG, Injection
 from hydro_hw_bridge.faults.injections import FAMILIES, drawn
-from hydro_hw_bridge.faults.line import FaultLine
+from hydro_hw_bridge.faults.machine_faults import KINDS as MACHINE_KINDS
 from hydro_hw_bridge.faults.machine_faults import MISSING, MachineFault
-from hydro_hw_bridge.faults.naming import SILENT, Diagnosis, Named
+from hydro_hw_bridge.faults.naming import Named
+from hydro_hw_bridge.faults.other_injections import ABSENT, GONE
 from hydro_hw_bridge.faults.trial import Outcome, Trial
-from hydro_hw_bridge.faults.wave import Wave
-from hydro_hw_bridge.gate_limits import GateLimits
-from hydro_hw_bridge.rig.core import RigCore
-from hydro_hw_bridge.rig.truth_files import load_truth
 from hydro_model.robot import Robot
 
-SEEDS_PER_FAMILY = 8
+#: Of every family, and of every function that takes turns in one.
+SEEDS_PER_FAMILY, SEEDS_PER_DRAW = 8, 3
 AT = 20
 TRIPS = Named(("trips",))
-
-
-@pytest.fixture(scope="module")
-def trial(robot: Robot) -> Trial:
-    codec = WatchedCodec.load(None, None, robot)
-    truth = load_truth("realistic", robot)
-    rated = tuple(valve.rated_voltage_v for valve in robot.valves)
-    limits = GateLimits(robot.valve_names, rated, 0.002, 1000.0, 5, 2.0e6)
-
-    def commander(seed: int) -> Wave:
-        return Wave(
-            robot.valve_names, rated, 2.0, frequency_hz=2.0 + seed % 4, period_s=limits.period_s
-        )
-
-    return Trial(codec, limits, lambda seed: RigCore(robot, truth, seed=seed), commander)
 
 
 def kept(outcome: Outcome) -> None:
@@ -49,8 +32,30 @@ def kept(outcome: Outcome) -> None:
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("lockstep", [False, True], ids=["real_time", "lockstep"])
 def test_every_promise_is_kept_over_many_seeds(trial: Trial, family: str, lockstep: bool) -> None:
-    for seed in range(SEEDS_PER_FAMILY // 4 if lockstep else SEEDS_PER_FAMILY):
+    draws = len(FAMILIES[family])
+    count = max(SEEDS_PER_FAMILY, SEEDS_PER_DRAW * draws)
+    for seed in range(max(SEEDS_PER_FAMILY // 4, draws) if lockstep else count):
         kept(trial.run(drawn(seed, trial.codec, family), seed, lockstep=lockstep))
+
+
+def test_kinds_take_turns_on_both_clocks_and_so_do_times(trial: Trial) -> None:
+    """Every fifth injection of the campaign is in lockstep, every third of the controller's."""
+    kinds: Counter[str] = Counter()
+    faults: Counter[tuple[str, int]] = Counter()
+    settings: dict[str, set[int]] = {}
+    for seed in range(1200):
+        injection = drawn(seed, trial.codec)
+        if injection.group in ("publisher", "machine") or injection.kind in LINK:
+            kinds[injection.kind] += 1
+            faults[injection.kind, injection.fault.cycles] += 1
+            settings.setdefault(injection.kind, set()).add(seed % 15)
+    assert set(kinds) == {*KINDS, *MACHINE_KINDS, *LINK}
+    assert max(kinds[kind] for kind in KINDS) - min(kinds[kind] for kind in KINDS) <= 1
+    assert min(kinds.values()) >= 6
+    assert min(faults[kind, cycles] for kind in ABSENT for cycles in GONE) >= 6
+    # No kind is in lockstep, or of the controller, always or never by the order of things.
+    assert min(len({number % 5 for number in seen}) for seen in settings.values()) >= 3
+    assert min(len({number % 3 for number in seen}) for seen in settings.values()) >= 2
 
 
 @pytest.mark.parametrize("family", ["lost", "late", "split"])
@@ -130,6 +135,19 @@ def test_too_little_supply_stops_within_its_cycle(trial: Trial, robot: Robot) ->
     assert outcome.reason.startswith("supply pressure")
 
 
+@pytest.mark.parametrize(("cycles", "stop"), [(60, WATCHDOG), (12, 13), (4, None)])
+def test_a_bridge_that_stands_still_is_answered_by_the_watchdog_or_by_itself_as_it_goes_on(
+    trial: Trial, cycles: int, stop: int | None
+) -> None:
+    """What waited meanwhile, frames of the machine and commands, drives nothing."""
+    fault = MachineFault("bridge_stopped", AT, cycles)
+    named = Named() if stop is None else Named(("trips",), "no command for")
+    outcome = trial.run(Injection("machine", fault, stop, named), 4)
+    kept(outcome)
+    assert outcome.stop_cycles == stop
+    assert trial.bench.rows[AT + cycles - 1].watchdog == (cycles > WATCHDOG)
+
+
 def test_a_dead_bridge_is_answered_by_the_amplifiers_watchdog(trial: Trial) -> None:
     injection = Injection("machine", MachineFault("bridge_dead", AT, 60), WATCHDOG, Named())
     outcome = trial.run(injection, 4)
@@ -159,6 +177,15 @@ def test_valve_frames_lost_as_driving_begins_cost_time_and_no_step(
     ]
     assert max(steps) <= trial.limits.legal_step_v + 1e-9
     assert bench.core.gate.trips == 0
+
+
+def test_valve_frames_that_are_the_same_again_are_ended_by_the_watchdog(trial: Trial) -> None:
+    """A controller of the bus that sends its buffer on and on: the first is in time for 10 ms."""
+    named = Named(("valve_frames_refused",), "watchdog shut them down")
+    fault = BusFault("frozen", AT, 40, BRIDGE)
+    outcome = trial.run(Injection("bus", fault, AGE + WATCHDOG, named), 1)
+    kept(outcome)
+    assert outcome.stop_cycles == AGE + WATCHDOG
 
 
 def test_amplifiers_that_never_hear_of_enable_trip_it(trial: Trial) -> None:
@@ -251,108 +278,6 @@ def test_the_same_seed_gives_the_same_run(trial: Trial) -> None:
         trial.run(drawn(4, trial.codec), 4)
         rows.append(trial.bench.rows)
     assert rows[0] == rows[1]
-
-
-def test_a_broken_promise_is_told(trial: Trial) -> None:
-    """The judge itself: a harmless fault of which a stop is promised."""
-    outcome = trial.run(Injection("publisher", CommandFault("twice", AT), AT_ONCE, TRIPS), 8)
-    assert [text.partition(" ")[0] for text in outcome.broken] == ["0", "shows"]
-
-
-def test_a_trip_that_is_none_of_a_fault_is_told(trial: Trial) -> None:
-    """Nobody asked for it: driving on was right, and so a stop is a broken promise."""
-    named = Named(("cycles_incomplete",))
-    for cycles, told in ((4, ()), (5, ("tripped: no command for 12 ms (limit 10 ms)",))):
-        injection = Injection("bus", BusFault("split", AT, cycles), None, named)
-        assert trial.run(injection, 1).broken == told
-        assert trial.run(replace(injection, may_trip="no command"), 1).broken == ()
-
-
-def test_a_command_that_is_held_for_longer_than_its_age_is_told(trial: Trial) -> None:
-    """A gate that lets commands be older drives on with what the amplifiers hold."""
-    lax = replace(trial, limits=replace(trial.limits, max_age_cycles=12))
-    named = Named(("cycles_incomplete",))
-    for cycles, told in (
-        (AGE, ()),
-        (AGE + 1, ("a command 7 cycles old at the valves, promised at most 6",)),
-        (10, ("a command 10 cycles old at the valves, promised at most 6",)),
-    ):
-        outcome = lax.run(Injection("bus", BusFault("split", AT, cycles), None, named), 1)
-        assert outcome.broken == told
-    # What the bridge sends is another matter: nobody but the amplifiers can tell that it is gone.
-    # The page says what then comes through: a step as large as what was commanded meanwhile.
-    lost = Injection("bus", BusFault("lost", AT, 20, BRIDGE), None, Named(("valve_frames_lost",)))
-    [step] = trial.run(lost, 1).broken
-    assert step == "step of 6.223 V per cycle"
-
-
-def test_every_fault_has_to_show_or_is_argued(trial: Trial) -> None:
-    for family in FAMILIES:
-        for seed in range(100):
-            injection = drawn(seed, trial.codec, family)
-            for part in injection.parts or (injection,):
-                for lockstep in (False, True):
-                    named = part.naming(lockstep=lockstep)
-                    assert bool(named.shows or named.says) != bool(named.silent), part
-                    assert not named.silent or len(SILENT[named.silent]) > 20
-
-
-def test_what_has_to_show_and_does_not_is_told(trial: Trial) -> None:
-    now = Diagnosis({"trips": 1, "cycles_lost": 2, "cycles_complete": 9}, ("", "pump is off"))
-    before = Diagnosis({"trips": 1, "cycles_lost": 0, "cycles_complete": 5}, ("", ""))
-    assert now.grown(before) == {"cycles_lost"}
-    assert now.lacks(Named(("trips", "cycles_lost"), "pump"), before) == []
-    assert now.lacks(Named(("trips",)), before) == ["shows in none of trips"]
-    assert now.lacks(Named(says="enable"), before) == [
-        "said nowhere: 'enable' (found: pump is off)"
-    ]
-    # Of several, each has to: the second grows a counter that the first does not.
-    parts = (
-        Injection("machine", MachineFault("pump", AT), None, Named(("cycles_lost",))),
-        Injection("publisher", CommandFault("twice", AT), None, Named(("commands_repeated",))),
-    )
-    both = Injection("several", parts[0].fault, None, Named(), parts=parts)
-    assert both.kind == "2 faults"
-    assert both.unnamed(now, before, lockstep=False) == [
-        "twice: shows in none of commands_repeated, trips"
-    ]
-    assert both.unnamed(now, before, {parts[1].fault}, lockstep=False) == []
-    # Whatever several are: a permissive that is open stops at once, and each shows.
-    kept(trial.run(replace(both, parts=tuple(_shown(part) for part in parts)), 9))
-    assert not trial.bench.rows[AT].permitted
-    assert trial.bench.rows[AT].stopped
-
-
-def _shown(part: Injection) -> Injection:
-    return replace(part, named=TRIPS)
-
-
-@pytest.mark.parametrize("kind", ["babble", "foreign"])
-def test_frames_of_others_are_many_and_of_the_right_length(trial: Trial, kind: str) -> None:
-    codec, cycles = trial.codec, 400
-    line = FaultLine(codec, [BusFault(kind, 0, cycles, amount=10, seed=3)])
-    trial.run(drawn(0, codec, "lost"), 0)
-    device = trial.bench.device
-    own, others = 0, []
-    for counter in range(cycles):
-        device.core.counter = counter
-        sent = {bytes(m.data) for m in device.frames()}
-        for message in device.frames():
-            for one in line.take(message, DEVICE):
-                known = bytes(one.data) in sent and one.arbitration_id in codec.device_ids
-                own += known
-                others += [] if known else [(counter, one)]
-    assert own == cycles * len(codec.device_ids)
-    assert len(others) == pytest.approx(10 * cycles, rel=0.05)
-    frames = [(counter, codec.receive(one)) for counter, one in others]
-    whole = [(counter, f) for counter, f in frames if f is not None and len(f.data) == 8]
-    assert len(whole) > 0.7 * len(others)
-    intact = sum(f.intact for _, f in whole)
-    if kind == "foreign":
-        assert intact == len(others)
-        assert all(f.alive == counter & 15 for counter, f in whole)
-    else:
-        assert 1 <= intact < 0.01 * len(whole)  # by chance: one in 256
 
 
 def test_a_pressure_that_is_stuck_is_named_and_stops_nothing(trial: Trial) -> None:

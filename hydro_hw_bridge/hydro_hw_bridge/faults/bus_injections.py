@@ -7,6 +7,8 @@ source : random.Random
 codec : Codec
 at : int
     First cycle of the fault.
+kind : str, optional
+    Of those that a function knows; by default it is drawn, too.
 """
 
 from __future__ import annotations
@@ -25,6 +27,10 @@ ALIVE_SPAN = 16
 #: A pressure that is the same for so many cycles is named.
 STILL = 1000
 TOO_OLD, NOTHING_HEARD = "no command for", "nothing from the device for 10 ms"
+#: What may happen to valve frames on their way.
+ANSWERS = ("lost", "late", "repeated", "bit_flip", "truncated", "frozen", "babble")
+#: Cycles until the bridge has answered valve frames that it heard: those of the cycle after.
+HEARD = 2
 EITHER = f"{NOTHING_HEARD}|{TOO_OLD}"
 UNSENT = "valve frames cannot be sent"
 TWO_FRAMES = "two different frames"
@@ -230,9 +236,9 @@ def intruder(source: random.Random, codec: Codec, at: int) -> Injection:
     return Injection("bus", fault, AT_ONCE, Named(("trips",), says))
 
 
-def link(source: random.Random, codec: Codec, at: int) -> Injection:
+def link(source: random.Random, codec: Codec, at: int, kind: str = "") -> Injection:
     """The bridge's own end of the bus: bus-off, a full queue, an interface that is gone."""
-    kind = source.choice(LINK)
+    kind = kind or source.choice(LINK)
     cycles = source.choice((2, 10, 60))
     limit = WATCHDOG if cycles > WATCHDOG else None
     fault = BusFault(kind, at, cycles)
@@ -249,25 +255,37 @@ def link(source: random.Random, codec: Codec, at: int) -> Injection:
     return Injection("bus", fault, limit, named, QUIET)
 
 
-def answers(source: random.Random, codec: Codec, at: int) -> Injection:
-    """What the bridge sends is lost, late, repeated, broken, or stands beside noise."""
-    kind = source.choice(("lost", "late", "repeated", "bit_flip", "truncated", "babble"))
-    cycles, amount = source.choice((1, 4, 40)), source.randint(1, 7)
+def answers(source: random.Random, codec: Codec, at: int, kind: str = "") -> Injection:
+    """What the bridge sends is lost, late, repeated, broken, the same again, or beside noise."""
+    kind = kind or source.choice(ANSWERS)
+    cycles, amount = source.choice((1, 4, 40, 40)), source.randint(1, 7)
     if kind == "late":
-        cycles, amount = source.choice((4, 40)), source.randint(1, 30)
+        cycles, amount = source.choice((4, 40, 40)), source.randint(1, 30)
     if kind == "bit_flip":
         amount = source.randrange(64)
     gone = kind in ("lost", "bit_flip", "truncated") or (kind == "late" and amount > STARVED)
     limit = WATCHDOG if gone and cycles > WATCHDOG else None
+    in_time = not gone and kind == "late"
+    if kind == "frozen":  # the first of them is in time for as long as a command may be old
+        limit = AGE + WATCHDOG if cycles > AGE + WATCHDOG else None
+        in_time = cycles <= STARVED
     seed = source.randrange(1 << 30)
     fault = BusFault(kind, at, cycles, BRIDGE, amount=amount, seed=seed)
     if limit:
         named = Named(("trips",), "watchdog shut them down")
-    elif kind == "late" and not gone:
+    elif in_time:
         named = Named(silent="valve frames late, and still in time")
     else:
         # What the amplifiers say that they heard tells it.
         shows = {"lost": "lost", "repeated": "surplus"}.get(kind, "refused")
         named = Named((f"valve_frames_{shows}",))
     # There the machine asks again for what it did not get.
-    return Injection("bus", fault, limit, named, AGAIN if gone or kind == "late" else None)
+    again = AGAIN if gone or kind in ("late", "frozen") else None
+    return Injection("bus", fault, limit, named, again)
+
+
+def other_answers(source: random.Random, codec: Codec, at: int) -> Injection:
+    """Somebody who knows counters and checks sends valve frames, which the bridge hears, too."""
+    seed, amount = source.randrange(1 << 30), source.randint(1, 10)
+    fault = BusFault("foreign", at, 10, BRIDGE, amount=amount, seed=seed)
+    return Injection("bus", fault, HEARD, Named(("trips",), "valve frames of another sender"))

@@ -7,6 +7,10 @@ source : random.Random
 codec : Codec
 at : int
     First cycle of the fault.
+kind : str, optional
+    Of those that a function knows; by default it is drawn, too.
+cycles : int, optional
+    For how long it lasts, where somebody is gone; by default it is drawn, too.
 """
 
 from __future__ import annotations
@@ -38,20 +42,27 @@ SAID: Mapping[str, str] = {
     "off_grid": "stamp that is of no complete cycle",
     "second_controller": "is there a second controller",
 }
+#: For how many cycles bridge, controller or machine may be gone, and one that is dead.
+GONE, DEAD = (3, 12, 60), 60
+#: Kinds of faults that last for one of these times.
+ABSENT = ("bridge_stopped", "controller_stopped", "device_silent")
 #: Where harmless commands are counted.
 HARMLESS_SHOWS = {"twice": "commands_repeated", "backwards": "commands_outdated"}
 #: What a supply that lost its pressure may have left, Pa: less than the least that the gate takes,
 #: whatever the transducer's noise and offset add.
 _LEFT_PA = 1.8e6
+#: More than the gate takes (4 V) and what a sound publisher's voltage moves in a cycle towards it
+#: (9 V at 5 Hz, 0.57 V).
+_LEAP_V = (4.6, 8.0)
 
 
-def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
+def publisher(source: random.Random, codec: Codec, at: int, kind: str = "") -> Injection:
     """A publisher of bad, late, repeated or no commands."""
-    kind = source.choice(commands.KINDS)
+    kind = kind or source.choice(commands.KINDS)
     valve = source.randrange(len(codec.valve_names))
     amount = {
         "beyond": source.choice((-1, 1)) * source.choice((10.001, 11.0, 1e3, 1e300)),
-        "leap": source.uniform(4.1, 8.0),
+        "leap": source.uniform(*_LEAP_V),
         "second_controller": source.uniform(0.01, 8.0),
         "late": float(source.randint(1, 30)),
     }.get(kind, 0.0)
@@ -70,9 +81,11 @@ def publisher(source: random.Random, codec: Codec, at: int) -> Injection:
     return Injection("publisher", fault, None, Named(silent=silent), AGAIN)
 
 
-def machine(source: random.Random, codec: Codec, at: int) -> Injection:
+def machine(
+    source: random.Random, codec: Codec, at: int, kind: str = "", cycles: int = 0
+) -> Injection:
     """Permissives, bridge, controller, machine and clock."""
-    kind = source.choice(machines.KINDS)
+    kind = kind or source.choice(machines.KINDS)
     if kind in MISSING:
         left_pa = source.uniform(0.0, _LEFT_PA) if kind == SUPPLY else 0.0
         fault = MachineFault(kind, at, source.randint(1, 20), left_pa)
@@ -87,22 +100,24 @@ def machine(source: random.Random, codec: Codec, at: int) -> Injection:
     if kind == "deactivated":
         named = Named(says="^inactive: reading$")
         return Injection("machine", MachineFault(kind, at, 5), AT_ONCE, named)
-    return _absent(kind, source, at)
+    if kind == "bridge_dead":
+        cycles = DEAD
+    return _absent(kind, cycles or source.choice(GONE), at)
 
 
-def _absent(kind: str, source: random.Random, at: int) -> Injection:
+def _absent(kind: str, cycles: int, at: int) -> Injection:
     """Bridge, controller or machine are gone for a while."""
-    cycles = 60 if kind == "bridge_dead" else source.choice((3, 12, 60))
     fault = MachineFault(kind, at, cycles)
     stops = AGE if cycles >= STARVED else None
-    if kind in ("bridge_dead", "bridge_stopped"):  # then only the amplifiers are left
-        stops = WATCHDOG if cycles > WATCHDOG else None
+    if stops and kind in ("bridge_dead", "bridge_stopped"):
+        # Then only the amplifiers are left, until it goes on.
+        stops = min(WATCHDOG, cycles + 1)
     if kind == "bridge_dead":
         named = Named(silent="a bridge that is dead")
         return Injection("machine", fault, stops, named)
     if kind == "bridge_stopped":
         brief = Named(silent="a bridge that stood still for less than 10 ms")
-        named = Named(("trips",), TOO_OLD) if cycles > AGE else brief
+        named = Named(("trips",), TOO_OLD) if stops else brief
         return Injection("machine", fault, stops, named, AGAIN)
     if kind == "controller_stopped":
         brief = Named(silent="no commands for less than 10 ms")

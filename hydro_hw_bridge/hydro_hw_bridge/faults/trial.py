@@ -16,6 +16,7 @@ from hydro_hw_bridge.faults.naming import Diagnosis
 from hydro_hw_bridge.gate import GateState
 from hydro_hw_bridge.gate_limits import GateLimits
 from hydro_hw_bridge.rig.core import RigCore
+from hydro_hw_bridge.supervision import FOREIGN as FOREIGN_COMMANDS
 
 #: Cycles after the fault until the trip is cleared, and those of driving again after that.
 AFTER, AGAIN = 12, 30
@@ -174,7 +175,8 @@ class Trial:
             bench.start_bridge()
         elif not core.active:
             core.activate(ready=True)
-        core.gate.end_fault(SECOND_BRIDGE)
+        for gone in (SECOND_BRIDGE, FOREIGN_COMMANDS):
+            core.gate.end_fault(gone)
         _outlast_link(bench)
         for _ in range(2 * AFTER):
             if core.gate.clear()[0]:

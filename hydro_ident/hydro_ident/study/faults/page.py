@@ -83,7 +83,8 @@ def _device(found: Mapping[str, Any]) -> str:
         f" {found['largest_reenable_step_v']:.3f} V where a gate drives again:"
         " one whose trip was cleared is held to 10 V/s and judged by that,"
         " a bridge started anew to the slew limit."
-        f" Worst case to 0 V {found['worst_ms']:.0f} ms, but for encoders that are stuck."
+        f" Worst case to 0 V {found['worst_ms']:.0f} ms, but for encoders that are stuck and valve"
+        " frames that are the same again: the first of these is in time for 10 ms."
         " Promises of more than one cycle (2 ms) and their worst cases are of injections that are"
         " not in lockstep, where the machine's time waits for whoever is late."
         f"{_since(found)}",
