@@ -97,6 +97,16 @@ def _shown(part: Injection) -> Injection:
     return replace(part, named=TRIPS)
 
 
+def test_a_jump_in_cycles_none_of_which_is_whole_has_nothing_to_show(trial: Trial) -> None:
+    signal = trial.codec.mapping.joints["lift"].signal
+    jump = BusFault("jump", AT + 1, 2, DEVICE, (), signal, 1 << 20)
+    for lost, absent in ((4, {jump}), (2, set())):
+        gone = BusFault("lost", AT, lost, DEVICE, (trial.codec.device_ids[1],))
+        parts = tuple(Injection("bus", fault, None, TRIPS) for fault in (gone, jump))
+        trial.run(Injection("several", gone, None, Named(), parts=parts), 1)
+        assert trial.bench.absent() == absent
+
+
 @pytest.mark.parametrize("kind", ["babble", "foreign"])
 def test_frames_of_others_are_many_and_of_the_right_length(trial: Trial, kind: str) -> None:
     codec, cycles = trial.codec, 400

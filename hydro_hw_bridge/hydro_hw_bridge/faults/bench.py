@@ -29,6 +29,8 @@ from hydro_hw_bridge.rig.device import Device
 
 START_NS = 1_700_000_000_000_000_000
 SECOND_BRIDGE = "second_bridge"
+#: Kinds of faults that are in a sample or nowhere.
+READ_WHOLE = ("jump", "extreme", "clock_bit")
 #: A cycle in lockstep is sent so many times before the bench gives up on an answer.
 TRIES = 3
 
@@ -128,6 +130,8 @@ class Bench:
         self._silent = 0
         self._shown_cycle = -1
         self._dropped: set[MachineFault] = set()
+        self._whole: set[int] = set()
+        self._told: dict[int, int] = {}
         self.start_bridge()
 
     def start_bridge(self) -> None:
@@ -174,6 +178,7 @@ class Bench:
         """Send the cycle's frames; the newest valid answer."""
         self.end.out.clear()
         arriving: list[can.Message] = []
+        self._told[self.rig.counter] = self.line.cycle + 1
         if not self._acting("device_silent"):
             for message in self.device.frames():
                 arriving += self.line.take(message, DEVICE)
@@ -227,6 +232,7 @@ class Bench:
     def _follow(self, step: Step) -> None:
         if step.sample is not None:
             self.samples.append(step.sample)
+            self._whole.add(self._told.get(step.sample.counter, self.line.cycle))
             self._unanswered = step.sample
 
     def _let_controller_work(self) -> None:
@@ -270,14 +276,20 @@ class Bench:
             )
         )
 
-    def absent(self) -> set[CommandFault | MachineFault]:
+    def absent(self) -> set[BusFault | CommandFault | MachineFault]:
         """Faults that did not take place.
 
         Those of the publisher met no command, as there was no sample to answer; a supply's fell
-        into one cycle of lockstep that had been sent before and was sent again.
+        into one cycle of lockstep that had been sent before and was sent again; of a sensor's none
+        of its cycles was whole.
         """
         supply = {fault for fault in self.machine if fault.kind == SUPPLY}
-        return (set(self.publisher) - self._publisher.met) | (supply - self._dropped)
+        unread = {
+            fault
+            for fault in self.bus
+            if fault.kind in READ_WHOLE and not any(map(fault.acts, self._whole))
+        }
+        return (set(self.publisher) - self._publisher.met) | (supply - self._dropped) | unread
 
     def be_sound(self) -> None:
         """End what is still wrong with the publisher: in lockstep its cycles may not have come."""

@@ -179,10 +179,10 @@ def sensor(source: random.Random, codec: Codec, at: int) -> Injection:
     return Injection("bus", fault, AT_ONCE, named)
 
 
-def stuck(source: random.Random, codec: Codec, at: int) -> Injection:
+def stuck(source: random.Random, codec: Codec, at: int, kind: str = "") -> Injection:
     """A sensor gives the same value on and on, while the machine moves."""
     mapping = codec.mapping
-    kind = source.choice(("encoder", "encoder", "pressure"))
+    kind = kind or source.choice(("encoder", "pressure"))
     long = source.random() < 0.7
     channels = mapping.joints if kind == "encoder" else mapping.pressures
     name = source.choice(sorted(channels))

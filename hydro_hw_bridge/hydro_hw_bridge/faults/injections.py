@@ -45,7 +45,7 @@ FAMILIES: dict[str, tuple[Draw, ...]] = {
     "corrupt": (bus.corrupt,),
     "counters": (bus.counters,),
     "sensor": (bus.sensor,),
-    "stuck": (bus.stuck,),
+    "stuck": tuple(partial(bus.stuck, kind=kind) for kind in ("encoder", "pressure")),
     "babble": (bus.babble,),
     "foreign": (bus.foreign,),
     "intruder": (bus.intruder,),
