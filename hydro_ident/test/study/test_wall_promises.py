@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,15 @@ import pytest
 from hydro_hw_bridge.codec import Codec
 from hydro_hw_bridge.faults.bus_injections import lost, sensor
 from hydro_hw_bridge.faults.injection import AGE, AT_ONCE, Injection
+from hydro_hw_bridge.faults.measured_rig import record_of
 from hydro_hw_bridge.faults.naming import Diagnosis, Named
+from hydro_hw_bridge.faults.other_injections import machine
 from hydro_hw_bridge.faults.trial import Outcome
 from hydro_ident.study.faults.device_time import summary as device_summary
 from hydro_ident.study.faults.page import told
 from hydro_ident.study.faults.stage import Stage
 from hydro_ident.study.faults.wall_outcomes import Judgement, WallOutcome, summary, worst_of
-from hydro_ident.study.faults.wall_time import WallRun
+from hydro_ident.study.faults.wall_time import NOT_DRIVEN, WallRun
 from hydro_model.robot import Robot
 
 LOST = "bus, drawn: lost"
@@ -122,18 +125,18 @@ def test_of_a_kind_in_device_time_every_promise_has_its_row(robot: Robot) -> Non
     codec = Codec.load(None, None, robot)
     by_limit: dict[int | None, Injection] = {}
     for number in range(200):
-        injection = lost(random.Random(number), codec, 0)
+        injection = machine(random.Random(number), codec, 0, "bridge_stopped")
         by_limit.setdefault(injection.limit_cycles, injection)
-    assert set(by_limit) == {None, 6, 25}
+    assert set(by_limit) == {None, 13, 25}
     found = [
         Outcome(by_limit[limit], False, stop, stop is not None, "", (), 1.0, 0.0, ())
-        for limit, stop in ((None, None), (25, 8), (6, 6), (6, 5), (None, None))
+        for limit, stop in ((None, None), (25, 8), (13, 6), (13, 5), (None, None))
     ]
     result = device_summary(found, 0.002)
     # Kind, injections, of them with a promised stop, promised, worst.
-    kind = "bus: lost (device)"
+    kind = "machine: bridge_stopped"
     assert published("device_time", result | {"silent": {}}) == [
-        [kind, "5", "2", "12", "12"],
+        [kind, "5", "2", "26", "12"],
         [kind, "", "1", "50", "16"],
     ]
     assert result["kinds"][kind]["promised_ms"] == 50.0
@@ -181,3 +184,35 @@ def test_what_waiting_for_a_core_can_have_cost_is_told_from_what_it_cannot(stage
     [cells] = published("wall_time", summary(found, stage, 0, 0))
     # Above, with the timer, with waiting, with neither; timer at worst, waited median and worst.
     assert cells[7:] == ["3", "1", "1", "1", "2.5", "0.9", "2.5"]
+
+
+def recorded(stage: Stage, *rows: tuple[int, float, float]) -> None:
+    """A rig's record of (ms, enabled, V) per cycle, of two valves."""
+    record = record_of(2)
+    body = [record.pack(10**6 * ms, on, 0.0, 1.0, volts, -volts) for ms, on, volts in rows]
+    stage.rig_file.write_bytes(b"".join(body))
+
+
+def test_of_valves_that_were_at_0_v_before_a_fault_nothing_can_be_said(stage: Stage) -> None:
+    """A computer that stalls trips the gate: 0 V then is no answer to what comes after it."""
+    run = WallRun(stage, SimpleNamespace(publishing=True), None, ("", ""))  # type: ignore[arg-type]
+    driven = [(ms, 1.0, 5.0) for ms in range(0, 100, 2)]
+    off = [(ms, 0.0, 0.0) for ms in range(100, 140, 2)]
+    recorded(stage, *driven, *off)
+    stage.mark()
+    found = run.measured(LOST, 98_000_000, 16.0)
+    assert (found.stop_ms, found.excused) == (2.0, "")
+    for since_ms in (102, 110, 139):
+        for limit_ms in (16.0, None):
+            late = run.measured(LOST, 10**6 * since_ms, limit_ms)
+            assert (late.stop_ms, late.excused, late.broken) == (None, NOT_DRIVEN, "")
+    # A machine that stood still until its fault ends: what it did last counts.
+    assert stage.driven_at(98_000_000)
+    recorded(stage, *driven)
+    assert stage.driven_at(400_000_000)
+    recorded(stage, *driven, *off)
+    assert not stage.driven_at(400_000_000)
+    assert not stage.driven_at(0)
+    # It counts as excused, and not among the times.
+    row = summary([found, late], stage, 0, 0)["kinds"][LOST]
+    assert (row["injections"], row["excused_by_a_stall"], row["max_ms"]) == (2, 1, 2.0)

@@ -22,6 +22,8 @@ from hydro_model.robot import FloatArray, Robot
 
 READY_S = 120.0
 END_S = 10.0
+#: So long the valves were driven where a fault finds them so.
+DRIVEN_NS = 20_000_000
 #: Processes between a command and the valves; the campaign itself where it publishes.
 ON_THE_WAY = ("controller", "bridge", "proxy", "rig")
 PUBLISHER = "publisher"
@@ -199,6 +201,17 @@ class Stage:
         """Whether the valves have been driven, and not at 0 V, for the last 60 ms."""
         at, values = self.valves(time.monotonic_ns() - 60_000_000)
         return len(at) > 10 and bool(np.all(values[:, 0] != 0.0) and values[-1, STATES:].any())
+
+    def driven_at(self, at_ns: int) -> bool:
+        """Whether the valves were driven until a monotonic time: they stood enabled for 20 ms.
+
+        `at_ns` is that time. Of a machine that stood still then its last cycle counts.
+        """
+        at, values = self.valves(0)
+        before = at < at_ns
+        near = before & (at >= at_ns - DRIVEN_NS)
+        enabled = values[near, 0] if near.any() else values[before, 0][-1:]
+        return bool(enabled.size) and bool(np.all(enabled != 0.0))
 
     def timer_lateness(self) -> tuple[Any, Any]:
         """Deadlines of the bare timer and how late each was, ns."""

@@ -25,6 +25,8 @@ SEEN_S = 0.002
 LATCHED_S = 0.15
 #: So long after a trip was cleared its first second of driving is past, or was looked at.
 SLOW_NS = 20_000_000_000
+#: Why nothing can be said of a fault that a busy computer was ahead of.
+NOT_DRIVEN = "the valves were not driven any more as the fault began"
 #: A computer that cannot drive for so long is too busy: the injection is left out, and counted.
 DRIVING_S = 30.0
 
@@ -121,8 +123,12 @@ class WallRun:
     ) -> WallOutcome:
         """What followed at the valves.
 
-        `latched` says whether the fault has to leave the gate tripped.
+        `latched` says whether the fault has to leave the gate tripped. Of valves that were not
+        driven any more as it began nothing can be said: 0 V would be no answer to it.
         """
+        if not self.stage.driven_at(since_ns):
+            time.sleep(LATCHED_S)
+            return WallOutcome(kind, limit_ms, None, 0.0, "", excused=NOT_DRIVEN)
         stop_ms, broken = None, ""
         if limit_ms is not None:
             deadline = time.monotonic() + 2.0
