@@ -67,23 +67,46 @@ def test_every_named_test_exists(file: str, name: str) -> None:
     tree = ast.parse(paths[0].read_text(encoding="utf-8"))
     assert name in {n.name for n in tree.body if isinstance(n, ast.FunctionDef)}
     assert never_run(tree, name) == ""
+    # The page says so of this file alone.
+    assert not only_when_asked(tree, name) or file == "test_wall_faults.py"
 
 
 def never_run(tree: ast.Module, name: str) -> str:
     """What keeps a test from running, or from turning red, on every computer; empty: nothing."""
-    [test] = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name]
-    marks: list[ast.expr] = list(test.decorator_list)
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "pytestmark":
-            listed = isinstance(node.value, ast.List | ast.Tuple)
-            marks += node.value.elts if listed else [node.value]  # type: ignore[attr-defined]
-    said = [ast.unparse(mark) for mark in marks if _unconditional(mark)]
+    said = [ast.unparse(mark) for mark in marks_of(tree, name) if _unconditional(mark)]
     # What stands under an `if` is another matter: not every computer has what a test needs.
-    for line in (*tree.body, *test.body):
+    for line in (*tree.body, *function_of(tree, name).body):
         text = ast.unparse(line)
         if isinstance(line, ast.Expr) and re.match(r"pytest\.(skip|xfail)\(", text):
             said.append(text)
     return "; ".join(said)
+
+
+def only_when_asked(tree: ast.Module, name: str) -> bool:
+    """Whether a test runs only where somebody has set an environment variable for it."""
+    return any(
+        ast.unparse(mark).startswith("pytest.mark.skipif(") and "environ" in ast.unparse(mark)
+        for mark in marks_of(tree, name)
+    )
+
+
+def function_of(tree: ast.Module, name: str) -> ast.FunctionDef:
+    [test] = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name]
+    return test
+
+
+def marks_of(tree: ast.Module, name: str) -> list[ast.expr]:
+    """Marks of a test and of its module, those too that have a name of their own there."""
+    assigned = {
+        ast.unparse(node.targets[0]): node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+    }
+    marks: list[ast.expr] = list(function_of(tree, name).decorator_list)
+    every = assigned.get("pytestmark")
+    if every is not None:
+        marks += every.elts if isinstance(every, ast.List | ast.Tuple) else [every]
+    return [assigned.get(ast.unparse(mark), mark) for mark in marks]
 
 
 def _unconditional(mark: ast.expr) -> bool:
@@ -107,6 +130,8 @@ def _true(value: ast.expr) -> bool:
         ("pytestmark = pytest.mark.ros\ndef test_it():\n  if not HERE: pytest.skip()", True),
         ("@pytest.mark.skip\ndef test_other(): pass\ndef test_it(): pass", True),
         ("@pytest.mark.skip\ndef test_it(): pass", False),
+        ("slow = pytest.mark.skip\n@slow\ndef test_it(): pass", False),
+        ("slow = pytest.mark.skipif(not HERE, reason='')\n@slow\ndef test_it(): pass", True),
         ("@pytest.mark.skip(reason='slow')\ndef test_it(): pass", False),
         ("@pytest.mark.skipif(True, reason='slow')\ndef test_it(): pass", False),
         ("@pytest.mark.xfail(reason='red')\ndef test_it(): pass", False),
@@ -119,6 +144,31 @@ def test_a_named_test_that_never_runs_is_told(text: str, runs: bool) -> None:
     assert (never_run(ast.parse(text), "test_it") == "") is runs
 
 
+@pytest.mark.parametrize(
+    ("text", "asked"),
+    [
+        ("@pytest.mark.skipif('A' not in os.environ, reason='')\ndef test_it(): pass", True),
+        ("q = pytest.mark.skipif(not os.environ.get('A'))\n@q\ndef test_it(): pass", True),
+        ("pytestmark = pytest.mark.skipif('A' not in os.environ)\ndef test_it(): pass", True),
+        ("@pytest.mark.skipif(not HERE, reason='none')\ndef test_it(): pass", False),
+        ("@pytest.mark.parametrize('a', os.environ)\ndef test_it(a): pass", False),
+        ("q = pytest.mark.skipif('A' not in os.environ)\ndef test_it(): pass", False),
+    ],
+)
+def test_a_named_test_that_runs_only_when_asked_is_told(text: str, asked: bool) -> None:
+    assert only_when_asked(ast.parse(text), "test_it") is asked
+
+
+def asked_for(row: str) -> list[bool]:
+    """Of every test that a row names: whether it runs only when asked."""
+    named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", row)
+    paths = {file: next(p for f in FOLDERS for p in (ROOT / f).rglob(file)) for file, _ in named}
+    return [
+        only_when_asked(ast.parse(paths[file].read_text(encoding="utf-8")), name)
+        for file, name in named
+    ]
+
+
 def test_every_promise_names_a_test() -> None:
     text = PAGE.read_text(encoding="utf-8")
     promised = text.partition("## What is promised")[2].partition("## What 0 V")[0]
@@ -126,6 +176,8 @@ def test_every_promise_names_a_test() -> None:
     promises = [row for row in rows if not row.startswith("| Promise |")]
     assert len(promises) > 25
     assert [row for row in promises if "::test_" not in row] == []
+    # One at least that turns red in every run of the tests, not only where somebody asks for it.
+    assert [row for row in promises if all(asked_for(row))] == []
 
 
 def test_what_is_said_before_the_tables_is_of_the_run_in_them() -> None:

@@ -1,7 +1,8 @@
-"""Faults put into running processes, each kind that the campaign adds for both ends once.
+"""Faults put into running processes: those at the machine's two ends and at the bridge's own.
 
 In real time, and so for a computer that has nothing else to do: three minutes beside other tests
-would say more of these than of the bridge. `scripts/faults.sh` runs every kind.
+would say more of these than of the bridge. `scripts/faults.sh` runs every kind, these and the
+others: bad commands of every sort, what a proxy does to the bus, and signals to every process.
 """
 
 from __future__ import annotations
@@ -109,6 +110,12 @@ def test_a_second_controller_ends_driving(run: WallRun, tmp_path: Path) -> None:
     deeds = ProcessDeeds(run, tmp_path).deeds()
     found = outcome_of(run, deeds["process: a second controller"])
     assert found.broken == ""
+
+
+def test_the_page_says_how_many_of_the_campaigns_kinds_are_tried_here() -> None:
+    page = (Path(__file__).parents[2] / "hydro_msgs_docs/safety_case.md").read_text("utf-8")
+    count = len({*STOPS, *DRIVES_ON, *LINK}) + 1  # and a second controller
+    assert f"{count} of them are tried once each in `test_wall_faults.py`" in page
 
 
 def record(*rows: tuple[int, int, float]) -> np.ndarray:
