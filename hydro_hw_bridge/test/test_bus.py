@@ -322,3 +322,21 @@ def test_how_long_a_frame_waited_to_be_read_is_known() -> None:
         assert Bus(BusName("pcan", "PCAN_USBBUS1"), reader._bus).waited_s(received) == 0.0
         received.timestamp = time.time() + 100.0
         assert reader.waited_s(received) == 0.0
+
+
+@pytest.mark.parametrize("step_s", [60.0, -60.0])
+def test_a_system_clock_that_is_set_while_a_frame_waits_is_taken_for_its_waiting(
+    monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    """A limit, as the page says it: late by the step, which ends driving, or not late at all."""
+    now_s = 1_700_000_000.0
+    monkeypatch.setattr(bus_module.time, "time", lambda: now_s)
+    frame = message()
+    with open_bus("virtual:clock") as reader:
+        frame.timestamp = now_s - 0.02
+        assert reader.waited_s(frame) == pytest.approx(0.02)
+        now_s += step_s
+        assert reader.waited_s(frame) == pytest.approx(max(step_s + 0.02, 0.0))
+        # The next one came after it: both times are of the clock as it is now.
+        frame.timestamp = now_s - 0.02
+        assert reader.waited_s(frame) == pytest.approx(0.02)
