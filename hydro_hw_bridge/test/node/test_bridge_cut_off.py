@@ -1,4 +1,6 @@
-"""`can_bridge` as a process whose own end of the bus fails, and what stands at the rig's valves.
+"""`can_bridge` as a process that is killed or stopped, or whose own end of the bus fails.
+
+What counts is what stands at the rig's valves.
 
 The simulated machine goes on by its own count, answered or not, however busy the computer is: what
 is promised in device time is held to that.
@@ -6,6 +8,8 @@ is promised in device time is held to that.
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -78,6 +82,12 @@ class Machine:
             self.ros.until(lambda: self.stamp_ns() in self.samples())
         self.ros.ask(self.stamp_ns(), VOLTS, -VOLTS)
         self.advance(ANSWER_S if answered else NO_ANSWER_S)
+
+    def unanswered(self) -> None:
+        """A cycle that is told, with a command for it, whoever hears either."""
+        self.say()
+        self.ros.ask(self.stamp_ns(), VOLTS, -VOLTS)
+        self.advance(NO_ANSWER_S)
 
     def drive(self) -> None:
         """From the first sample of an active bridge on, until the valves are driven."""
@@ -236,3 +246,28 @@ def test_an_interface_that_is_gone_is_at_0_v_said_and_not_driven_unasked_once_it
     assert ros.clear().success
     machine.drive()
     machine.no_partial_sample()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_killed_or_stopped_while_it_drives_the_watchdog_ends_it(
+    ros: Any, machine: Machine, processes: Any, can_name: str, number: signal.Signals
+) -> None:
+    """One that goes on drives nothing with the frames and commands that waited for it."""
+    ros.bring_up(processes, can_name, "clock:=lockstep")
+    begin(machine, ros)
+    process = processes[0]
+    process.send_signal(number)
+    if number is signal.SIGKILL:
+        processes.wait(0)
+    else:
+        assert os.WIFSTOPPED(os.waitpid(process.pid, os.WUNTRACED)[1])
+    for _ in range(WATCHDOG):
+        assert machine.driven()
+        machine.unanswered()
+    assert machine.rows[-1] == (False, (0.0, 0.0))
+    if number is signal.SIGSTOP:
+        process.send_signal(signal.SIGCONT)
+        ros.until(lambda: ros.diagnosis()["gate"] == "tripped")
+    for _ in range(2 * AGE):
+        machine.unanswered()
+        assert machine.rows[-1] == (False, (0.0, 0.0))
