@@ -14,6 +14,7 @@ from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.traces import traces_of
 from hydro_ident.mismatch.laying import material_of
 from hydro_ident.mismatch.prediction import Model, Predictor
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.mismatch.training import start_model
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
@@ -37,6 +38,12 @@ def predictor_of() -> Callable[[Robot, Recording], Predictor]:
         return Predictor(rows)
 
     return laid
+
+
+@pytest.fixture(scope="session")
+def laid_crane(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
+    """The run of the true crane, laid out: what a diagnosis knows before it searches."""
+    return lay_out(crane_run)
 
 
 @pytest.fixture(scope="session")

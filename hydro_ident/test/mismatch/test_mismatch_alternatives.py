@@ -24,10 +24,10 @@ LAGGING = EffectSpec("valve_spool_lag", "lift_valve", {"frequency": 50.0, "dampi
 
 
 def test_only_what_stands_for_a_set_keeps_others_away_from_its_target(
-    crane_run: Any, lay_out: Callable[..., Residuals]
+    laid_crane: Residuals,
 ) -> None:
     """What a set could not tell from its first name may be there as well as that."""
-    work = lay_out(crane_run)
+    work = laid_crane
     wanted = ("valve_underlap", "valve_gain_nonlinearity", "valve_spool_lag", "command_delay")
     every = list(trials(work.training.predictor, work.base.model, wanted))
     at_lift = {t.name: t for t in every if t.target == "lift_cylinder"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,15 +21,10 @@ SWALLOWED = 1.0e-2
 
 
 @pytest.fixture(scope="module")
-def clean(crane_run: object, lay_out: Callable[..., Residuals]) -> Residuals:
-    return lay_out(crane_run)
-
-
-@pytest.fixture(scope="module")
-def bank(clean: Residuals) -> Bank:
+def bank(laid_crane: Residuals) -> Bank:
     """One that the base asked first: what is evaluated beside an effect is kept under its name."""
-    bank = Bank(clean.training.predictor)
-    assert bank.entries(clean.base.model)
+    bank = Bank(laid_crane.training.predictor)
+    assert bank.entries(laid_crane.base.model)
     return bank
 
 
@@ -48,24 +42,26 @@ def bank(clean: Residuals) -> Bank:
     ],
 )
 def test_what_is_tried_is_tried_beside_what_was_found(
-    clean: Residuals, bank: Bank, name: str, target: str
+    laid_crane: Residuals, bank: Bank, name: str, target: str
 ) -> None:
-    base = clean.base
+    base = laid_crane.base
     spec = EffectSpec(name, target, {p.name: p.typical for p in CATALOGUE[name].parameters})
     (found,) = resolve(replace(load_robot("xs031"), effects=(spec,)))
     model = base.model.with_term(found)
-    current = fitted(clean.training, model, base.bench.noise)
+    current = fitted(laid_crane.training, model, base.bench.noise)
     lost = [
         (e.trial.name, e.trial.target, round(share, 3))
         for e in bank.entries(model)
-        if (share := _lost(clean, current, e)) > LOST
+        if (share := _lost(laid_crane, current, e)) > LOST
     ]
     assert not lost
 
 
-def test_on_a_base_without_inertia_no_hinge_swings_and_others_are_tried(clean: Residuals) -> None:
+def test_on_a_base_without_inertia_no_hinge_swings_and_others_are_tried(
+    laid_crane: Residuals,
+) -> None:
     """Slow motion hardly tells a base's inertia: fitted, it may be less than none."""
-    predictor, model = clean.training.predictor, clean.base.model
+    predictor, model = laid_crane.training.predictor, laid_crane.base.model
     robot = replace(model.robot, link_inertia=-1.0 * model.robot.link_inertia)
     hinge = {"inertia": 400.0, "frequency": 4.0, "damping": 0.05, "carried": 1.0, "place": 0.0}
     spec = EffectSpec("structural_flexibility", "lift_cylinder", hinge)

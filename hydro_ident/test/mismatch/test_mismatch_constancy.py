@@ -125,8 +125,8 @@ def test_friction_all_along_does_not_come_and_go(
     assert not found.comes_and_goes
 
 
-def test_what_comes_and_goes_is_told(crane_run: Any, lay_out: Callable[..., Residuals]) -> None:
-    work = lay_out(crane_run)
+def test_what_comes_and_goes_is_told(laid_crane: Residuals) -> None:
+    work = laid_crane
     assert not _told(work)
     one = _told(work, {"lift/force": "coulomb_friction"})["lift/force"]
     assert one.depends_on == ("time",)

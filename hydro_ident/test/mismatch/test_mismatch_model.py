@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -61,11 +60,9 @@ def test_friction_of_a_joint_without_cylinder_is_known_as_well_as_it_was_fitted(
     assert name not in left_open(predictor, read)
 
 
-def test_bodies_of_another_base_go_with_it(
-    crane_run: Any, lay_out: Callable[..., Residuals]
-) -> None:
+def test_bodies_of_another_base_go_with_it(laid_crane: Residuals) -> None:
     """They reproduce the parameters that they were found with, and are references for the next."""
-    work = lay_out(crane_run)
+    work = laid_crane
     bodies = dict.fromkeys((*work.robot.standard_names, *work.robot.part_names), 1.0)
     given = replace(work.robot, standard_parameters=bodies)
     assert robot_of(work.training.predictor, work.base, given).robot.standard_parameters == {}

@@ -118,8 +118,8 @@ def test_roll_outs_are_of_the_held_out_blocks_of_parts() -> None:
     assert seconds == pytest.approx(LONGEST_S / 5.0, rel=0.05)
 
 
-def test_channels_that_are_hardly_held_out_are_told(crane_run: Any, lay_out: Any) -> None:
-    work: Residuals = lay_out(crane_run)
+def test_channels_that_are_hardly_held_out_are_told(laid_crane: Residuals) -> None:
+    work = laid_crane
     material = work.training.predictor.material
     fit, held = material.masks(work.split)
     assert hardly_held(material, fit, held) == ()

@@ -105,10 +105,8 @@ def test_a_crane_in_a_plane_tilts_in_that_plane() -> None:
     assert tilts(_tilt(load_robot("xs031"))) == [(0.0, TILT.parameters[1].typical)]
 
 
-def test_a_delay_goes_to_the_end_of_its_range_and_no_further(
-    crane_run: Any, lay_out: Callable[..., Residuals]
-) -> None:
-    work = lay_out(crane_run)
+def test_a_delay_goes_to_the_end_of_its_range_and_no_further(laid_crane: Residuals) -> None:
+    work = laid_crane
     model, columns = work.base.model, work.training.predictor.delay_columns
     cycle, step = work.training.cycle_s, np.zeros(work.base.columns.shape[1])
     assert given_steps(work.training, model, step) == {}
@@ -156,10 +154,10 @@ def test_what_leaves_more_than_it_explains_is_not_explained(
     ("channels", "doubtful"), [(("lift/force",), True), (("tilt/force", "lift/force"), False)]
 )
 def test_what_other_recordings_know_better_is_not_explained(
-    crane_run: Any, lay_out: Callable[..., Residuals], channels: tuple[str, ...], doubtful: bool
+    laid_crane: Residuals, channels: tuple[str, ...], doubtful: bool
 ) -> None:
     """It is the finding's strongest channel that has to be predicted as well as it could be."""
-    work = lay_out(crane_run)
+    work = laid_crane
     found = [SimpleNamespace(channels=channels, named=SimpleNamespace(few=1.0))]
     assert _doubtful(work, found, [], {"lift/force": 2.5}) is doubtful  # type: ignore[arg-type]
     assert not _doubtful(work, found, [], {})  # type: ignore[arg-type]
@@ -186,11 +184,9 @@ def test_a_mode_is_some_of_what_its_joint_moves() -> None:
     assert tilt["place"] == (0.0, 0.0)
 
 
-def test_what_a_joint_takes_from_itself_leaves_it_some_inertia(
-    crane_run: Any, lay_out: Callable[..., Residuals]
-) -> None:
+def test_what_a_joint_takes_from_itself_leaves_it_some_inertia(laid_crane: Residuals) -> None:
     """In every recorded pose, the other joint free to follow; a hinge may carry more."""
-    work = lay_out(crane_run)
+    work = laid_crane
     predictor, robot = work.training.predictor, work.training.predictor.material.robot
     q = np.concatenate([s.trace.q for s in predictor.material.stretches])
     model = start_model(robot, predictor, ())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 from hydro_ident.mismatch.answering import Answer
 from hydro_ident.mismatch.contender import Contender
@@ -30,11 +28,9 @@ def test_what_shuts_another_law_out() -> None:
     assert not shut_out("supply_droop")
 
 
-def test_what_the_file_lists_and_what_was_beaten_could_have_shown(
-    crane_run: Any, lay_out: Callable[..., Residuals]
-) -> None:
+def test_what_the_file_lists_and_what_was_beaten_could_have_shown(laid_crane: Residuals) -> None:
     """The last scan has neither: one is in the model, the others cannot stand beside what is."""
-    work = lay_out(crane_run)
+    work = laid_crane
     rubs, bristles, droops = resolve(
         replace(load_robot("xs031"), effects=(RUBS, BRISTLES, DROOPS))
     )
