@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -64,7 +65,8 @@ def imported(folder: Path, below: str) -> set[str]:
     return found - set(sys.stdlib_module_names) - own
 
 
-def imported_by(path: Path) -> set[str]:
+@cache
+def imported_by(path: Path) -> frozenset[str]:
     """Top names of what a module imports, at its head, inside functions or by importorskip."""
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -74,7 +76,7 @@ def imported_by(path: Path) -> set[str]:
             found.add(node.module.split(".")[0])
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.importorskip":
             found.add(ast.literal_eval(node.args[0]).split(".")[0])
-    return found
+    return frozenset(found)
 
 
 def keys(names: set[str]) -> set[str]:
@@ -136,10 +138,11 @@ def test_licence_and_version_are_said_alike(folder: Path) -> None:
     assert licence.lstrip().startswith("Apache License\n")
 
 
-def test_ament_flake8_finds_nothing_in_these_tests() -> None:
-    # Every package has such a test of its own, which `colcon test` runs.
+def test_ament_flake8_finds_nothing_in_these_tests(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Every package has such a test of its own, which `colcon test` runs, and run there, too.
     linter = pytest.importorskip("ament_flake8.main", reason="ament_flake8 is not installed")
     places = [str(ROOT / "tests"), str(ROOT / "conftest.py")]
+    monkeypatch.chdir(ROOT / "tests")
     code, errors = linter.main_with_errors(argv=["--config", str(ROOT / ".flake8"), *places])
     assert code == 0, "\n".join(errors)
 
