@@ -19,7 +19,7 @@ from hydro_control.adaptation import Adaptation
 from hydro_control.adaptation_settings import AdaptationSettings
 from hydro_control.axes import axes_of
 from hydro_control.checks import not_finite
-from hydro_control.compensation import Compensation, Motion
+from hydro_control.compensation import Compensation
 from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
 from hydro_control.filters import FilteredDifference, difference_lag_s
@@ -34,7 +34,6 @@ from hydro_control.law_kernels import (
 )
 from hydro_control.motion_kernels import desired_kernel, limit_notes
 from hydro_control.motion_limits import TIP_SPEED_M_S, limits_of
-from hydro_control.oil_columns import OilColumns
 from hydro_control.output import Output, stopped
 from hydro_control.required_motion import Reference
 from hydro_control.state import State, StateFilter
@@ -191,7 +190,7 @@ class ControlLaw:
         rows, tip_d, limits = self._require(now, state, reference, ahead)
         asked = Required(*rows)
         self._asked_acceleration = asked.qdd_r
-        leak = self._add_listed(stamp_s, now, state, asked)
+        leak = self._add_listed(stamp_s, now, state, rows)
         rate = self._asked_force_rate = self._force_rate.update(asked.force_d, steps)
         flow_term, signal, starved = self._signals(state, rows, rate, leak, steps)
         if not math.isfinite(sum(signal.tolist())):
@@ -261,22 +260,19 @@ class ControlLaw:
             desired_kernel(*model, in_tip, now.q, self._rows(reference), *out)
         return *out, limits
 
-    def _add_listed(self, stamp_s: float, now: State, state: State, asked: Required) -> FloatArray:
+    def _add_listed(
+        self, stamp_s: float, now: State, state: State, rows: FloatArray
+    ) -> FloatArray:
         """What listed effects and estimates add to force and oil columns; flow past the valve."""
-        leak: FloatArray | None = None
+        leak = self._no_leak
         if self.compensation is not None:
-            motion = state.q, asked.qd_r, asked.qdd_r, asked.arm, asked.x
-            seen = Motion(stamp_s, *motion, now.pressures, now.p_s, now.p_t, now.force)
-            self.compensation.observe(seen)
-            columns = self.compensation.columns(OilColumns(asked.length_a, asked.length_b))
-            asked.length_a[:], asked.length_b[:] = columns.a_m, columns.b_m
-            asked.force_d[:] += self.compensation.friction()
-            leak = columns.leak
+            leak = self.compensation.add(stamp_s, state.q, rows, now)
         if self.adaptation is not None:
+            asked = Required(*rows)
             asked.force_d[:] += self.adaptation.required_force(
                 state.q, state.qd, asked.qd_r, asked.qdd_r, asked.arm
             )
-        return self._no_leak if leak is None else leak
+        return leak
 
     def _advance(self, stamp_s: float) -> tuple[int, tuple[str, ...]]:
         """Sample times since the last sample, 1 at the start and after a gap."""

@@ -1,22 +1,22 @@
 """Laws of the listed effects, stage by stage, evaluated for one cylinder and one sample.
 
-The controller calls the catalogue's own laws as plain Python: some ten of them a sample take a
-few microseconds, less than handing arrays to compiled code.
+The catalogue's own laws as plain Python, for reading: the controller calls the same compiled
+(`hydro_control.listed_kernels`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from hydro_model.effects import ActiveEffect, Law, Stage
-from hydro_model.signals import SIGNAL_COUNT, STATE_0
+from hydro_model.signals import STATE_0
 
 #: The parameter that rounds the sign of a velocity, and the typical lever arm that takes its
 #: smallest value to one of a joint's velocity.
 _SCALE = "velocity_scale"
 _LEVER_M = 0.4
 #: Step of the difference that linearises an internal state's rate, as a share of its scale.
-_NUDGE = 1e-6
+NUDGE = 1e-6
 
 Signals = list[float]
 
@@ -36,20 +36,20 @@ class ListedLaws:
     """
 
     def __init__(self, effects: Sequence[ActiveEffect], smallest_scale_m_s: float = 0.0) -> None:
-        adding = [a for a in effects if any(t.stage is not Stage.SIGNAL for t in a.terms)]
-        self._parameters = [_parameters(one, smallest_scale_m_s) for one in adding]
-        self._effects = [one.effect for one in adding]
+        own = adding(effects)
+        self._parameters = [rounded(one, smallest_scale_m_s) for one in own]
+        self._effects = [one.effect for one in own]
         self._terms: dict[Stage, list[tuple[int, Law]]] = {
             stage: [
                 (index, term.law)
-                for index, one in enumerate(adding)
+                for index, one in enumerate(own)
                 for term in one.terms
                 if term.stage is stage
             ]
             for stage in Stage
             if stage is not Stage.SIGNAL
         }
-        self._dynamic = [index for index, one in enumerate(adding) if one.effect.states]
+        self._dynamic = [index for index, one in enumerate(own) if one.effect.states]
         self.reset()
 
     def reset(self) -> None:
@@ -70,7 +70,7 @@ class ListedLaws:
             s[STATE_0 : STATE_0 + len(z)] = z
             for k, state in enumerate(states):
                 rate = state.rate(s, p)
-                nudge = _NUDGE * state.scale
+                nudge = NUDGE * state.scale
                 s[STATE_0 + k] = z[k] + nudge
                 slope = (state.rate(s, p) - rate) / nudge
                 s[STATE_0 + k] = z[k]
@@ -90,12 +90,23 @@ class ListedLaws:
         return out
 
 
-def blank() -> Signals:
-    """Signals of which nothing is known yet."""
-    return [float("nan")] * SIGNAL_COUNT
+def adding(effects: Iterable[ActiveEffect]) -> list[ActiveEffect]:
+    """Those that add something, in any stage; laws on the valve signal map it instead."""
+    return [a for a in effects if any(t.stage is not Stage.SIGNAL for t in a.terms)]
 
 
-def _parameters(one: ActiveEffect, smallest_scale_m_s: float) -> list[float]:
+def rounded(one: ActiveEffect, smallest_scale_m_s: float) -> list[float]:
+    """Parameters of an effect, the sign of its velocity rounded as much as it has to be.
+
+    Parameters
+    ----------
+    one : ActiveEffect
+    smallest_scale_m_s : float
+
+    Returns
+    -------
+    list of float
+    """
     out = []
     for spec, value in zip(one.effect.parameters, one.parameters.tolist(), strict=True):
         smallest = smallest_scale_m_s / (_LEVER_M if spec.unit == "rad/s" else 1.0)

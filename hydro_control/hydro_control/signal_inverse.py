@@ -19,7 +19,8 @@ from hydro_model.signals import SIGNAL_COUNT, VALVE_SIGNAL
 
 #: The curve reaches a little beyond full signal, so that a null bias leaves full opening in it.
 REACH = 1.5
-_POINTS = 30_001
+#: Of the curve and of its inverse.
+POINTS = 30_001
 #: The inverse is averaged over openings this far either way. Overlap makes it leap at zero; the
 #: average crosses the leap in a ramp this wide, so that noise of the wanted opening is not
 #: thrown from edge to edge. Straight parts of the curve are unchanged by it.
@@ -49,7 +50,7 @@ class SignalInverse:
     def __init__(
         self, effects: Sequence[ActiveEffect], valve: str, smoothing: float = SMOOTHING
     ) -> None:
-        signal = np.linspace(-REACH, REACH, _POINTS)
+        signal = np.linspace(-REACH, REACH, POINTS)
         opening = _chain(effects, signal)
         names = ", ".join(one.effect.name for one in effects)
         if not np.all(np.isfinite(opening)):
@@ -65,9 +66,15 @@ class SignalInverse:
         opening[middle:] = np.maximum.accumulate(opening[middle:])
         opening[: middle + 1] = np.minimum.accumulate(opening[middle::-1])[::-1]
         self._signal, self._opening = signal.tolist(), opening.tolist()
-        wanted = np.linspace(opening[0] + smoothing, opening[-1] - smoothing, _POINTS)
+        wanted = np.linspace(opening[0] + smoothing, opening[-1] - smoothing, POINTS)
         averaged = _averaged_inverse(signal, opening, wanted, smoothing)
         self._wanted, self._averaged = wanted.tolist(), averaged.tolist()
+
+    @property
+    def table(self) -> tuple[tuple[float, float], list[float]]:
+        """First of `POINTS` openings and their spacing, and the signals to give for them."""
+        start, last = self._wanted[0], self._wanted[-1]
+        return (start, (last - start) / (POINTS - 1)), self._averaged
 
     def signal(self, opening: float) -> float:
         """The signal to give for an opening; beyond the curve in parallel to the identity."""

@@ -1,0 +1,216 @@
+"""Compiled compensation of the listed effects, between and behind equations 22 to 24.
+
+The laws are the catalogue's own, called by their addresses (`hydro_model.effects.compiled`). The
+readable counterpart, which the tests compare with, is `hydro_control.compensation_reference`.
+`listed` and `work` are as of `hydro_control.listed_arrays`; pressures are gauge. Arrays are (n,),
+one number per axis, where nothing else is said.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from hydro_control.law_kernels import ARM, FORCE_D, LENGTH_A, LENGTH_B, QD_R, QDD_R, X
+from hydro_control.listed_arrays import (
+    ADDRESS,
+    AREA_A,
+    AREA_B,
+    AXIS,
+    BULK,
+    CYLINDER,
+    EFFECT,
+    FIRST_STATE,
+    INITIAL,
+    OTHER,
+    RATE,
+    START,
+    STATE_COUNT,
+    STEP,
+)
+from hydro_model.effects.compiled import call_law
+from hydro_model.kernel import inlined, kernel
+from hydro_model.signals import (
+    JOINT_POSITION,
+    JOINT_VELOCITY,
+    LEVER,
+    OTHER_ACCELERATION,
+    OTHER_POSITION,
+    OTHER_VELOCITY,
+    PISTON_FORCE,
+    PISTON_POSITION,
+    PISTON_VELOCITY,
+    PRESSURE_A,
+    PRESSURE_B,
+    STATE_0,
+    SUPPLY_PRESSURE,
+    TANK_PRESSURE,
+    TIME,
+    VALVE_SIGNAL,
+)
+from hydro_model.simulate_arrays import (
+    COMPLIANCE_A,
+    COMPLIANCE_B,
+    FLOW_A,
+    FLOW_B,
+    FRICTION,
+    VOLUME_A,
+    VOLUME_B,
+)
+
+Array = Any  # numba types the kernels; mypy follows no numba import
+
+
+@inlined
+def _total(listed: Any, work: Any, i: int, stage: int) -> float:
+    """Sum of the laws of a stage at axis i and the signals observed last."""
+    s, out = work.signals[i], 0.0
+    for t in range(listed.spans[i, stage, 0], listed.spans[i, stage, 1]):
+        effect = listed.terms[t, EFFECT]
+        first = listed.effects[effect, FIRST_STATE]
+        for k in range(listed.effects[effect, STATE_COUNT]):
+            s[STATE_0 + k] = work.states[first + k]
+        out += call_law(listed.terms[t, ADDRESS], s, listed.parameters[effect])
+    return out
+
+
+@kernel
+def _advance(listed: Any, work: Any, effect: int, step_s: float) -> None:
+    """Internal states of an effect follow one sample's signals; the first lets them be at rest.
+
+    By the linearly implicit Euler method, ``z += h r / (1 - h dr/dz)``: right at rest and stable
+    however stiff.
+    """
+    s, p = work.signals[listed.effects[effect, AXIS]], listed.parameters[effect]
+    first, count = listed.effects[effect, FIRST_STATE], listed.effects[effect, STATE_COUNT]
+    if count > 0 and math.isnan(work.states[first]):
+        for k in range(first, first + count):
+            work.states[k] = call_law(listed.laws[k, INITIAL], s, p)
+        return
+    for k in range(count):
+        s[STATE_0 + k] = work.states[first + k]
+    for k in range(count):
+        z, law, nudge = s[STATE_0 + k], listed.laws[first + k, RATE], listed.nudge[first + k]
+        rate = call_law(law, s, p)
+        s[STATE_0 + k] = z + nudge
+        slope = (call_law(law, s, p) - rate) / nudge
+        s[STATE_0 + k] = z
+        work.states[first + k] = z + step_s * rate / (1.0 - step_s * min(slope, 0.0))
+
+
+@kernel
+def observe_kernel(
+    listed: Any,
+    work: Any,
+    time_s: float,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    arm: Array,
+    x: Array,
+    pressures: Array,
+    p_s: float,
+    p_t: float,
+    force: Array,
+    step_s: float,
+) -> None:
+    """Take one sample, of the parts of `hydro_control.compensation.Motion`.
+
+    `time_s` is its time, `q`, `qd` and `qdd` are the joints' motion that laws are asked for, `arm`
+    and `x` levers and piston positions, `pressures` (2, m) the chambers', `p_s` and `p_t` supply
+    and tank, `force` the pistons' forces, `step_s` the time from sample to sample.
+    """
+    for i in range(q.shape[0]):
+        s, at, other = work.signals[i], listed.at[i, CYLINDER], listed.at[i, OTHER]
+        s[TIME], s[JOINT_POSITION], s[JOINT_VELOCITY] = time_s, q[i], qd[i]
+        s[PISTON_POSITION], s[PISTON_VELOCITY] = x[i], arm[i] * qd[i]
+        s[LEVER], s[PISTON_FORCE] = arm[i], force[i]
+        s[PRESSURE_A], s[PRESSURE_B] = pressures[0, at], pressures[1, at]
+        s[SUPPLY_PRESSURE], s[TANK_PRESSURE] = p_s, p_t
+        if other >= 0:
+            s[OTHER_POSITION], s[OTHER_VELOCITY] = q[other], qd[other]
+            s[OTHER_ACCELERATION] = qdd[other]
+    for effect in range(listed.effects.shape[0]):
+        _advance(listed, work, effect, step_s)
+
+
+@kernel
+def friction_kernel(listed: Any, work: Any, force: Array) -> None:
+    """Add the listed friction at the motion observed last to `force`, the forces required."""
+    for i in range(force.shape[0]):
+        force[i] += _total(listed, work, i, FRICTION)
+
+
+@kernel
+def columns_kernel(listed: Any, work: Any, weight: float, a: Array, b: Array, leak: Array) -> None:
+    """Oil columns `a` and `b` become those with the listed volumes, compliances and flows.
+
+    `leak` receives the average flow term past the valve, `weight` is that of the newest.
+    """
+    for i in range(leak.shape[0]):
+        oil = listed.oil[i]
+        a[i] += _total(listed, work, i, VOLUME_A) / oil[AREA_A]
+        b[i] += _total(listed, work, i, VOLUME_B) / oil[AREA_B]
+        a[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_A)
+        b[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_B)
+        flow = _total(listed, work, i, FLOW_A) / a[i] - _total(listed, work, i, FLOW_B) / b[i]
+        work.leak[i] = leak[i] = _average(work.leak[i], flow, 1.0 - weight)
+
+
+@inlined
+def _average(before: float, now: float, past: float) -> float:
+    """As `hydro_control.filters.Ewma`, whose past has the weight `past`; NaN is no past."""
+    return now if math.isnan(before) else past * before + (1.0 - past) * now
+
+
+@kernel
+def add_kernel(
+    listed: Any,
+    work: Any,
+    time_s: float,
+    q: Array,
+    out: Array,
+    pressures: Array,
+    p_s: float,
+    p_t: float,
+    force: Array,
+    step_s: float,
+    weight: float,
+    leak: Array,
+) -> None:
+    """All that listed effects add to one sample of the law, in one call.
+
+    `out` is what `hydro_control.law_kernels.required_kernel` filled: its forces and columns
+    become those with the listed effects. Other arguments are those of `observe_kernel` and
+    `columns_kernel`.
+    """
+    motion = q, out[QD_R], out[QDD_R], out[ARM], out[X]
+    observe_kernel(listed, work, time_s, *motion, pressures, p_s, p_t, force, step_s)
+    columns_kernel(listed, work, weight, out[LENGTH_A], out[LENGTH_B], leak)
+    friction_kernel(listed, work, out[FORCE_D])
+
+
+@kernel
+def signals_kernel(listed: Any, work: Any, opening: Array, past: float, signal: Array) -> None:
+    """Signals (n,) to give for openings, through the valves' inverse of the averaged opening.
+
+    `past` is the weight that the average of the openings before is left with.
+    """
+    for i in range(opening.shape[0]):
+        work.signals[i, VALVE_SIGNAL] = signal[i] = opening[i]
+        work.slow[i] = slow = _average(work.slow[i], opening[i], past)
+        if listed.inverted[i]:
+            signal[i] += _given(listed.wanted[i], listed.given[i], slow) - slow
+
+
+@inlined
+def _given(wanted: Array, given: Array, opening: float) -> float:
+    """As `hydro_control.signal_inverse.SignalInverse.signal`, the openings evenly spaced."""
+    last = given.shape[0] - 1
+    at = (opening - wanted[START]) / wanted[STEP]
+    if not at > 0.0:  # so that what is no number stays none
+        return float(given[0] + opening - wanted[START])
+    if at >= last:
+        return float(given[last] + opening - (wanted[START] + last * wanted[STEP]))
+    k = int(at)
+    return float(given[k] + (given[k + 1] - given[k]) * (at - k))
