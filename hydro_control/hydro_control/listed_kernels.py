@@ -28,6 +28,7 @@ from hydro_control.listed_arrays import (
     STATE_COUNT,
     STEP,
 )
+from hydro_control.state_kernels import average
 from hydro_model.effects.compiled import call_law
 from hydro_model.kernel import inlined, kernel
 from hydro_model.signals import (
@@ -154,13 +155,7 @@ def columns_kernel(listed: Any, work: Any, weight: float, a: Array, b: Array, le
         a[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_A)
         b[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_B)
         flow = _total(listed, work, i, FLOW_A) / a[i] - _total(listed, work, i, FLOW_B) / b[i]
-        work.leak[i] = leak[i] = _average(work.leak[i], flow, 1.0 - weight)
-
-
-@inlined
-def _average(before: float, now: float, past: float) -> float:
-    """As `hydro_control.filters.Ewma`, whose past has the weight `past`; NaN is no past."""
-    return now if math.isnan(before) else past * before + (1.0 - past) * now
+        work.leak[i] = leak[i] = average(work.leak[i], flow, 1.0 - weight)
 
 
 @kernel
@@ -198,7 +193,7 @@ def signals_kernel(listed: Any, work: Any, opening: Array, past: float, signal: 
     """
     for i in range(opening.shape[0]):
         work.signals[i, VALVE_SIGNAL] = signal[i] = opening[i]
-        work.slow[i] = slow = _average(work.slow[i], opening[i], past)
+        work.slow[i] = slow = average(work.slow[i], opening[i], past)
         if listed.inverted[i]:
             signal[i] += _given(listed.wanted[i], listed.given[i], slow) - slow
 

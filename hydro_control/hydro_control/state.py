@@ -8,14 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_control.axes import Axis
-from hydro_control.filters import (
-    Ewma,
-    FilteredDifference,
-    average_age_s2,
-    average_lag_s,
-    difference_lag_s,
-)
+from hydro_control.filters import average_age_s2, average_lag_s, difference_lag_s
 from hydro_control.gains import Gains
+from hydro_control.state_kernels import (
+    FORCE,
+    QD,
+    Q,
+    StateArrays,
+    StateMemory,
+    measured_kernel,
+    predicted_kernel,
+)
 from hydro_model.robot import FloatArray
 
 
@@ -42,7 +45,9 @@ class State:
 
 
 class StateFilter:
-    """The filters of section V over the sensors.
+    """The filters of section V over the sensors, compiled.
+
+    The same in numpy is in `hydro_control.state_reference`.
 
     Parameters
     ----------
@@ -56,32 +61,38 @@ class StateFilter:
     def __init__(
         self, axes: Sequence[Axis], gains: Gains, dt_s: float, force_lag_s: FloatArray
     ) -> None:
-        self._cylinders = [a.cylinder_index for a in axes]
-        self._area_a_m2 = np.array([a.cylinder.area_a_m2 for a in axes])
-        self._area_b_m2 = np.array([a.cylinder.area_b_m2 for a in axes])
-        self._position = Ewma(gains.alpha_q)
-        self._velocity = FilteredDifference(gains.alpha_qd, dt_s)
-        self._pressure = Ewma(gains.alpha_p)
-        self._position_lag_s = average_lag_s(gains.alpha_q, dt_s)
-        self._position_age_s2 = average_age_s2(gains.alpha_q, dt_s)
-        self._velocity_lag_s = difference_lag_s(gains.alpha_qd, dt_s)
-        self._force_lag_s = force_lag_s + average_lag_s(gains.alpha_p, dt_s)
+        lags = average_lag_s(gains.alpha_q, dt_s), average_age_s2(gains.alpha_q, dt_s)
+        sides = [(a.cylinder.area_a_m2, a.cylinder.area_b_m2) for a in axes]
+        self._dt_s = dt_s
+        self._filters = StateArrays(
+            alpha=np.array([gains.alpha_q, gains.alpha_qd, gains.alpha_p]),
+            late=np.array([*lags, difference_lag_s(gains.alpha_qd, dt_s)]),
+            force_lag_s=force_lag_s + average_lag_s(gains.alpha_p, dt_s),
+            area=np.array(sides).T.copy(),
+            cylinder=np.array([a.cylinder_index for a in axes], dtype=np.int64),
+        )
+        self._memory: StateMemory | None = None
 
     def reset(self) -> None:
         """Forget all samples."""
-        for part in (self._position, self._velocity, self._pressure):
-            part.reset()
+        self._memory = None
 
     def measured(
         self, q: FloatArray, pressures: FloatArray, p_s: float, p_t: float, steps: int
     ) -> State:
-        """The state at a sample, `steps` sample times after the one before."""
-        position = self._position.update(q, steps)
-        velocity = self._velocity.update(q, steps)
-        filtered = self._pressure.update(pressures, steps)
-        at = filtered[:, self._cylinders]
-        force = at[0] * self._area_a_m2 - at[1] * self._area_b_m2  # eq. 9
-        return State(position, velocity, force, filtered, p_s, p_t)
+        """The state at a sample, `steps` sample times after the one before.
+
+        Kernels are compiled for contiguous arrays that can be written to, such as this copy of
+        positions from wherever and pressures that the law has put together.
+        """
+        z = np.array(q, dtype=float)
+        out, filtered = np.empty((3, len(z))), np.empty_like(pressures)
+        if self._memory is None:
+            nothing = (np.full_like(part, np.nan) for part in (z, out[:2], pressures))
+            self._memory = StateMemory(*nothing)
+        given = z, pressures, steps, self._dt_s
+        measured_kernel(self._filters, self._memory, *given, out, filtered)
+        return State(out[Q], out[QD], out[FORCE], filtered, p_s, p_t)
 
     def predicted(
         self, now: State, lead_s: float, acceleration: FloatArray, force_rate: FloatArray
@@ -102,13 +113,6 @@ class StateFilter:
         -------
         State
         """
-        late, ahead = self._velocity_lag_s, lead_s + self._position_lag_s
-        bent_s2 = 0.5 * (lead_s**2 - self._position_age_s2)
-        return State(
-            now.q + ahead * now.qd + (late * ahead + bent_s2) * acceleration,
-            now.qd + (lead_s + late) * acceleration,
-            now.force + (lead_s + self._force_lag_s) * force_rate,
-            now.pressures,
-            now.p_s,
-            now.p_t,
-        )
+        out, moving = np.empty((3, len(now.q))), (now.q, now.qd, now.force)
+        predicted_kernel(self._filters, *moving, lead_s, acceleration, force_rate, out)
+        return State(out[Q], out[QD], out[FORCE], now.pressures, now.p_s, now.p_t)
