@@ -22,7 +22,7 @@ from hydro_control.checks import not_finite
 from hydro_control.compensation import Compensation
 from hydro_control.compensation_plan import plan
 from hydro_control.errors import ControlError
-from hydro_control.filters import FilteredDifference, difference_lag_s
+from hydro_control.filters import difference_lag_s
 from hydro_control.gains import Gains
 from hydro_control.law_arrays import OPEN_LOWER, OPEN_UPPER, SLEW, law_arrays, law_work
 from hydro_control.law_kernels import (
@@ -32,11 +32,12 @@ from hydro_control.law_kernels import (
     required_kernel,
     voltage_kernel,
 )
-from hydro_control.motion_kernels import desired_kernel, limit_notes
+from hydro_control.motion_kernels import limit_notes
 from hydro_control.motion_limits import TIP_SPEED_M_S, limits_of
 from hydro_control.output import Output, stopped
 from hydro_control.required_motion import Reference
 from hydro_control.state import State, StateFilter
+from hydro_control.state_kernels import difference_kernel
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["ControlLaw", "Output"]
@@ -107,10 +108,11 @@ class ControlLaw:
             force_lag_s = self.compensation.force_lag_s
         self._arrays = law_arrays(robot, self._axes, self.limits, gains, self.dt_s)
         self._work = law_work(self._arrays)
-        self._references = {"tip": np.empty((3, 3)), "joint": np.empty((3, robot.dof))}
+        sizes = {"tip": 3, "joint": robot.dof}
+        self._references = [{s: np.empty((3, k)) for s, k in sizes.items()} for _ in range(2)]
         self._no_leak = np.zeros(robot.dof)
         self._state = StateFilter(self._axes, gains, self.dt_s, force_lag_s)
-        self._force_rate = FilteredDifference(gains.alpha_fd, self.dt_s)
+        self._force_kept = np.full((2, robot.dof), np.nan)
         self._last_s: float | None = None
         self._voltage_v = np.zeros(len(robot.valves))
         self._asked_acceleration = self._asked_force_rate = np.zeros(robot.dof)
@@ -127,7 +129,7 @@ class ControlLaw:
 
     def _forget(self) -> None:
         self._state.reset()
-        self._force_rate.reset()
+        self._force_kept[:] = np.nan
         if self.adaptation is not None:
             self.adaptation.forget()
         if self.compensation is not None:
@@ -191,7 +193,7 @@ class ControlLaw:
         asked = Required(*rows)
         self._asked_acceleration = asked.qdd_r
         leak = self._add_listed(stamp_s, now, state, rows)
-        rate = self._asked_force_rate = self._force_rate.update(asked.force_d, steps)
+        rate = self._asked_force_rate = self._force_rate(asked.force_d, steps)
         flow_term, signal, starved = self._signals(state, rows, rate, leak, steps)
         if not math.isfinite(sum(signal.tolist())):
             fault = f"expected finite valve signals, found {signal.tolist()}"
@@ -241,23 +243,17 @@ class ControlLaw:
         self.reset()
         return stopped(q, reference, len(self._voltage_v), fault)
 
-    def _rows(self, reference: Reference) -> FloatArray:
-        """A reference as the kernels take it."""
-        rows = self._references[reference.space]
-        rows[0], rows[1], rows[2] = reference.position, reference.velocity, reference.acceleration
-        return rows
-
     def _require(
         self, now: State, state: State, reference: Reference, ahead: Reference | None
     ) -> tuple[FloatArray, FloatArray, int]:
         """Required motion and force of the model (eqs. 19 to 22); desired tip; what limited it."""
-        aim = reference if ahead is None else ahead
-        in_tip, model = aim.space == "tip", (self._arrays, self._work)
-        out = np.empty((ROWS, len(now.q))), np.empty(3)
-        limits = required_kernel(*model, in_tip, state.q, state.qd, self._rows(aim), *out)
+        wanted = aim = _rows(self._references[0], reference)
         if ahead is not None:
-            # What is published as desired belongs to the sample itself.
-            desired_kernel(*model, in_tip, now.q, self._rows(reference), *out)
+            aim = _rows(self._references[1], ahead)
+        out = np.empty((ROWS, len(now.q))), np.empty(3)
+        when = (state.q, state.qd, aim, now.q, wanted)
+        in_tip = reference.space == "tip"
+        limits = required_kernel(self._arrays, self._work, in_tip, *when, *out)
         return *out, limits
 
     def _add_listed(
@@ -273,6 +269,12 @@ class ControlLaw:
                 state.q, state.qd, asked.qd_r, asked.qdd_r, asked.arm
             )
         return leak
+
+    def _force_rate(self, force_d: FloatArray, steps: int) -> FloatArray:
+        """Filtered rate of the required force, (n,) N/s."""
+        rate, past = np.empty(len(force_d)), (1.0 - self.gains.alpha_fd) ** steps
+        difference_kernel(self._force_kept, force_d, past, steps * self.dt_s, rate)
+        return rate
 
     def _advance(self, stamp_s: float) -> tuple[int, tuple[str, ...]]:
         """Sample times since the last sample, 1 at the start and after a gap."""
@@ -303,8 +305,15 @@ class ControlLaw:
 
     def _driven(self, signal: FloatArray, pressures: FloatArray) -> tuple[FloatArray, int]:
         """Voltages in the robot's order of valves: relieved, saturated and slewed."""
-        before_v, self._voltage_v = self._voltage_v, np.zeros_like(self._voltage_v)
+        before_v, self._voltage_v = self._voltage_v, np.zeros(len(self._voltage_v))
         # One sample time's worth even after lost samples: whoever checks the rate downstream
         # may not have lost them.
         limited = voltage_kernel(self._arrays, signal, pressures, before_v, self._voltage_v)
         return self._voltage_v.copy(), limited
+
+
+def _rows(tables: dict[str, FloatArray], reference: Reference) -> FloatArray:
+    """A reference as the kernels take it, in the one of the tables of its space."""
+    rows = tables[reference.space]
+    rows[0], rows[1], rows[2] = reference.position, reference.velocity, reference.acceleration
+    return rows

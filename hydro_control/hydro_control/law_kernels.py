@@ -87,18 +87,22 @@ def required_kernel(
     in_tip: bool,
     q: Array,
     qd: Array,
+    aim: Array,
+    measured: Array,
     reference: Array,
     out: Array,
     tip_d: Array,
 ) -> int:
     """Rows of `out` (ROWS, n): motion, levers, pistons, oil columns, force of eq. 22.
 
-    `reference` has position, velocity and acceleration as rows, of the tip where `in_tip`, else of
-    the joints; `tip_d` (3,) receives the tip's desired position. Returns what limited the motion,
-    as bits of `hydro_control.motion_kernels`.
+    `aim` has position, velocity and acceleration as rows, of the tip where `in_tip`, else of the
+    joints, and `q` and `qd` are the joints' state at its instant. What is desired belongs to the
+    sample itself, of which `measured` and `reference` are the positions and the reference: the
+    same, or of some milliseconds before. `tip_d` (3,) receives the tip's desired position. Returns
+    what limited the motion, as bits of `hydro_control.motion_kernels`.
     """
-    limited = motion_kernel(arrays, work, in_tip, q, qd, reference, out[QD_R], out[QDD_R])
-    desired_kernel(arrays, work, in_tip, q, reference, out, tip_d)
+    limited = motion_kernel(arrays, work, in_tip, q, qd, aim, out[QD_R], out[QDD_R])
+    desired_kernel(arrays, work, in_tip, measured, reference, out, tip_d)
     _required_torque(arrays, work, q, qd, out)
     for i in range(q.shape[0]):
         cylinder = arrays.cylinder[i]

@@ -21,7 +21,7 @@ from hydro_control.law_kernels import (
     required_kernel,
     voltage_kernel,
 )
-from hydro_control.motion_kernels import damped_inverse_kernel, desired_kernel, limit_notes
+from hydro_control.motion_kernels import damped_inverse_kernel, limit_notes
 from hydro_control.motion_limits import MotionLimits, limits_of
 from hydro_control.oil_columns import OilColumns
 from hydro_control.required_motion import (
@@ -101,8 +101,8 @@ def compiled(
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     rows, tip_d = np.empty((ROWS, at.robot.dof)), np.empty(3)
     given = np.array([aim.position, aim.velocity, aim.acceleration])
-    in_tip = aim.space == "tip"
-    found = required_kernel(at.arrays, at.work, in_tip, state.q, state.qd, given, rows, tip_d)
+    when = state.q, state.qd, given, state.q, given
+    found = required_kernel(at.arrays, at.work, aim.space == "tip", *when, rows, tip_d)
     return rows, tip_d, limit_notes(found)
 
 
@@ -135,18 +135,24 @@ def test_required_motion_and_force_are_those_of_the_equations(name: str, space: 
 
 @pytest.mark.parametrize("space", ["tip", "joint"])
 def test_the_desired_motion_of_another_sample_takes_the_inverse_at_hand(space: str) -> None:
+    """What is required is that of the state ahead, what is desired that of the sample."""
     at = SETTINGS["crane"]
     for state, rng in states(at.robot, 12):
         aim = reference(at.robot, space, state.q, rng)
-        rows, tip_d, _ = compiled(at, state, aim)
+        required, _, notes = compiled(at, state, aim)
         _, near = law_reference.required(at.robot, at.axes, at.limits, GAINS, state, aim)
         other = state.q + 1e-3
-        expected: JointMotion = desired_at(at.robot, other, aim, near)
-        given = np.array([aim.position, aim.velocity, aim.acceleration])
-        desired_kernel(at.arrays, at.work, space == "tip", other, given, rows, tip_d)
+        own = replace(aim, position=aim.position + 2e-3, velocity=0.5 * aim.velocity)
+        expected: JointMotion = desired_at(at.robot, other, own, near)
+        tables = [np.array([r.position, r.velocity, r.acceleration]) for r in (aim, own)]
+        when = state.q, state.qd, tables[0], other, tables[1]
+        rows, tip_d = np.empty((ROWS, at.robot.dof)), np.empty(3)
+        found = required_kernel(at.arrays, at.work, space == "tip", *when, rows, tip_d)
         agree(rows[0], expected.q_d, 100.0)
         agree(rows[1], expected.qd_d, 100.0)
         agree(tip_d, expected.tip_d_m)
+        np.testing.assert_array_equal(rows[2:], required[2:])
+        assert limit_notes(found) == notes
 
 
 @pytest.mark.parametrize("name", SETTINGS)
