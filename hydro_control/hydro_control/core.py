@@ -114,7 +114,8 @@ class ControllerCore:
             position = middle if space == "joint" else tip_position(self.robot, middle)
             reference = Reference(space, position, still, still)  # type: ignore[arg-type]
             supply = self.robot.supply_pressure_pa, self.robot.tank_pressure_pa
-            output = self.law.step(0.0, middle, pressures, pressures, *supply, reference)
+            ahead = reference if self.law.lead_s else None
+            output = self.law.step(0.0, middle, pressures, pressures, *supply, reference, ahead)
             self.law.reset()
             if output.fault:
                 raise ControlError(f"robot {self.robot.name} in mid-range: {output.fault}")
