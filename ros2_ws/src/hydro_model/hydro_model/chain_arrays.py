@@ -127,7 +127,9 @@ def samples(robot: Robot, *vectors: ArrayLike) -> tuple[list[FloatArray], bool]:
             )
     single = all(array.ndim == 1 for array in arrays)
     if single:
-        return [np.require(array.reshape(1, n), requirements="W") for array in arrays], True
+        # Without `np.require`, which takes as long as the tip of a pose does.
+        rows = (array.reshape(1, n) for array in arrays)
+        return [row if row.flags.writeable else row.copy() for row in rows], True
     lengths = {array.shape[0] for array in arrays if array.ndim == 2}
     if len(lengths) > 1:
         raise RobotError(
