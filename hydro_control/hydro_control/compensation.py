@@ -19,7 +19,6 @@ from hydro_control.axes import Axis
 from hydro_control.filters import alpha_for
 from hydro_control.listed_arrays import listed_arrays, listed_work
 from hydro_control.listed_kernels import (
-    add_kernel,
     columns_kernel,
     friction_kernel,
     observe_kernel,
@@ -27,7 +26,6 @@ from hydro_control.listed_kernels import (
 )
 from hydro_control.oil_columns import OilColumns
 from hydro_control.signal_inverse import SignalInverse, lag_s
-from hydro_control.state import State
 from hydro_model import signals as sig
 from hydro_model.effects import ActiveEffect, Stage
 from hydro_model.robot import FloatArray, Robot
@@ -38,9 +36,6 @@ SMALLEST_SCALE_M_S = 0.005
 #: Time constant of the average through which the wanted opening passes before the inverse says
 #: how far the signal must be off it: noise must not be thrown across an overlap.
 SHAPING_S = 0.009
-#: Weight of the newest flow past the valve: laws of the opening see that of the sample before,
-#: and half a step towards them cannot overshoot.
-FLOW_WEIGHT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +90,9 @@ class Compensation:
     ----------
     any : bool
         There is something to compensate.
+    arrays : ListedArrays
+    work : ListedWork
+        What the kernels take.
     delay_s : float
         From a command to the opening of the edges: the robot's delay, the largest lag of a
         valve, and half a sample for which commands are held.
@@ -124,13 +122,13 @@ class Compensation:
         self.force_lag_s = np.array([_pressure_delay_s(one) for one in own])
         self._inverses = inverses_of(effects, axes)
         given = effects, axes, self._inverses, smallest_scale_m_s
-        self._arrays = listed_arrays(robot, *given)
-        self._work = listed_work(robot, axes, self._arrays)
+        self.arrays = listed_arrays(robot, *given)
+        self.work = listed_work(robot, axes, self.arrays)
         self._fading = 1.0 - alpha_for(SHAPING_S, dt_s)
 
     def reset(self) -> None:
         """Forget all samples."""
-        work = self._work
+        work = self.work
         work.signals[:, sig.VALVE_SIGNAL] = 0.0
         work.states[:] = work.leak[:] = work.slow[:] = np.nan
 
@@ -143,12 +141,12 @@ class Compensation:
         """
         m, moved = motion, (motion.q, motion.qd, motion.qdd, motion.arm, motion.x)
         oil = m.pressures, float(m.p_s), float(m.p_t), m.force_n
-        observe_kernel(self._arrays, self._work, m.time_s, *moved, *oil, self._dt_s)
+        observe_kernel(self.arrays, self.work, m.time_s, *moved, *oil, self._dt_s)
 
     def friction(self) -> FloatArray:
         """Listed friction at the motion observed last, against it, (n,) N."""
         out = np.zeros(len(self._inverses))
-        friction_kernel(self._arrays, self._work, out)
+        friction_kernel(self.arrays, self.work, out)
         return out
 
     def columns(self, plain: OilColumns) -> OilColumns:
@@ -159,41 +157,19 @@ class Compensation:
 
         `plain` are the columns without effects.
         """
-        a, b, leak = plain.a_m.copy(), plain.b_m.copy(), np.empty_like(plain.a_m)
-        columns_kernel(self._arrays, self._work, FLOW_WEIGHT, a, b, leak)
-        return OilColumns(a, b, leak)
-
-    def add(self, time_s: float, q: FloatArray, rows: FloatArray, now: State) -> FloatArray:
-        """Take a sample of the law, and add to its required forces and to its oil columns.
-
-        What `observe`, `friction` and `columns` do, in one call.
-
-        Parameters
-        ----------
-        time_s : float
-        q : (n,) array
-            Positions that laws are asked for.
-        rows : (ROWS, n) array
-            As `hydro_control.law_kernels.required_kernel` filled them; changed in place.
-        now : State
-            Measured.
-
-        Returns
-        -------
-        (n,) array
-            Flow term of what enters the chambers past the valve, m^2/s.
-        """
-        leak = np.empty(len(q))
-        oil = now.pressures, float(now.p_s), float(now.p_t), now.force
-        how = self._dt_s, FLOW_WEIGHT
-        add_kernel(self._arrays, self._work, time_s, q, rows, *oil, *how, leak)
-        return leak
+        a, b = plain.a_m.copy(), plain.b_m.copy()
+        columns_kernel(self.arrays, self.work, a, b)
+        return OilColumns(a, b, self.work.leak.copy())
 
     def signals(self, opening: FloatArray, steps: int = 1) -> FloatArray:
         """Signals (n,) to give for the openings wanted by eq. 24, after `steps` sample times."""
         out = np.empty(len(opening))
-        signals_kernel(self._arrays, self._work, opening, self._fading**steps, out)
+        signals_kernel(self.arrays, self.work, opening, self.past_opening(steps), out)
         return out
+
+    def past_opening(self, steps: int) -> float:
+        """What `steps` sample times leave of the average of the openings before."""
+        return float(self._fading**steps)
 
     def openings(self, signal: FloatArray) -> FloatArray:
         """Openings (n,) that signals give, and which `columns` takes from here on."""
@@ -203,7 +179,7 @@ class Compensation:
                 for inverse, u in zip(self._inverses, signal.tolist(), strict=True)
             ]
         )
-        self._work.signals[:, sig.VALVE_SIGNAL] = out
+        self.work.signals[:, sig.VALVE_SIGNAL] = out
         return out
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from hydro_control.axes import Axis
 from hydro_control.compensation import (
-    FLOW_WEIGHT,
     SHAPING_S,
     SMALLEST_SCALE_M_S,
     Motion,
@@ -20,6 +19,7 @@ from hydro_control.compensation import (
 )
 from hydro_control.filters import Ewma, alpha_for
 from hydro_control.listed_arrays import signals_at_first
+from hydro_control.listed_kernels import FLOW_WEIGHT
 from hydro_control.listed_laws import ListedLaws
 from hydro_control.oil_columns import OilColumns
 from hydro_model import signals as sig

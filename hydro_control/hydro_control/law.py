@@ -4,7 +4,7 @@ Corrected against print: eq. 22 takes the **required** piston velocity for frict
 one would remove damping), and eq. 23 is
 ``Q_d = (-A1/x - A2/(S - x)) xd_r - fdot_d/beta - k_f (f_d - f) - k_x (xd_r - xd)``.
 Effects that the robot lists are compensated (`hydro_control.compensation`); with none listed
-nothing differs from the equations. They run compiled (`hydro_control.law_kernels`); the same,
+nothing differs from the equations. They run compiled (`hydro_control.step_kernels`); the same,
 readable and in numpy, is in `hydro_control.law_reference`. Pure: one object per run, one `step`
 per sample, no clock and no ROS.
 """
@@ -12,6 +12,7 @@ per sample, no clock and no ROS.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,25 +26,38 @@ from hydro_control.errors import ControlError
 from hydro_control.filters import difference_lag_s
 from hydro_control.gains import Gains
 from hydro_control.law_arrays import OPEN_LOWER, OPEN_UPPER, SLEW, law_arrays, law_work
-from hydro_control.law_kernels import (
-    ROWS,
-    Required,
-    flow_kernel,
-    required_kernel,
-    voltage_kernel,
-)
+from hydro_control.law_kernels import ROWS, Required
 from hydro_control.motion_kernels import limit_notes
 from hydro_control.motion_limits import TIP_SPEED_M_S, limits_of
 from hydro_control.output import Output, stopped
 from hydro_control.required_motion import Reference
-from hydro_control.state import State, StateFilter
-from hydro_control.state_kernels import difference_kernel
+from hydro_control.state import StateFilter
+from hydro_control.state_kernels import FORCE, QD, Q
+from hydro_control.step_kernels import force_kernel, valve_kernel
 from hydro_model.robot import FloatArray, Robot
 
 __all__ = ["ControlLaw", "Output"]
 
 #: Samples apart by more than this many sample times are a gap: derivatives start anew.
 GAP_STEPS = 10
+
+
+class _Oil(NamedTuple):
+    """Measured pressures, gauge."""
+
+    pressures: FloatArray  # (2, m) of the chambers
+    p_s: float
+    p_t: float
+
+
+class _Sample(NamedTuple):
+    """What `force_kernel` makes of a sample, for `valve_kernel` and the answer."""
+
+    states: FloatArray  # (2, 3, n) now and, where the law looks ahead, then
+    filtered: FloatArray  # (2, m) pressures of the chambers
+    rows: FloatArray  # (ROWS, n) as of `hydro_control.law_kernels.Required`
+    tip_d: FloatArray  # (3,)
+    limits: int  # bits of `hydro_control.motion_kernels`
 
 
 class ControlLaw:
@@ -95,7 +109,8 @@ class ControlLaw:
         self.limits = limits_of(robot, tip_speed_m_s)
         self.gains = gains
         self.dt_s = 1.0 / robot.sensors.rate_hz if dt_s is None else dt_s
-        self.compensation = self._compensation()
+        self._listed = Compensation(robot, self.plan.active, self._axes, self.dt_s)
+        self.compensation = self._listed if self.plan.names else None
         self.adaptation = (
             Adaptation(robot, adaptation, self.dt_s, self.plan.active)
             if adaptation is not None and adaptation.on
@@ -110,17 +125,12 @@ class ControlLaw:
         self._work = law_work(self._arrays)
         sizes = {"tip": 3, "joint": robot.dof}
         self._references = [{s: np.empty((3, k)) for s, k in sizes.items()} for _ in range(2)]
-        self._no_leak = np.zeros(robot.dof)
         self._state = StateFilter(self._axes, gains, self.dt_s, force_lag_s)
         self._force_kept = np.full((2, robot.dof), np.nan)
+        self._no_bias = np.zeros(robot.dof)
+        self._asked = np.zeros((2, robot.dof))
         self._last_s: float | None = None
         self._voltage_v = np.zeros(len(robot.valves))
-        self._asked_acceleration = self._asked_force_rate = np.zeros(robot.dof)
-
-    def _compensation(self) -> Compensation | None:
-        if not self.plan.names:
-            return None
-        return Compensation(self.robot, self.plan.active, self._axes, self.dt_s)
 
     def reset(self) -> None:
         """Forget all samples, and start from 0 V."""
@@ -129,12 +139,11 @@ class ControlLaw:
 
     def _forget(self) -> None:
         self._state.reset()
+        self._listed.reset()
         self._force_kept[:] = np.nan
+        self._asked[:] = 0.0
         if self.adaptation is not None:
             self.adaptation.forget()
-        if self.compensation is not None:
-            self.compensation.reset()
-        self._asked_acceleration = self._asked_force_rate = np.zeros(self.robot.dof)
         self._last_s = None
 
     def wind_down(self) -> FloatArray:
@@ -185,34 +194,31 @@ class ControlLaw:
         if fault := not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference):
             return self.stopped(q, reference, fault)
         steps, notes = self._advance(stamp_s)
-        now = state = self._state.measured(q, np.array([p_a, p_b]), p_s, p_t, steps)
-        if ahead is not None:
-            rates = self._asked_acceleration, self._asked_force_rate
-            state = self._state.predicted(now, self.lead_s, *rates)
-        rows, tip_d, limits = self._require(now, state, reference, ahead)
-        asked = Required(*rows)
-        self._asked_acceleration = asked.qdd_r
-        leak = self._add_listed(stamp_s, now, state, rows)
-        rate = self._asked_force_rate = self._force_rate(asked.force_d, steps)
-        flow_term, signal, starved = self._signals(state, rows, rate, leak, steps)
+        oil = _Oil(np.array([p_a, p_b]), float(p_s), float(p_t))
+        sample = self._required(stamp_s, steps, q, oil, reference, ahead)
+        asked, (now, then) = Required(*sample.rows), sample.states
+        if self.adaptation is not None:
+            motion = then[Q], then[QD], asked.qd_r, asked.qdd_r, asked.arm
+            asked.force_d[:] += self.adaptation.required_force(*motion)
+        flow_term, signal, voltage_v, limits = self._answered(sample, oil, steps)
         if not math.isfinite(sum(signal.tolist())):
             fault = f"expected finite valve signals, found {signal.tolist()}"
             return self.stopped(q, reference, fault)
-        voltage_v, relieved = self._driven(signal, now.pressures)
+        self._voltage_v = voltage_v
         if self.adaptation is not None:
-            self.adaptation.observe(q, np.array([p_a, p_b]), p_s, p_t, voltage_v, steps)
+            self.adaptation.observe(q, oil.pressures, p_s, p_t, voltage_v, steps)
         return Output(
-            voltage_v=voltage_v,
+            voltage_v=voltage_v.copy(),
             valve_signal=signal,
             flow_term=flow_term,
             required_force_n=asked.force_d,
-            force_n=now.force,
+            force_n=now[FORCE],
             required_piston_velocity_m_s=asked.xd_r,
-            piston_velocity_m_s=asked.xd if state is now else asked.arm * now.qd,
+            piston_velocity_m_s=asked.xd if ahead is None else asked.arm * now[QD],
             q_d=asked.q_d,
             qd_d=asked.qd_d,
-            tip_d_m=tip_d,
-            notes=notes + limit_notes(limits | starved | relieved),
+            tip_d_m=sample.tip_d,
+            notes=notes + limit_notes(sample.limits | limits),
         )
 
     def let_beyond(self, lower: FloatArray, upper: FloatArray) -> None:
@@ -243,38 +249,49 @@ class ControlLaw:
         self.reset()
         return stopped(q, reference, len(self._voltage_v), fault)
 
-    def _require(
-        self, now: State, state: State, reference: Reference, ahead: Reference | None
-    ) -> tuple[FloatArray, FloatArray, int]:
-        """Required motion and force of the model (eqs. 19 to 22); desired tip; what limited it."""
+    def _required(
+        self,
+        stamp_s: float,
+        steps: int,
+        q: FloatArray,
+        oil: _Oil,
+        reference: Reference,
+        ahead: Reference | None,
+    ) -> _Sample:
+        """States, required motion and forces with the listed effects (eqs. 9 and 19 to 22)."""
         wanted = aim = _rows(self._references[0], reference)
         if ahead is not None:
             aim = _rows(self._references[1], ahead)
-        out = np.empty((ROWS, len(now.q))), np.empty(3)
-        when = (state.q, state.qd, aim, now.q, wanted)
-        in_tip = reference.space == "tip"
-        limits = required_kernel(self._arrays, self._work, in_tip, *when, *out)
-        return *out, limits
+        n, state, listed = len(self._axes), self._state, self._listed
+        states, filtered = np.empty((2, 3, n)), np.empty_like(oil.pressures)
+        rows, tip_d = np.empty((ROWS, n)), np.empty(3)
+        limits = force_kernel(
+            *(self._arrays, self._work, state.arrays, state.memory, listed.arrays, listed.work),
+            *(self.dt_s, float(stamp_s), steps, np.array(q, dtype=float), *oil),
+            *(reference.space == "tip", wanted, ahead is not None, self.lead_s, aim),
+            *(self._asked, states, filtered, rows, tip_d),
+        )
+        return _Sample(states, filtered, rows, tip_d, limits)
 
-    def _add_listed(
-        self, stamp_s: float, now: State, state: State, rows: FloatArray
-    ) -> FloatArray:
-        """What listed effects and estimates add to force and oil columns; flow past the valve."""
-        leak = self._no_leak
-        if self.compensation is not None:
-            leak = self.compensation.add(stamp_s, state.q, rows, now)
-        if self.adaptation is not None:
-            asked = Required(*rows)
-            asked.force_d[:] += self.adaptation.required_force(
-                state.q, state.qd, asked.qd_r, asked.qdd_r, asked.arm
-            )
-        return leak
+    def _answered(
+        self, sample: _Sample, oil: _Oil, steps: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """Q_d of eq. 23, signals of eq. 24 for the valves, voltages; what limits.
 
-    def _force_rate(self, force_d: FloatArray, steps: int) -> FloatArray:
-        """Filtered rate of the required force, (n,) N/s."""
-        rate, past = np.empty(len(force_d)), (1.0 - self.gains.alpha_fd) ** steps
-        difference_kernel(self._force_kept, force_d, past, steps * self.dt_s, rate)
-        return rate
+        The voltages, by valve in the robot's order, are relieved, saturated and slewed.
+        """
+        flow_term, signal = out = np.empty((2, len(self._axes)))
+        voltage_v, listed = np.zeros(len(self._voltage_v)), self._listed
+        bias = self._no_bias if self.adaptation is None else self.adaptation.null_bias
+        past = (1.0 - self.gains.alpha_fd) ** steps, listed.past_opening(steps)
+        limits = valve_kernel(
+            *(self._arrays, listed.arrays, listed.work, self._force_kept),
+            *(*past, steps * self.dt_s, bias, oil.p_s, oil.p_t, self._asked),
+            # One sample time's worth of slew even after lost samples: whoever checks the rate
+            # downstream may not have lost them.
+            *(sample.states, sample.filtered, sample.rows, self._voltage_v, *out, voltage_v),
+        )
+        return flow_term, signal, voltage_v, limits
 
     def _advance(self, stamp_s: float) -> tuple[int, tuple[str, ...]]:
         """Sample times since the last sample, 1 at the start and after a gap."""
@@ -289,27 +306,6 @@ class ControlLaw:
         self._forget()
         self._last_s = stamp_s
         return 1, (f"gap of {stamp_s - last:.3f} s, filters start anew",)
-
-    def _signals(
-        self, state: State, rows: FloatArray, rate: FloatArray, leak: FloatArray, steps: int
-    ) -> tuple[FloatArray, FloatArray, int]:
-        """Q_d of eq. 23, signals of eq. 24 for the edges and then for the valve; what limits."""
-        flow_term, opening = out = np.empty((2, len(rate)))
-        oil = state.pressures, float(state.p_s), float(state.p_t)
-        limited = flow_kernel(self._arrays, rows, state.force, rate, leak, *oil, *out)
-        if self.adaptation is not None:
-            opening -= self.adaptation.null_bias
-        if self.compensation is None:
-            return flow_term, opening, limited
-        return flow_term, self.compensation.signals(opening, steps), limited
-
-    def _driven(self, signal: FloatArray, pressures: FloatArray) -> tuple[FloatArray, int]:
-        """Voltages in the robot's order of valves: relieved, saturated and slewed."""
-        before_v, self._voltage_v = self._voltage_v, np.zeros(len(self._voltage_v))
-        # One sample time's worth even after lost samples: whoever checks the rate downstream
-        # may not have lost them.
-        limited = voltage_kernel(self._arrays, signal, pressures, before_v, self._voltage_v)
-        return self._voltage_v.copy(), limited
 
 
 def _rows(tables: dict[str, FloatArray], reference: Reference) -> FloatArray:

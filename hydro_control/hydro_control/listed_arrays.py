@@ -41,7 +41,7 @@ class ListedArrays(NamedTuple):
     nudge: FloatArray  # (k,) step of the difference that linearises the rate
     inverted: NDArray[np.bool_]  # (n,) the valve's signal laws have an inverse
     wanted: FloatArray  # (n, 2) openings, evenly spaced, and
-    given: FloatArray  # (n, POINTS) the signals to give for them
+    given: FloatArray  # (n, POINTS) the signals to give for them; none where all have no inverse
 
 
 class ListedWork(NamedTuple):
@@ -84,7 +84,8 @@ def listed_arrays(
     states = [state for one in flat for state in one.effect.states]
     others = [other_joint(robot, robot.joint_index(a.joint.name)) for a in axes]
     oils = [(c.area_a_m2, c.area_b_m2, c.bulk_modulus_pa) for c in (a.cylinder for a in axes)]
-    wanted, given = np.zeros((len(axes), 2)), np.zeros((len(axes), POINTS))
+    points = POINTS if any(inverses) else 0
+    wanted, given = np.zeros((len(axes), 2)), np.zeros((len(axes), points))
     for i, inverse in enumerate(inverses):
         if inverse is not None:
             wanted[i], given[i] = inverse.table

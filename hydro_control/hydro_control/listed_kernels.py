@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hydro_control.law_kernels import ARM, FORCE_D, LENGTH_A, LENGTH_B, QD_R, QDD_R, X
 from hydro_control.listed_arrays import (
     ADDRESS,
     AREA_A,
@@ -58,6 +57,10 @@ from hydro_model.simulate_arrays import (
     VOLUME_A,
     VOLUME_B,
 )
+
+#: Weight of the newest flow past the valve: laws of the opening see that of the sample before,
+#: and half a step towards them cannot overshoot.
+FLOW_WEIGHT = 0.5
 
 Array = Any  # numba types the kernels; mypy follows no numba import
 
@@ -143,57 +146,32 @@ def friction_kernel(listed: Any, work: Any, force: Array) -> None:
 
 
 @kernel
-def columns_kernel(listed: Any, work: Any, weight: float, a: Array, b: Array, leak: Array) -> None:
+def columns_kernel(listed: Any, work: Any, a: Array, b: Array) -> None:
     """Oil columns `a` and `b` become those with the listed volumes, compliances and flows.
 
-    `leak` receives the average flow term past the valve, `weight` is that of the newest.
+    The flow term of what passes the valve is averaged into the working memory.
     """
-    for i in range(leak.shape[0]):
+    for i in range(a.shape[0]):
         oil = listed.oil[i]
         a[i] += _total(listed, work, i, VOLUME_A) / oil[AREA_A]
         b[i] += _total(listed, work, i, VOLUME_B) / oil[AREA_B]
         a[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_A)
         b[i] *= 1.0 + oil[BULK] * _total(listed, work, i, COMPLIANCE_B)
         flow = _total(listed, work, i, FLOW_A) / a[i] - _total(listed, work, i, FLOW_B) / b[i]
-        work.leak[i] = leak[i] = average(work.leak[i], flow, 1.0 - weight)
-
-
-@kernel
-def add_kernel(
-    listed: Any,
-    work: Any,
-    time_s: float,
-    q: Array,
-    out: Array,
-    pressures: Array,
-    p_s: float,
-    p_t: float,
-    force: Array,
-    step_s: float,
-    weight: float,
-    leak: Array,
-) -> None:
-    """All that listed effects add to one sample of the law, in one call.
-
-    `out` is what `hydro_control.law_kernels.required_kernel` filled: its forces and columns
-    become those with the listed effects. Other arguments are those of `observe_kernel` and
-    `columns_kernel`.
-    """
-    motion = q, out[QD_R], out[QDD_R], out[ARM], out[X]
-    observe_kernel(listed, work, time_s, *motion, pressures, p_s, p_t, force, step_s)
-    columns_kernel(listed, work, weight, out[LENGTH_A], out[LENGTH_B], leak)
-    friction_kernel(listed, work, out[FORCE_D])
+        work.leak[i] = average(work.leak[i], flow, 1.0 - FLOW_WEIGHT)
 
 
 @kernel
 def signals_kernel(listed: Any, work: Any, opening: Array, past: float, signal: Array) -> None:
     """Signals (n,) to give for openings, through the valves' inverse of the averaged opening.
 
-    `past` is the weight that the average of the openings before is left with.
+    Both may be the same array. `past` is the weight that the average of the openings before is
+    left with.
     """
     for i in range(opening.shape[0]):
-        work.signals[i, VALVE_SIGNAL] = signal[i] = opening[i]
+        work.signals[i, VALVE_SIGNAL] = opening[i]
         work.slow[i] = slow = average(work.slow[i], opening[i], past)
+        signal[i] = opening[i]
         if listed.inverted[i]:
             signal[i] += _given(listed.wanted[i], listed.given[i], slow) - slow
 

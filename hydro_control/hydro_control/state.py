@@ -47,7 +47,8 @@ class State:
 class StateFilter:
     """The filters of section V over the sensors, compiled.
 
-    The same in numpy is in `hydro_control.state_reference`.
+    The same in numpy is in `hydro_control.state_reference`. The law hands `arrays` and `memory` to
+    `hydro_control.step_kernels`, which does what the methods do.
 
     Parameters
     ----------
@@ -56,6 +57,12 @@ class StateFilter:
     dt_s : float
     force_lag_s : (n,) array
         By which pressures are late before they are filtered.
+
+    Attributes
+    ----------
+    arrays : StateArrays
+    memory : StateMemory
+        What the kernels take.
     """
 
     def __init__(
@@ -64,34 +71,29 @@ class StateFilter:
         lags = average_lag_s(gains.alpha_q, dt_s), average_age_s2(gains.alpha_q, dt_s)
         sides = [(a.cylinder.area_a_m2, a.cylinder.area_b_m2) for a in axes]
         self._dt_s = dt_s
-        self._filters = StateArrays(
+        self.arrays = StateArrays(
             alpha=np.array([gains.alpha_q, gains.alpha_qd, gains.alpha_p]),
             late=np.array([*lags, difference_lag_s(gains.alpha_qd, dt_s)]),
             force_lag_s=force_lag_s + average_lag_s(gains.alpha_p, dt_s),
             area=np.array(sides).T.copy(),
             cylinder=np.array([a.cylinder_index for a in axes], dtype=np.int64),
         )
-        self._memory: StateMemory | None = None
+        n = len(axes)  # of cylinders, too: each moves a joint, and each joint has one
+        self.memory = StateMemory(np.empty(n), np.empty((2, n)), np.empty((2, n)))
+        self.reset()
 
     def reset(self) -> None:
         """Forget all samples."""
-        self._memory = None
+        for part in self.memory:
+            part[:] = np.nan
 
     def measured(
         self, q: FloatArray, pressures: FloatArray, p_s: float, p_t: float, steps: int
     ) -> State:
-        """The state at a sample, `steps` sample times after the one before.
-
-        Kernels are compiled for contiguous arrays that can be written to, such as this copy of
-        positions from wherever and pressures that the law has put together.
-        """
-        z = np.array(q, dtype=float)
-        out, filtered = np.empty((3, len(z))), np.empty_like(pressures)
-        if self._memory is None:
-            nothing = (np.full_like(part, np.nan) for part in (z, out[:2], pressures))
-            self._memory = StateMemory(*nothing)
-        given = z, pressures, steps, self._dt_s
-        measured_kernel(self._filters, self._memory, *given, out, filtered)
+        """The state at a sample, `steps` sample times after the one before."""
+        out, filtered = np.empty((3, len(q))), np.empty_like(pressures)
+        given = q, pressures, steps, self._dt_s
+        measured_kernel(self.arrays, self.memory, *given, out, filtered)
         return State(out[Q], out[QD], out[FORCE], filtered, p_s, p_t)
 
     def predicted(
@@ -114,5 +116,5 @@ class StateFilter:
         State
         """
         out, moving = np.empty((3, len(now.q))), (now.q, now.qd, now.force)
-        predicted_kernel(self._filters, *moving, lead_s, acceleration, force_rate, out)
+        predicted_kernel(self.arrays, *moving, lead_s, acceleration, force_rate, out)
         return State(out[Q], out[QD], out[FORCE], now.pressures, now.p_s, now.p_t)

@@ -11,10 +11,8 @@ from hydro_control.axes import axes_of
 from hydro_control.compensation import Compensation, Motion
 from hydro_control.compensation_plan import NOT_COMPENSATED, plan
 from hydro_control.compensation_reference import ReadableCompensation
-from hydro_control.law_kernels import ROWS, Required
 from hydro_control.oil_columns import OilColumns
 from hydro_control.signal_inverse import REACH
-from hydro_control.state import State
 from hydro_model.effects import CATALOGUE
 from hydro_model.effects.targets import targets
 from hydro_model.robot import EffectSpec, FloatArray, Robot
@@ -99,27 +97,6 @@ def test_every_effect_adds_what_its_law_says(names: list[str]) -> None:
     agree(compiled.friction(), anew.friction())
     agree(compiled.columns(plain).leak, anew.columns(plain).leak)
     agree(compiled.signals(opening), anew.signals(opening))
-
-
-def test_one_call_for_the_law_adds_the_same() -> None:
-    rng = np.random.default_rng(5)
-    robot = listing(NAMES, rng)
-    (at_once, _), (one_by_one, _) = pair(robot), pair(robot)
-    for k in range(20):
-        motion, plain = sample(k, rng)
-        rows = rng.normal(size=(ROWS, 2))
-        asked = Required(*rows)
-        asked.qd_r[:], asked.qdd_r[:], asked.arm[:] = motion.qd, motion.qdd, motion.arm
-        asked.x[:], asked.length_a[:], asked.length_b[:] = motion.x, plain.a_m, plain.b_m
-        before, rails = asked.force_d.copy(), (motion.p_s, motion.p_t)
-        now = State(motion.q, motion.qd, motion.force_n, motion.pressures, *rails)
-        leak = at_once.add(motion.time_s, motion.q, rows, now)
-        one_by_one.observe(motion)
-        columns = one_by_one.columns(plain)
-        agree(leak, columns.leak)
-        agree(asked.length_a, columns.a_m)
-        agree(asked.length_b, columns.b_m)
-        agree(asked.force_d, before + one_by_one.friction())
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
