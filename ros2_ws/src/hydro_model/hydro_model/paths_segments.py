@@ -106,8 +106,11 @@ class Quintic:
         s, rate = float(t) / self.duration_s, 1.0 / self.duration_s
         # Plain numbers: for a few coordinates a third of the time that arrays of them take.
         rows = [_quintic(s, *c) for c in self.coefficients.T.tolist()]
-        position, first, second = np.array(list(zip(*rows, strict=True)))
-        return position, first * rate, second * (rate * rate)
+        return (
+            np.array([value for value, _, _ in rows]),
+            np.array([first * rate for _, first, _ in rows]),
+            np.array([second * (rate * rate) for _, _, second in rows]),
+        )
 
     def sample_many(self, times_s: FloatArray) -> Sample:
         """Position, velocity and acceleration at N times, (N, k) each."""
