@@ -35,7 +35,6 @@ from hydro_control.motion_kernels import (
     RELIEVED,
     STARVED,
     clipped,
-    compiled,
     desired_kernel,
     motion_kernel,
 )
@@ -80,7 +79,7 @@ def _triangle(cylinder: Array, q: float) -> tuple[float, float]:
     return pins - cylinder[X0], product * math.sin(angle) / pins
 
 
-@compiled
+@kernel
 def required_kernel(
     arrays: Any,
     work: Any,
@@ -116,7 +115,7 @@ def required_kernel(
     return int(limited)
 
 
-@compiled
+@kernel
 def _required_torque(arrays: Any, work: Any, q: Array, qd: Array, out: Array) -> None:
     required_torque_kernel(
         q,

@@ -15,8 +15,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from hydro_control.braking import DOWN, POINTS, REACTION_S, RETURN_S, UP
 from hydro_control.law_arrays import (
     K_P,
@@ -35,7 +33,7 @@ from hydro_control.required_motion import (
     SINGULAR_RATIO,
     SPEED_NOTE,
 )
-from hydro_model.kernel import inlined
+from hydro_model.kernel import inlined, kernel
 from hydro_model.kinematics import tip_kernel
 
 Array = Any  # numba types the kernels; mypy follows no numba import
@@ -46,9 +44,6 @@ _NOTES = (DAMPED_NOTE, SPEED_NOTE, TIP_SPEED_NOTE, END_NOTE, STARVED_NOTE, RELIE
 #: Columns are orthogonal where their product is below this share of all squares; each sweep of
 #: rotations squares what is left.
 _ORTHOGONAL, _SWEEPS = 1e-15, 12
-
-# The tip's kernel allocates, so these do not switch numba's memory management off.
-compiled = njit(cache=True, error_model="numpy")
 
 
 def limit_notes(limited: int) -> tuple[str, ...]:
@@ -76,14 +71,14 @@ def clipped(value: float, low: float, high: float) -> float:
     return high if value > high else value
 
 
-@compiled
+@kernel
 def _rotate(matrix: Array, i: int, j: int, cosine: float, sine: float) -> None:
     for r in range(matrix.shape[0]):
         x, y = matrix[r, i], matrix[r, j]
         matrix[r, i], matrix[r, j] = cosine * x - sine * y, sine * x + cosine * y
 
 
-@compiled
+@kernel
 def _orthogonalise(columns: Array, turn: Array) -> None:
     """One-sided Jacobi rotations: columns (n, 3) become orthogonal, `turn` says how.
 
@@ -116,7 +111,7 @@ def _square(columns: Array, i: int) -> float:
     return total
 
 
-@compiled
+@kernel
 def damped_inverse_kernel(jacobian: Array, columns: Array, turn: Array, inverse: Array) -> bool:
     """Damped inverse (n, 3) of a Jacobian (3, n); whether it is damped.
 
@@ -146,7 +141,7 @@ def damped_inverse_kernel(jacobian: Array, columns: Array, turn: Array, inverse:
     return damped
 
 
-@compiled
+@kernel
 def _tip(arrays: Any, work: Any, q: Array, qd: Array) -> None:
     """Tip, Jacobian and its rate into the working memory."""
     tip_kernel(
@@ -164,7 +159,7 @@ def _tip(arrays: Any, work: Any, q: Array, qd: Array) -> None:
     )
 
 
-@compiled
+@kernel
 def desired_kernel(
     arrays: Any, work: Any, in_tip: bool, q: Array, reference: Array, out: Array, tip_d: Array
 ) -> None:
@@ -188,7 +183,7 @@ def desired_kernel(
         tip_d[r] = reference[0, r] if in_tip else work.point[r]
 
 
-@compiled
+@kernel
 def _from_tip(
     arrays: Any, work: Any, q: Array, qd: Array, reference: Array, qd_r: Array, qdd_r: Array
 ) -> int:
@@ -211,7 +206,7 @@ def _from_tip(
     return DAMPED if damped else 0
 
 
-@compiled
+@kernel
 def _from_joints(
     arrays: Any, q: Array, qd: Array, reference: Array, qd_r: Array, qdd_r: Array
 ) -> None:
@@ -221,7 +216,7 @@ def _from_joints(
         qdd_r[i] = reference[2, i] + k_p * (reference[1, i] - qd[i])
 
 
-@compiled
+@kernel
 def _within_limits(arrays: Any, qd_r: Array, qdd_r: Array) -> int:
     """The whole velocity within the joints' limits, so that its direction stays; and its rate."""
     excess = 1.0
@@ -237,7 +232,7 @@ def _within_limits(arrays: Any, qd_r: Array, qdd_r: Array) -> int:
     return 0 if excess == 1.0 else AT_SPEED
 
 
-@compiled
+@kernel
 def _slower_tip(arrays: Any, work: Any, qd_r: Array, qdd_r: Array) -> int:
     """The whole motion slower where the tip would be too fast; the Jacobian is the sample's."""
     square = 0.0
@@ -271,7 +266,7 @@ def _speed_before_end(
     return speed - max(beyond, 0.0) / RETURN_S, brake / (speed + early)
 
 
-@compiled
+@kernel
 def _before_the_ends(arrays: Any, q: Array, qd: Array, qd_r: Array, qdd_r: Array) -> int:
     """No joint faster towards an end than it can brake from."""
     noted = 0
@@ -291,7 +286,7 @@ def _before_the_ends(arrays: Any, q: Array, qd: Array, qd_r: Array, qdd_r: Array
     return noted
 
 
-@compiled
+@kernel
 def motion_kernel(
     arrays: Any,
     work: Any,

@@ -28,7 +28,6 @@ from hydro_control.listed_kernels import (
     observe_kernel,
     signals_kernel,
 )
-from hydro_control.motion_kernels import compiled
 from hydro_control.state_kernels import (
     FORCE,
     QD,
@@ -46,7 +45,7 @@ ACCELERATION, FORCE_RATE = range(2)
 NOW, THEN = range(2)
 
 
-@compiled
+@kernel
 def force_kernel(
     arrays: Any,
     work: Any,

@@ -12,8 +12,14 @@ from numpy.typing import ArrayLike
 
 from hydro_model.chain_arrays import chain_arrays, samples
 from hydro_model.chain_kernels import SCRATCH, SHIFT, Array, place
+from hydro_model.kernel import inlined, kernel
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.spatial import axis_rotation
+from hydro_model.triple_kernels import Triple, cross, dot, plus, to_child, triple
+
+# Columns of the working memory behind a joint's place: its axis, origin and origin velocity in the
+# base frame, and the angular velocity of the child frame.
+_AXIS, _ORIGIN, _ORIGIN_RATE, _OMEGA = 12, 15, 18, 21
 
 
 def tip_position(robot: Robot, q: ArrayLike) -> FloatArray:
@@ -155,15 +161,7 @@ def _evaluate(
     return (position[0], jacobian[0], rate[0]) if single else (position, jacobian, rate)
 
 
-@njit(cache=True, error_model="numpy")
-def _cross(a: Array, b: Array, out: Array) -> None:
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-    out[0], out[1] = x, y
-
-
-@njit(cache=True, error_model="numpy")
+@kernel
 def tip_kernel(
     q: Array,
     qd: Array,
@@ -179,81 +177,64 @@ def tip_kernel(
 ) -> None:
     """Tip position (3,), Jacobian (3, n) and its rate (3, n) for one sample.
 
-    `scratch` is (n, SCRATCH). In it, per joint: axis, origin and origin velocity in the base
-    frame, then the angular velocity of the child frame.
+    `scratch` is (n, SCRATCH), working memory.
 
     Arguments as in `hydro_model.rigid_body_kernels`; `tip_offset` (3,) in the last joint's
     frame.
     """
-    n = q.shape[0]
     place(q, rotation, translation, axis, prismatic, scratch)
-    turn, origin = np.eye(3), np.zeros(3)
-    omega, velocity, arm = np.zeros(3), np.zeros(3), np.zeros(3)
-    turned = np.empty((3, 3))
-    for i in range(n):
-        s = scratch[i]
-        for r in range(3):
-            arm[r] = 0.0
-            for c in range(3):
-                arm[r] += turn[r, c] * s[SHIFT + c]
-                turned[r, c] = 0.0
-                for k in range(3):
-                    turned[r, c] += turn[r, k] * s[3 * k + c]
-        _cross(omega, arm, s[18:21])
-        for r in range(3):
-            origin[r] += arm[r]
-            velocity[r] += s[18 + r]
-            s[12 + r] = 0.0
-            for c in range(3):
-                turn[r, c] = turned[r, c]
-                s[12 + r] += turned[r, c] * axis[i, c]
-            if prismatic[i]:
-                velocity[r] += s[12 + r] * qd[i]
-            else:
-                omega[r] += s[12 + r] * qd[i]
-        for r in range(3):
-            s[15 + r], s[18 + r], s[21 + r] = origin[r], velocity[r], omega[r]
-    for r in range(3):
-        arm[r] = (
-            turn[r, 0] * tip_offset[0] + turn[r, 1] * tip_offset[1] + turn[r, 2] * tip_offset[2]
-        )
-        position[r] = origin[r] + arm[r]
-    _cross(omega, arm, arm)
-    for r in range(3):
-        velocity[r] += arm[r]
-    _columns(n, prismatic, scratch, position, velocity, jacobian, rate)
+    # Rows of the rotation from the frame reached so far to the base.
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    origin, velocity, omega = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(q.shape[0]):
+        shift = triple(scratch, i, SHIFT)
+        arm = (dot(x, shift), dot(y, shift), dot(z, shift))
+        origin, velocity = plus(origin, 1.0, arm), plus(velocity, 1.0, cross(omega, arm))
+        x, y, z = to_child(scratch, i, x), to_child(scratch, i, y), to_child(scratch, i, z)
+        along = triple(axis, i, 0)
+        turned = (dot(x, along), dot(y, along), dot(z, along))
+        if prismatic[i]:
+            velocity = plus(velocity, qd[i], turned)
+        else:
+            omega = plus(omega, qd[i], turned)
+        _put(scratch, i, _AXIS, turned)
+        _put(scratch, i, _ORIGIN, origin)
+        _put(scratch, i, _ORIGIN_RATE, velocity)
+        _put(scratch, i, _OMEGA, omega)
+    offset = (tip_offset[0], tip_offset[1], tip_offset[2])
+    arm = (dot(x, offset), dot(y, offset), dot(z, offset))
+    tip, tip_rate = plus(origin, 1.0, arm), plus(velocity, 1.0, cross(omega, arm))
+    position[0], position[1], position[2] = tip
+    for i in range(q.shape[0]):
+        _column(prismatic[i], scratch, i, tip, tip_rate, jacobian, rate)
 
 
-@njit(cache=True, error_model="numpy")
-def _columns(
-    n: int,
-    prismatic: Array,
+@inlined
+def _put(scratch: Array, row: int, column: int, a: Triple) -> None:
+    scratch[row, column], scratch[row, column + 1], scratch[row, column + 2] = a
+
+
+@kernel
+def _column(
+    prismatic: bool,
     scratch: Array,
-    position: Array,
-    velocity: Array,
+    i: int,
+    tip: Triple,
+    tip_rate: Triple,
     jacobian: Array,
     rate: Array,
 ) -> None:
-    """Columns of the Jacobian and of its rate from the frames in the working memory."""
-    lever, slip = np.empty(3), np.empty(3)
-    axis_rate, first, second = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(n):
-        s = scratch[i]
-        _cross(s[21:24], s[12:15], axis_rate)
-        if prismatic[i]:
-            for r in range(3):
-                jacobian[r, i], rate[r, i] = s[12 + r], axis_rate[r]
-            continue
-        for r in range(3):
-            lever[r] = position[r] - s[15 + r]
-            slip[r] = velocity[r] - s[18 + r]
-        _cross(axis_rate, lever, first)
-        _cross(s[12:15], slip, second)
-        for r in range(3):
-            rate[r, i] = first[r] + second[r]
-        _cross(s[12:15], lever, first)
-        for r in range(3):
-            jacobian[r, i] = first[r]
+    """Column of the Jacobian and of its rate from the frames in the working memory."""
+    axis = triple(scratch, i, _AXIS)
+    axis_rate = cross(triple(scratch, i, _OMEGA), axis)
+    column, slope = axis, axis_rate
+    if not prismatic:
+        lever = plus(tip, -1.0, triple(scratch, i, _ORIGIN))
+        slip = plus(tip_rate, -1.0, triple(scratch, i, _ORIGIN_RATE))
+        column = cross(axis, lever)
+        slope = plus(cross(axis_rate, lever), 1.0, cross(axis, slip))
+    jacobian[0, i], jacobian[1, i], jacobian[2, i] = column
+    rate[0, i], rate[1, i], rate[2, i] = slope
 
 
 @njit(cache=True, error_model="numpy")
