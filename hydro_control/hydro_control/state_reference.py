@@ -51,7 +51,7 @@ class ReadableStateFilter:
     def measured(
         self, q: FloatArray, pressures: FloatArray, p_s: float, p_t: float, steps: int
     ) -> State:
-        """The state at a sample, `steps` sample times after the one before."""
+        """The state at a sample whose `pressures` are (2, m), `steps` samples after the last."""
         position = self._position.update(q, steps)
         velocity = self._velocity.update(q, steps)
         filtered = self._pressure.update(pressures, steps)

@@ -2,8 +2,7 @@
 
 Between the two stands what is estimated online. They are made of the kernels of
 `hydro_control.state_kernels`, `hydro_control.law_kernels` and `hydro_control.listed_kernels`, each
-of which has a readable counterpart; one call of each would cost more than their work. Arguments
-that are described there have the same names here.
+of which has a readable counterpart; one call of each would cost more than their work.
 """
 
 from __future__ import annotations
@@ -73,9 +72,48 @@ def force_kernel(
 ) -> int:
     """Filtered and predicted state, and required motion and forces with the listed effects.
 
-    Where `ahead`, required quantities are those of the state predicted `lead_s` later, by what was
-    `asked` (2, n) one sample ago, and of `aim`, the reference then; else those of the sample.
-    `states` (2, 3, n) receive the state now and then. Returns what limited the motion.
+    Parameters
+    ----------
+    arrays, work : LawArrays, LawWork
+    filters, memory : StateArrays, StateMemory
+    listed, listed_work : ListedArrays, ListedWork
+    dt_s : float
+        Sample time.
+    time_s : float
+        Of the sample.
+    steps : int
+        Sample times since the one before.
+    q : (n,) array
+        Measured joint positions.
+    pressures : (2, m) array
+        Measured, gauge.
+    p_s, p_t : float
+        Of supply and tank, gauge.
+    in_tip : bool
+        References are of the tip, else of the joints.
+    reference : (3, 3) or (3, n) array
+        Position, velocity and acceleration at the sample.
+    ahead : bool
+        Required quantities are those of `lead_s` later, for the state predicted for then.
+    lead_s : float
+    aim : (3, 3) or (3, n) array
+        The reference of what is required: that of then, where `ahead`.
+    asked : (2, n) array
+        Accelerations and rates of force asked for one sample ago, by which the state is predicted;
+        the accelerations become those of this sample.
+    states : (2, 3, n) array
+        Receives positions, velocities and forces now and then, the same where not `ahead`.
+    filtered : (2, m) array
+        Receives the filtered pressures.
+    out : (ROWS, n) array
+        Receives the rows of `hydro_control.law_kernels.Required`.
+    tip_d : (3,) array
+        Receives the tip's desired position.
+
+    Returns
+    -------
+    int
+        What limited the motion, as bits of `hydro_control.motion_kernels`.
     """
     now, then = states[NOW], states[THEN]
     measured_kernel(filters, memory, q, pressures, steps, dt_s, now, filtered)
@@ -119,10 +157,35 @@ def valve_kernel(
 ) -> int:
     """Flow terms, signals of the valves and their voltages, for the required forces.
 
-    The filter of the forces' rate keeps `kept` (2, n), of which `past_rate` is left after the
-    `span_s` since the last sample, as `past_opening` is of the averaged openings; `null_bias` (n,)
-    is what was estimated of the valves', beside what is listed. The other arguments are those of
-    `force_kernel`. Returns what limited the valves.
+    Parameters
+    ----------
+    arrays : LawArrays
+    listed, listed_work : ListedArrays, ListedWork
+    kept : (2, n) array
+        What the filter of the forces' rate keeps.
+    past_rate, past_opening : float
+        What is left of the averages before, of that rate and of the openings.
+    span_s : float
+        Since the last sample.
+    null_bias : (n,) array
+        What was estimated of the valves', beside what is listed.
+    p_s, p_t : float
+        Of supply and tank, gauge.
+    asked : (2, n) array
+        Its rates of force become those of this sample.
+    states, filtered, out : array
+        As `force_kernel` filled them; in `out` the forces with what was estimated.
+    before_v : (m,) array
+        Voltages of the sample before.
+    flow, signal : (n,) array
+        Receive the flow terms of eq. 23 and the signals of the valves.
+    voltage_v : (m,) array
+        Receives the voltages.
+
+    Returns
+    -------
+    int
+        What limited the valves, as bits of `hydro_control.motion_kernels`.
     """
     rate = asked[FORCE_RATE]
     difference_kernel(kept, out[FORCE_D], past_rate, span_s, rate)
