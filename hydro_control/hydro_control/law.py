@@ -189,7 +189,7 @@ class ControlLaw:
         Raises
         ------
         ControlError
-            The stamp is not after the last one.
+            The stamp is not after the last one, or positions or pressures are not one a joint.
         """
         if fault := not_finite(stamp_s, q, p_a, p_b, p_s, p_t, reference):
             return self.stopped(q, reference, fault)
@@ -263,6 +263,12 @@ class ControlLaw:
         if ahead is not None:
             aim = _rows(self._references[1], ahead)
         n, state, listed = len(self._axes), self._state, self._listed
+        if q.shape != (n,) or oil.pressures.shape != (2, n):  # kernels do not look at bounds
+            found = f"{q.shape} and {oil.pressures.shape}"
+            raise ControlError(
+                f"expected positions and pressures of {n} joints, ({n},) and (2, {n}),"
+                f" found {found}"
+            )
         states, filtered = np.empty((2, 3, n)), np.empty_like(oil.pressures)
         rows, tip_d = np.empty((ROWS, n)), np.empty(3)
         limits = force_kernel(

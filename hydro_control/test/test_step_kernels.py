@@ -12,6 +12,7 @@ from hydro_control import law_reference
 from hydro_control.axes import axes_of
 from hydro_control.compensation import Motion
 from hydro_control.compensation_reference import ReadableCompensation
+from hydro_control.errors import ControlError
 from hydro_control.filters import FilteredDifference
 from hydro_control.gains import Gains
 from hydro_control.law import ControlLaw, Output
@@ -139,3 +140,11 @@ def test_a_sample_is_answered_as_its_readable_parts_say(
         assert not found.fault
         oil = np.array([p_a, p_b]), 19e6, 1e6
         agree(found, readable.step(steps if k else 1, t, q, oil, reference, ahead))
+
+
+@pytest.mark.parametrize(("joints", "cylinders"), [(1, 2), (3, 2), (2, 1), (2, 3)])
+def test_a_sample_of_another_machine_is_refused(joints: int, cylinders: int) -> None:
+    law, still = ControlLaw(CRANE, GAINS), np.zeros(2)
+    oil, reference = np.full(cylinders, 8e6), Reference("joint", still, still, still)
+    with pytest.raises(ControlError, match=r"expected positions and pressures of 2 joints"):
+        law.step(0.0, np.zeros(joints), oil, oil, 19e6, 1e6, reference)
