@@ -6,7 +6,6 @@ to it again gives the same answers.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -29,8 +28,8 @@ from hydro_control.sample import Sample
 from hydro_control.sensor_correction import SensorCorrection
 from hydro_control.stamps import StampWatch
 from hydro_control.trajectory import Waypoint
+from hydro_control.warm_up import warm_up
 from hydro_model.errors import RobotError, in_short
-from hydro_model.kinematics import tip_position
 from hydro_model.paths import JointPath, TipPath
 from hydro_model.robot import FloatArray, Robot
 
@@ -102,23 +101,7 @@ class ControllerCore:
         if self.path is not None:
             limits = self.law.robot, self.path, self.tip_speed_m_s
             self._path_checked_from = start_of_path(*limits)
-        self._warm_up()
-
-    def _warm_up(self) -> None:
-        """Run the law once, so that everything is compiled before the first sample."""
-        middle = np.array([0.5 * (j.lower + j.upper) for j in self.robot.joints])
-        half = 0.5 * (self.robot.supply_pressure_pa + self.robot.tank_pressure_pa)
-        pressures = np.full(len(self.robot.cylinders), half)
-        for space, size in (("joint", self.robot.dof), ("tip", 3)):
-            still = np.zeros(size)
-            position = middle if space == "joint" else tip_position(self.robot, middle)
-            reference = Reference(space, position, still, still)  # type: ignore[arg-type]
-            supply = self.robot.supply_pressure_pa, self.robot.tank_pressure_pa
-            ahead = reference if self.law.lead_s else None
-            output = self.law.step(0.0, middle, pressures, pressures, *supply, reference, ahead)
-            self.law.reset()
-            if output.fault:
-                raise ControlError(f"robot {self.robot.name} in mid-range: {output.fault}")
+        warm_up(self.law)
 
     def restart(self) -> None:
         """Forget everything: the next sample is the first."""
@@ -181,7 +164,7 @@ class ControllerCore:
         if not self._watch.settled and self.law.adaptation is not None:
             self.law.adaptation.forget()  # nothing is learnt from commands without effect
         sample = self._sensors.corrected(sample)
-        gauge = self._gauge(sample)
+        gauge = sample.gauge(self.robot)
         reference = self._reference(sample)
         now_s = 0.0 if self._run is None else self._run.now_s
         if fault := self._runaway.fault or self._stamps.other_rate:
@@ -231,15 +214,9 @@ class ControllerCore:
         self._watch.applied(stamp_ns, voltage_v)
         self.counts.withheld = self._watch.count
 
-    def _gauge(self, sample: Sample) -> tuple[FloatArray, FloatArray, float, float]:
-        atmosphere, robot = self.robot.atmospheric_pressure_pa, self.robot
-        p_s = robot.supply_pressure_pa if sample.p_s is None else sample.p_s - atmosphere
-        p_t = robot.tank_pressure_pa if sample.p_t is None else sample.p_t - atmosphere
-        return sample.p_a - atmosphere, sample.p_b - atmosphere, p_s, p_t
-
     def _reference(self, sample: Sample) -> Reference:
         """The reference at a sample; one that is not finite starts nothing and is none seen."""
-        run, finite = self._run, _is_finite(sample)
+        run, finite = self._run, sample.is_finite
         if run is None:
             if not finite:
                 still = np.zeros_like(sample.q)
@@ -413,10 +390,3 @@ class ControllerCore:
         self.counts.refused += 1
         self.message = f"trajectory refused: {why}"
         return ControlError(self.message)
-
-
-def _is_finite(sample: Sample) -> bool:
-    """Whether a sample's readings are numbers: others are answered by 0 V."""
-    rails = (0.0 if rail is None else rail for rail in (sample.p_s, sample.p_t))
-    read = (*sample.q.tolist(), *sample.p_a.tolist(), *sample.p_b.tolist(), *rails)
-    return math.isfinite(sum(read))

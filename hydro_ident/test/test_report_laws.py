@@ -153,7 +153,7 @@ def test_a_law_that_bears_another_ones_name_is_told_as_what_the_model_has(
 def test_a_law_of_the_model_is_not_among_what_could_not_have_shown(bristling: Diagnosis) -> None:
     names = ("presliding_friction", "backlash", "supply_droop")
     missed = tuple(NotTestable(name, "nothing changes with it") for name in names)
-    listed = replace(bristling.given, effects=(EffectSpec("backlash", "tilt", {"gap": 1e-3}),))
+    listed = replace(bristling.given, effects=(EffectSpec("backlash", "tilt", {"width": 1e-3}),))
     said = replace(bristling, not_testable=missed, given=listed)
     sure = " ".join(dict(diagnosis_verdict(said, []).cards)["How sure"])
     assert "Could not have shown in these recordings: supply droop." in sure

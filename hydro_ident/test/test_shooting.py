@@ -18,6 +18,7 @@ from hydro_ident.mismatch.refinement import Refinement, refine
 from hydro_ident.mismatch.residuals import Residuals, residuals
 from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
 from hydro_ident.mismatch.shooting import Solution, Unknowns, shoot
+from hydro_ident.mismatch.zeros import of_zeros
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
@@ -239,15 +240,19 @@ def test_an_accepted_base_carries_its_own_deviations(work: Residuals, whole: Fit
     robot = space.with_deviations(given, covariance)
     fresh, old = robot.standard_deviations, given.standard_deviations
     assert fresh["lift_cylinder.coulomb_friction.force"] == pytest.approx(200.0)
-    # Half the deviations of every direction are half those of every number.
-    for name in (
-        "tilt_cylinder.bulk_modulus",
-        "lift_valve.c_pa",
-        "lift_cylinder.viscous_friction",
+    # Half the deviations of every direction are half those of every number, but for the
+    # transducers' zeros, of which roll-outs tell nothing.
+    count, zeros = len(given.base_covariance), np.diag(of_zeros(predictor, start))
+    modulus = given.cylinders[1].bulk_modulus_pa
+    for name, fitted_name, unit in (
+        ("tilt_cylinder.bulk_modulus", "tilt_cylinder.inverse_bulk_modulus", modulus**2),
+        ("lift_valve.c_pa", "lift_valve.c_pa", 1.0),
+        ("lift_cylinder.viscous_friction", "lift_cylinder.viscous_friction", 1.0),
     ):
-        assert fresh[name] == pytest.approx(0.5 * old[name], rel=1e-3)
+        zero = unit**2 * zeros[predictor.names.index(fitted_name)]
+        assert fresh[name] ** 2 == pytest.approx(0.25 * (old[name] ** 2 - zero), rel=2e-3)
     assert np.diag(robot.base_covariance) == pytest.approx(
-        0.25 * np.diag(given.base_covariance), rel=1e-3
+        0.25 * (np.diag(given.base_covariance) - zeros[:count]), rel=1e-3
     )
     # And a point one deviation off in a direction is the robot's own step by it.
     x = space.start.copy()

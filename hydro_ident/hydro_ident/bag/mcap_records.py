@@ -195,11 +195,9 @@ class McapFile:
 
     def _note(self, opcode: int, body: bytes) -> None:
         """Take in a record that is neither message nor chunk; unknown ones are skipped."""
-        if opcode in (SCHEMA, CHANNEL):
-            # Writers say them again in every chunk; the number is in the first two bytes.
-            if self._noted.get((opcode, body[:2])) == body:
-                return
-            self._noted[opcode, body[:2]] = body
+        # Writers say them again in every chunk; the number is in the first two bytes.
+        if self._noted.get((opcode, body[:2])) == body:
+            return
         self._described += len(body) if opcode in (SCHEMA, CHANNEL, METADATA) else 0
         if self._described > _DESCRIBED_BYTES:
             self.health.lose(f"descriptions of more than {_DESCRIBED_BYTES} bytes: left out")
@@ -214,8 +212,10 @@ class McapFile:
                 encoding, at = _string(body, at)
                 text, _ = _string(body, at)
                 self._schemas[schema] = name, encoding, text
+                self._noted[opcode, body[:2]] = body
             elif opcode == CHANNEL:
                 self._note_channel(body)
+                self._noted[opcode, body[:2]] = body
             elif opcode == METADATA:
                 name, at = _string(body, 0)
                 self.metadata.setdefault(name, {}).update(_mapping(body, at))
