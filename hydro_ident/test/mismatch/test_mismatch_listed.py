@@ -36,15 +36,16 @@ def fitted(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Callable[
     true_crane, simulated_run = make_run
     run = simulated_run(replace(true_crane(), effects=(_rubbing(2500.0),)), 20.0)
 
-    def under(*listed: EffectSpec) -> Residuals:
-        robot = replace(load_robot("xs031"), effects=listed)
-        sources = sources_of([run.recording()])
-        surveys = [survey_source(source, robot) for source in sources]
-        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
-        assert work is not None
-        return work
+    return lambda *listed: _refitted(run, listed)
 
-    return under
+
+def _refitted(run: Any, listed: tuple[EffectSpec, ...]) -> Residuals:
+    robot = replace(load_robot("xs031"), effects=listed)
+    sources = sources_of([run.recording()])
+    surveys = [survey_source(source, robot) for source in sources]
+    work = residuals(robot, sources, [], surveys, DiagnosisSettings())
+    assert work is not None
+    return work
 
 
 def test_numbers_far_from_the_files_are_told_with_the_files(
@@ -86,15 +87,7 @@ def slow_valves(
         for biased in (False, True)
     }
 
-    def under(*listed: EffectSpec, biased: bool = False) -> Residuals:
-        robot, run = replace(load_robot("xs031"), effects=listed), runs[biased]
-        sources = sources_of([run.recording()])
-        surveys = [survey_source(source, robot) for source in sources]
-        work = residuals(robot, sources, [], surveys, DiagnosisSettings())
-        assert work is not None
-        return work
-
-    return under
+    return lambda *listed, biased=False: _refitted(runs[biased], listed)
 
 
 def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
