@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.bench import chain_jobs, page
+from hydro_ident.bench import soak as soak_module
 from hydro_ident.bench.command import _write
 from hydro_ident.bench.job import Row
 from hydro_ident.bench.made import file_of
@@ -148,3 +149,23 @@ def children() -> set[int]:
     """Processes that this one has started and that have not ended."""
     own = Path("/proc/self/task")
     return {int(pid) for task in own.iterdir() for pid in (task / "children").read_text().split()}
+
+
+def test_trips_that_follow_on_each_other_do_not_count_a_cycle_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three in a row, and nothing was answered in between: 250 cycles each."""
+    bus = SimpleNamespace(cycles=0, answered=0, silence=0)
+    now = [0.0]
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+        bus.cycles = bus.silence = round(500.0 * now[0])
+
+    clock = SimpleNamespace(sleep=sleep, monotonic=lambda: now[0])
+    monkeypatch.setattr(soak_module, "time", clock)
+    running = SimpleNamespace(bus=bus, check=lambda: None, rearm=lambda: True)
+    trips = Trips(running)  # type: ignore[arg-type]
+    trips.watch(1.5)
+    assert trips.cleared == 3
+    assert trips.waited == bus.cycles == 750

@@ -176,6 +176,7 @@ class Trips:
 
     def __init__(self, running: Running) -> None:
         self.cleared, self.waited, self._running = 0, 0, running
+        self._counted = 0  # cycles up to the end of the last trip
 
     def watch(self, until: float) -> None:
         """Look out for trips.
@@ -197,11 +198,14 @@ class Trips:
             self._running.check()
             if bus.answered != answered:
                 continue
-            cycles, silence = bus.cycles, bus.silence
+            # A trip that follows on another before anything was answered goes on from there.
+            cycles = bus.cycles
+            silence = min(bus.silence, cycles - self._counted)
             if self._running.rearm():
                 self.cleared += 1
                 # Answers come again before the command that clears has ended.
                 self.waited += silence + (bus.cycles - cycles) - (bus.answered - answered)
+                self._counted = bus.cycles
 
 
 def _take_sizes(running: Running, sizes: dict[str, list[float]]) -> None:
