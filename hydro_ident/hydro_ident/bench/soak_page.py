@@ -69,19 +69,19 @@ def _thousands(count: int) -> str:
 
 
 def _percentile(name: str) -> Callable[[Mapping[str, Any]], str]:
-    def cell(run: Mapping[str, Any]) -> str:
+    def _cell(run: Mapping[str, Any]) -> str:
         found = run["latency_ms"][name]
         return NEVER if found is None else f"{found:#.3g}".rstrip(".")
 
-    return cell
+    return _cell
 
 
 def _grown(process: str) -> Callable[[Mapping[str, Any]], str]:
-    def cell(run: Mapping[str, Any]) -> str:
+    def _cell(run: Mapping[str, Any]) -> str:
         memory = run["memory"][process]
         return f"{memory['begin']:.1f}, {memory['end']:.1f}"
 
-    return cell
+    return _cell
 
 
 _CELLS: dict[str, Callable[[Mapping[str, Any]], str]] = {

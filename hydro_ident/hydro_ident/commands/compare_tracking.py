@@ -112,15 +112,11 @@ def other_paths(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, str]:
 
     `rows` are as for `ratios`.
     """
-
-    def moved(row: Tracking) -> tuple[float, float]:
-        return row.duration_s, row.reference_speed_m_s
-
     longest = max(rows, key=lambda name: rows[name]["encoders"].duration_s)
-    whole = moved(rows[longest]["encoders"])
+    whole = _moved(rows[longest]["encoders"])
     found = {}
     for name, row in rows.items():
-        own = moved(row["encoders"])
+        own = _moved(row["encoders"])
         if any(abs(a - b) > _SAME * b for a, b in zip(own, whole, strict=True)):
             found[name] = (
                 f"{name} followed another path than {longest}, or was cut short: its reference"
@@ -128,6 +124,11 @@ def other_paths(rows: Mapping[str, Mapping[str, Tracking]]) -> dict[str, str]:
                 f" {whole[0]:.2f} s at up to {whole[1]:.3f} m/s"
             )
     return found
+
+
+def _moved(row: Tracking) -> tuple[float, float]:
+    """For how long and how fast a run's reference moves."""
+    return row.duration_s, row.reference_speed_m_s
 
 
 def ratios(rows: Mapping[str, Mapping[str, Tracking]], against: str) -> list[str]:
