@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from hydro_ident.mismatch.answering import answered, base_to_search
 from hydro_ident.mismatch.as_listed import as_listed_notes, relisted
 from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.model import robot_of
@@ -147,3 +148,12 @@ def test_shapes_that_took_up_what_was_not_named_go_back_once_it_is(
     assert list(found.model.terms[0].parameters) == [60.0, 0.9]
     assert found.model.terms[-1].parameters[0] == pytest.approx(0.02, abs=1e-4)
     assert found.model.delays_s[0] == pytest.approx(1.4e-3, abs=1.5e-4)
+
+
+def test_an_answer_has_them_back(slow_valves: Callable[..., Residuals]) -> None:
+    work = slow_valves(_lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt"), biased=True)
+    answer = answered(work, base_to_search(work))
+    assert ("valve_null_bias", 0) in answer.names
+    assert ("valve_spool_lag", LIFT) in answer.work.training.as_listed
+    assert answer.work.scan is answer.work.training
+    assert list(answer.whole.model.terms[0].parameters) == [60.0, 0.9]
