@@ -21,7 +21,7 @@ from hydro_ident.bag import mcap_gather, mcap_records, stretches
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.stretch_cycles import Known
 from hydro_ident.bag.writer import BagWriter
-from hydro_model.robot import Robot
+from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import JOINT_STATE, POINT_STAMPED
 from hydro_msgs_docs.middleware import prepare_middleware
@@ -245,15 +245,19 @@ def crane_run() -> SimulatedRun:
 def lay_out() -> Callable[..., Any]:
     """Rows and refitted base of the datasheet's structure, as a diagnosis of a run starts with.
 
-    Takes a run, and those to verify on.
+    Takes a run, those to verify on, and the effects that the robot's file lists.
     """
     from hydro_ident.mismatch.residuals import Residuals, residuals
     from hydro_ident.mismatch.settings import DiagnosisSettings
     from hydro_ident.sources import sources_of
     from hydro_ident.survey import survey_source
 
-    def laid(run: SimulatedRun, others: Sequence[SimulatedRun] = ()) -> Residuals:
-        robot = load_robot("xs031")
+    def laid(
+        run: SimulatedRun,
+        others: Sequence[SimulatedRun] = (),
+        listed: tuple[EffectSpec, ...] = (),
+    ) -> Residuals:
+        robot = replace(load_robot("xs031"), effects=listed)
         sources = sources_of([run.recording()])
         checked = sources_of([one.recording(f"check{k}") for k, one in enumerate(others)])
         surveys = [survey_source(source, robot) for source in (*sources, *checked)]

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from hydro_ident.mismatch.as_listed import relisted
+import numpy as np
+
+from hydro_ident.mismatch.as_listed import LISTED_GAIN, relisted
 from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
 from hydro_ident.mismatch.confirm import Confirmer
 from hydro_ident.mismatch.confirmation import searched, withdrawn
 from hydro_ident.mismatch.dependence import Dependence
 from hydro_ident.mismatch.describe import form_of
+from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitted import Fitted
 from hydro_ident.mismatch.fitting import fit
 from hydro_ident.mismatch.lacking import (
@@ -21,7 +24,7 @@ from hydro_ident.mismatch.lacking import (
 )
 from hydro_ident.mismatch.loads_apart import with_loads
 from hydro_ident.mismatch.name import Search
-from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
+from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve, slower_spool
 from hydro_ident.mismatch.outcome import Finding
 from hydro_ident.mismatch.precision import accuracy_of
 from hydro_ident.mismatch.residuals import Residuals
@@ -84,11 +87,28 @@ def answered(work: Residuals, base: Fitted) -> Answer:
     answer = _answered(work, base, 3)
     odd = None if answer.unknown else odd_valve(work.training, answer.whole)
     if odd is not None:
-        held = held_to_others(work, answer.whole, odd)
-        again = _answered(held, base_to_search(held), 3)
-        kept = answer.names <= again.names and not again.unknown
-        answer = again if kept and explains(again.names, odd) else answer
+        answer = _answered_held(work, answer, odd)
     return replace(answer, unknown=_completed(answer))
+
+
+def _answered_held(work: Residuals, first: Answer, odd: int) -> Answer:
+    """The answer with one valve held to the others, or the first where that is the better one."""
+    held = held_to_others(work, first.whole, odd)
+    again = _answered(held, base_to_search(held), 3)
+    kept = first.names <= again.names and not again.unknown
+    slower = slower_spool(again.work, first.whole, again.whole, odd)
+    if not kept or not explains(again.names, odd) or slower > LISTED_GAIN:
+        return first
+    odds = {SPOOL: float(np.exp(min(0.5 * slower, 0.0)))}
+    found = tuple(
+        replace(f, named=f.named.beside(odds)) if _makes_late(f, odd) else f
+        for f in again.findings
+    )
+    return replace(again, findings=found)
+
+
+def _makes_late(one: Finding, index: int) -> bool:
+    return explains({(one.named.term.effect.name, one.named.term.cylinder)}, index)
 
 
 def base_to_search(work: Residuals) -> Fitted:

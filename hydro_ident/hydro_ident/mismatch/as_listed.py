@@ -22,7 +22,41 @@ from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 
 #: What an effect's shapes have to take out to be changed, five deviations of one squared.
-_GAIN = 25.0
+LISTED_GAIN = 25.0
+
+
+def key_of(term: ActiveEffect) -> tuple[str, str]:
+    """Name and target, which no two effects of a model share.
+
+    Parameters
+    ----------
+    term : ActiveEffect
+    """
+    return term.effect.name, term.target
+
+
+def listed_effects(training: Training) -> dict[tuple[str, str], ActiveEffect]:
+    """Effects of the robot file as they stand there, by name and target.
+
+    Parameters
+    ----------
+    training : Training
+    """
+    return {key_of(one): one for one in resolve(training.predictor.material.robot)}
+
+
+def as_in_file(model: Model, listed: ActiveEffect) -> Model:
+    """A model with the shapes of a listed effect as the robot file has them.
+
+    Parameters
+    ----------
+    model : Model
+    listed : ActiveEffect
+        As listed.
+    """
+    key = key_of(listed)
+    terms = (_with_shapes(t, listed) if key_of(t) == key else t for t in model.terms)
+    return replace(model, terms=tuple(terms))
 
 
 def with_listed(training: Training, start: Model) -> tuple[Training, Fitted]:
@@ -40,7 +74,7 @@ def with_listed(training: Training, start: Model) -> tuple[Training, Fitted]:
         With the effects whose shapes stay.
     base : Fitted
     """
-    shaped = frozenset(_key(term) for term in start.terms if _has_shapes(term))
+    shaped = frozenset(key_of(term) for term in start.terms if _has_shapes(term))
     if not shaped:
         return training, fit(training, start)
     training = replace(training, as_listed=shaped)
@@ -56,9 +90,9 @@ def _gains(training: Training, base: Fitted, key: tuple[str, str]) -> bool:
     """Whether an effect's shapes, when freed, take out more than chance does."""
     free, noise = replace(training, as_listed=training.as_listed - {key}), base.bench.noise
     # What a linear step does not promise, no fit keeps; and most promise nothing.
-    if base.squares - fitted(free, base.model, noise).squares <= _GAIN:
+    if base.squares - fitted(free, base.model, noise).squares <= LISTED_GAIN:
         return False
-    return base.squares - fit(free, base.model, noise).squares > _GAIN
+    return base.squares - fit(free, base.model, noise).squares > LISTED_GAIN
 
 
 def relisted(training: Training, whole: Fitted) -> tuple[Training, Fitted]:
@@ -78,16 +112,14 @@ def relisted(training: Training, whole: Fitted) -> tuple[Training, Fitted]:
     whole : Fitted
         The same where shapes other than those listed take out more than chance does, still.
     """
-    for listed in resolve(training.predictor.material.robot):
-        terms, key = whole.model.terms, _key(listed)
-        at = next((k for k, term in enumerate(terms) if _key(term) == key), None)
-        if at is None or key in training.as_listed or not _has_shapes(terms[at]):
+    for key, listed in listed_effects(training).items():
+        term = next((t for t in whole.model.terms if key_of(t) == key), None)
+        if term is None or key in training.as_listed or not _has_shapes(term):
             continue
-        back = _with_shapes(terms[at], listed)
         held = replace(training, as_listed=training.as_listed | {key})
-        model = replace(whole.model, terms=(*terms[:at], back, *terms[at + 1 :]))
+        model = as_in_file(whole.model, listed)
         fresh = fit(held, model, whole.bench.noise)
-        if fresh.squares - whole.squares <= _GAIN:
+        if fresh.squares - whole.squares <= LISTED_GAIN:
             training, whole = held, fresh
     return training, whole
 
@@ -110,15 +142,11 @@ def as_listed_notes(whole: Fitted, training: Training) -> list[str]:
     kept = [
         f"{term.effect.name} of {term.target} ({', '.join(_shapes(term))})"
         for term in whole.model.terms
-        if _key(term) in training.as_listed
+        if key_of(term) in training.as_listed
     ]
     if not kept:
         return []
     return [f"as the robot file lists them, as nothing here speaks for others: {'; '.join(kept)}"]
-
-
-def _key(term: ActiveEffect) -> tuple[str, str]:
-    return term.effect.name, term.target
 
 
 def _shapes(term: ActiveEffect) -> list[str]:

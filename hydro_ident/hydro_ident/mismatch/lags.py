@@ -58,6 +58,34 @@ def resolved(training: Training, without: Fitted, one: Contender) -> bool:
     return gain < SAME_AS_DELAY * one.gain or excess_s >= LEAST_EXCESS * cycle_s
 
 
+def lag_s(spool: ActiveEffect) -> float:
+    """How late a spool of second order is in slow motion, 2 zeta / omega, in s.
+
+    Parameters
+    ----------
+    spool : ActiveEffect
+    """
+    frequency, damping = _of_spool(spool)
+    return damping / (np.pi * frequency)
+
+
+def lag_slopes(spool: ActiveEffect) -> dict[str, float]:
+    """Slopes of `lag_s` in a spool's own numbers, by their names.
+
+    Parameters
+    ----------
+    spool : ActiveEffect
+    """
+    frequency, damping = _of_spool(spool)
+    of_frequency = -damping / (np.pi * frequency**2)
+    return {"frequency": of_frequency, "damping": 1.0 / (np.pi * frequency)}
+
+
+def _of_spool(spool: ActiveEffect) -> tuple[float, float]:
+    numbers = dict(zip((p.name for p in spool.effect.parameters), spool.parameters, strict=True))
+    return float(numbers["frequency"]), float(numbers["damping"])
+
+
 def base_delay(training: Training, without: Fitted, term: ActiveEffect) -> float:
     """Sum of squares, in units of the noise, of the delay that a base has where a lag is tried.
 

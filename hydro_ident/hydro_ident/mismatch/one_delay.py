@@ -22,7 +22,7 @@ from hydro_ident.mismatch.contest import PASSES, Contest
 from hydro_ident.mismatch.exclusion import SPOOL
 from hydro_ident.mismatch.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting import fit, settled
-from hydro_ident.mismatch.lags import OF_VALVES, resolved
+from hydro_ident.mismatch.lags import OF_VALVES, lag_s, resolved
 from hydro_ident.mismatch.named import Named, named_of
 from hydro_ident.mismatch.prediction import Model
 from hydro_ident.mismatch.scoring import Score, bank_of, score
@@ -112,11 +112,10 @@ def _longer(term: ActiveEffect, model: Model, delay_s: float) -> ActiveEffect:
     names = [spec.name for spec in term.effect.parameters]
     at, damped = names.index("frequency"), names.index("damping")
     parameters = term.parameters.copy()
-    lag_s = parameters[damped] / (np.pi * parameters[at])
-    lag_s += model.delays_s[int(term.cylinder or 0)] - delay_s
+    late_s = lag_s(term) + model.delays_s[int(term.cylinder or 0)] - delay_s
     parameters[damped] = term.effect.parameters[damped].typical
     spec = term.effect.parameters[at]
-    hz = parameters[damped] / (np.pi * max(lag_s, 1.0e-6))
+    hz = parameters[damped] / (np.pi * max(late_s, 1.0e-6))
     parameters[at] = min(max(hz, spec.lower), spec.upper)
     return replace(term, parameters=parameters)
 

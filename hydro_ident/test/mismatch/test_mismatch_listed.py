@@ -14,15 +14,13 @@ from hydro_ident.mismatch.fitting import fit, settled
 from hydro_ident.mismatch.model import robot_of
 from hydro_ident.mismatch.notes import listed_notes
 from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.residuals import Residuals
 from hydro_ident.report.model_parameters import model_rows
-from hydro_ident.sources import sources_of
-from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 
+Make = tuple[Callable[..., Any], Callable[..., Any]]
 LIFT = "lift_cylinder"
 BIAS = EffectSpec("valve_null_bias", "lift_valve", {"bias": 0.02})
 
@@ -32,21 +30,12 @@ def _rubbing(force: float, target: str = LIFT) -> EffectSpec:
 
 
 @pytest.fixture(scope="module")
-def fitted(make_run: tuple[Callable[..., Any], Callable[..., Any]]) -> Callable[..., Residuals]:
+def fitted(make_run: Make, lay_out: Callable[..., Residuals]) -> Callable[..., Residuals]:
     """Refitted base and listed effects, of a crane whose lift rubs with 2500 N."""
     true_crane, simulated_run = make_run
     run = simulated_run(replace(true_crane(), effects=(_rubbing(2500.0),)), 20.0)
 
-    return lambda *listed: _refitted(run, listed)
-
-
-def _refitted(run: Any, listed: tuple[EffectSpec, ...]) -> Residuals:
-    robot = replace(load_robot("xs031"), effects=listed)
-    sources = sources_of([run.recording()])
-    surveys = [survey_source(source, robot) for source in sources]
-    work = residuals(robot, sources, [], surveys, DiagnosisSettings())
-    assert work is not None
-    return work
+    return lambda *listed: lay_out(run, listed=listed)
 
 
 def test_numbers_far_from_the_files_are_told_with_the_files(
@@ -76,9 +65,7 @@ def _lag(hz: float, damping: float, joint: str) -> EffectSpec:
 
 
 @pytest.fixture(scope="module")
-def slow_valves(
-    make_run: tuple[Callable[..., Any], Callable[..., Any]],
-) -> Callable[..., Residuals]:
+def slow_valves(make_run: Make, lay_out: Callable[..., Residuals]) -> Callable[..., Residuals]:
     """Refitted base, of a crane with a quick and a slow spool, its commands 1.4 ms late."""
     true_crane, simulated_run = make_run
     lags = _lag(60.0, 0.9, "lift"), _lag(9.0, 0.8, "tilt")
@@ -88,7 +75,7 @@ def slow_valves(
         for biased in (False, True)
     }
 
-    return lambda *listed, biased=False: _refitted(runs[biased], listed)
+    return lambda *listed, biased=False: lay_out(runs[biased], listed=listed)
 
 
 def test_of_a_quick_spool_the_data_sheet_tells_more_than_a_recording(
