@@ -16,7 +16,7 @@ from hydro_ident.bag.streaming import Piece, cut_recording
 from hydro_ident.estimate.bridging import Stretch, stretches
 from hydro_ident.estimate.traces import traces_of, traces_of_piece
 from hydro_ident.identification import Settings, identify
-from hydro_ident.mismatch.diagnosis import diagnose
+from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.study.synthetic import synthetic_recording
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.contender import at_a_bound
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.describe import variables_of
-from hydro_ident.mismatch.state_space import UNITS
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.state_space import UNITS
+from hydro_ident.mismatch.trials.contender import at_a_bound
+from hydro_ident.mismatch.unnamed.describe import variables_of
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.parameters import effect_unit, viscous_unit
 from hydro_ident.report.unnamed_words import in_words
 from hydro_model.effects import resolve

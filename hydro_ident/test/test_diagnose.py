@@ -16,11 +16,11 @@ import pytest
 import yaml
 
 from hydro_ident.commands.diagnose import main, run, summary_text, write_results
-from hydro_ident.mismatch import minor
-from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.diagnosis_file import finding_dict
-from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.answer import minor
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.outcome import Diagnosis
+from hydro_ident.mismatch.naming.baselines import always_coulomb, greedy_bic
 from hydro_ident.mismatch.settings import DiagnosisSettings
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
@@ -121,7 +121,7 @@ def test_a_number_that_its_error_hides_is_told_as_one(
     assert "no larger than its error" not in summary_text(found)
     hidden = [one | {"std": 2.0 * abs(one["value"])} for one in told]
     monkeypatch.setattr(
-        "hydro_ident.mismatch.diagnosis_file.finding_dict",
+        "hydro_ident.mismatch.answer.diagnosis_file.finding_dict",
         lambda *_: whole | {"parameters": hidden},
     )
     lines = [line for line in summary_text(found).splitlines() if "+-" in line]

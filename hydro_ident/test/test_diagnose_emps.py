@@ -16,8 +16,8 @@ import yaml
 from scipy.io import loadmat
 
 from hydro_ident.commands.convert import run as convert
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.sources import bag_source
 from hydro_model.robot_files import load_robot
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.diagnosis_file import finding_dict
-from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot
 

@@ -16,8 +16,8 @@ from hydro_ident.bag.log_file import read_log
 from hydro_ident.bag.reading_rate import look_twice
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import run as convert
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.sources import bag_source
 from hydro_model.cylinder import lever, stroke
 from hydro_model.robot_files import load_robot, shipped_robots

@@ -15,7 +15,7 @@ from hydro_ident.estimate.inertial import fit_inertial, force_model
 from hydro_ident.estimate.late_forces import late_rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.laying import material_of
+from hydro_ident.mismatch.rows.laying import material_of
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot

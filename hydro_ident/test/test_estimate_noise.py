@@ -16,7 +16,7 @@ from hydro_ident.estimate.inertial import force_model
 from hydro_ident.estimate.noise import encoder_noise, flow_noise, force_noise
 from hydro_ident.estimate.signal_survey import Sensor, SignalSurvey
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.mismatch.shots import sensor_noise
+from hydro_ident.mismatch.modelling.shots import sensor_noise
 from hydro_ident.survey import still_joints_of
 from hydro_model.robot import Robot
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.few_periods import POSITIONS
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.few_periods import POSITIONS
+from hydro_ident.mismatch.locating.locate import dependences
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
-from hydro_ident.mismatch.unknown import unexplained
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.unnamed.unknown import unexplained
+from hydro_ident.mismatch.verifying.confirm import Confirmer
 from hydro_model.robot import Robot
 
 PERIODS, MANY, SWING_RAD = 5.0, 40.0, 2.0e-4

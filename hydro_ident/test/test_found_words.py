@@ -63,7 +63,7 @@ def test_one_that_may_ring_is_told_by_its_own_numbers() -> None:
 
 def test_text_and_report_give_it(monkeypatch: pytest.MonkeyPatch) -> None:
     data = _finding(24.42, 2.544)
-    for module in ("mismatch.diagnosis_file", "report.model_parameters"):
+    for module in ("mismatch.answer.diagnosis_file", "report.model_parameters"):
         monkeypatch.setattr(f"hydro_ident.{module}.finding_dict", lambda *_: data)
     found: Any = SimpleNamespace(channels=())
     lines = _finding_lines(found, None)  # type: ignore[arg-type]

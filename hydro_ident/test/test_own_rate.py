@@ -15,8 +15,8 @@ from hydro_ident.bag.streaming import map_columns
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import traces_of_piece
 from hydro_ident.health import find_irregularities
-from hydro_ident.mismatch.choices import Choices, choices_of
-from hydro_ident.mismatch.residuals import own_forces
+from hydro_ident.mismatch.rows.choices import Choices, choices_of
+from hydro_ident.mismatch.split.residuals import own_forces
 from hydro_ident.sources import MemorySource
 from hydro_model.robot_files import load_robot
 

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import summary_text
-from hydro_ident.mismatch import residuals
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.diagnosis_file import as_modelled, result_json
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.not_testable import NotTestable
-from hydro_ident.mismatch.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, result_json
+from hydro_ident.mismatch.answer.not_testable import NotTestable
+from hydro_ident.mismatch.answer.outcome import NO_IMPROVEMENT, UNKNOWN, Diagnosis
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.split import residuals
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import law_views

@@ -11,11 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.describe import Form, Value, form_text
-from hydro_ident.mismatch.forms import KINDS
-from hydro_ident.mismatch.outcome import (
+from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
     MATCHES,
     PARTLY,
@@ -23,8 +19,12 @@ from hydro_ident.mismatch.outcome import (
     ChannelResult,
     Diagnosis,
 )
-from hydro_ident.mismatch.state_space import UNITS
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.forms import KINDS
+from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.state_space import UNITS
+from hydro_ident.mismatch.unnamed.describe import Form, Value, form_text
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows
 from hydro_ident.report.diagnosis_verdict import _next, diagnosis_verdict
 from hydro_ident.report.unnamed_words import in_words, unnamed_part

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.refined_robot import Refinable
-from hydro_ident.mismatch.refinement import Refinement, refine
-from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.zeros import of_zeros
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.modelling.refined_robot import Refinable
+from hydro_ident.mismatch.modelling.refinement import Refinement, refine
+from hydro_ident.mismatch.modelling.shooting import Solution, Unknowns, shoot
 from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
-from hydro_ident.mismatch.shooting import Solution, Unknowns, shoot
-from hydro_ident.mismatch.zeros import of_zeros
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve

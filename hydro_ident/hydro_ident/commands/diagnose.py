@@ -15,7 +15,7 @@ from hydro_model.output import STDOUT, add_json, report
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.mismatch.outcome import Diagnosis, Finding
+    from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
     from hydro_ident.results import Provenance
 
 _EPILOG = """\
@@ -101,9 +101,9 @@ def diagnosed(options: argparse.Namespace) -> tuple[int, Diagnosis]:
         The robot file says what cannot be.
     """
     from hydro_ident.earlier_result import earlier_result
-    from hydro_ident.mismatch.diagnosis import diagnose
-    from hydro_ident.mismatch.diagnosis_file import result_dict
-    from hydro_ident.mismatch.outcome import NOT_ENOUGH
+    from hydro_ident.mismatch.answer.diagnosis import diagnose
+    from hydro_ident.mismatch.answer.diagnosis_file import result_dict
+    from hydro_ident.mismatch.answer.outcome import NOT_ENOUGH
     from hydro_ident.mismatch.settings import DiagnosisSettings, RefineSettings
     from hydro_ident.optional import say_if_no_report
     from hydro_ident.origin import provenance
@@ -158,7 +158,7 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
     IdentError
         The folder cannot be written; what was there stays.
     """
-    from hydro_ident.mismatch.diagnosis_file import result_json
+    from hydro_ident.mismatch.answer.diagnosis_file import result_json
     from hydro_ident.model_file import write_model
     from hydro_ident.optional import installed
     from hydro_ident.report.diagnosis_report import report_html
@@ -181,8 +181,8 @@ def write_results(found: Diagnosis, origin: Provenance, folder: Path) -> None:
 def summary_text(found: Diagnosis) -> str:
     """The result as lines for the terminal."""
     from hydro_ident.everyday_units import bracketed, told
-    from hydro_ident.mismatch.describe import each_form, form_text
-    from hydro_ident.mismatch.diagnosis_file import channel_dict
+    from hydro_ident.mismatch.answer.diagnosis_file import channel_dict
+    from hydro_ident.mismatch.unnamed.describe import each_form, form_text
     from hydro_ident.validation_results import rollout_lines
 
     lines = [f"verdict: {found.verdict}"]
@@ -211,7 +211,7 @@ def summary_text(found: Diagnosis) -> str:
 def _finding_lines(found: Diagnosis, one: Finding) -> list[str]:
     """A finding: its names, the law in the model, its numbers and what held-out rows say."""
     from hydro_ident.everyday_units import bracketed, told
-    from hydro_ident.mismatch.diagnosis_file import finding_dict
+    from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
     from hydro_ident.report.found_words import corners, law_in_model
 
     data = finding_dict(found, one)

@@ -6,7 +6,7 @@ twice a second would have nothing left. Over a short hole positions, pressures a
 along the cubic through the two readings at either side (Lagrange's polynomial), whose error is
 (w h)^4 3 / 128 of what swings at w, over an interval h between readings: 6e-6 at 5 Hz and 4 ms, a
 lost cycle of 2 ms. What a valve was told meanwhile is not known, and stays unknown
-(`mismatch.lost_signals`).
+(`mismatch.rows.lost_signals`).
 """
 
 from __future__ import annotations

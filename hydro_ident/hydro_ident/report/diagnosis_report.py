@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from hydro_ident.everyday_units import told
-from hydro_ident.mismatch.diagnosis_file import finding_dict
-from hydro_ident.mismatch.outcome import Diagnosis, Finding
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.outcome import Diagnosis, Finding
 from hydro_ident.report.correlation_section import correlation_section
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.report.diagnosis_views import diagnosis_rows, law_views

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.diagnosis_file import finding_dict
-from hydro_ident.mismatch.outcome import (
+from hydro_ident.mismatch.answer.diagnosis_file import finding_dict
+from hydro_ident.mismatch.answer.outcome import (
     EXPLAINED,
     MATCHES,
     NO_IMPROVEMENT,
@@ -17,6 +16,7 @@ from hydro_ident.mismatch.outcome import (
     Diagnosis,
     Finding,
 )
+from hydro_ident.mismatch.rows.channel_words import ChannelWords
 from hydro_ident.report.channel_rows import ChannelRows
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.found_words import corners, law_in_model, not_shown

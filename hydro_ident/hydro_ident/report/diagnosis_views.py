@@ -9,16 +9,16 @@ import numpy as np
 
 from hydro_ident.estimate.rows import BoolArray
 from hydro_ident.everyday_units import told
-from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.dependence import Dependence, alone, beyond_base, values_of
-from hydro_ident.mismatch.diagnosis_file import as_modelled, channel_dict, finding_dict
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.lines import waves
-from hydro_ident.mismatch.outcome import ChannelResult, Diagnosis, Finding
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.state_space import SIGNALS, factors_of, row_values
-from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, channel_dict, finding_dict
+from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.locating.dependence import Dependence, alone, beyond_base, values_of
+from hydro_ident.mismatch.locating.lines import waves
+from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.state_space import SIGNALS, factors_of, row_values
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.report.channel_rows import ChannelRows, channel_rows, joint_speed
 from hydro_ident.report.figure import axis_title
 from hydro_ident.report.law_section import LawView

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.mismatch.not_testable import NotTestable
-from hydro_ident.mismatch.outcome import Diagnosis
+from hydro_ident.mismatch.answer.not_testable import NotTestable
+from hydro_ident.mismatch.answer.outcome import Diagnosis
 
 
 def law_in_model(data: Mapping[str, Any]) -> str:

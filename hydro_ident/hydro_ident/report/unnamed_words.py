@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from hydro_ident.everyday_units import told
-from hydro_ident.mismatch.channel_words import ChannelWords
-from hydro_ident.mismatch.describe import Form, each_form
-from hydro_ident.mismatch.outcome import Diagnosis
-from hydro_ident.mismatch.state_space import OF_READINGS
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.answer.outcome import Diagnosis
+from hydro_ident.mismatch.rows.channel_words import ChannelWords
+from hydro_ident.mismatch.rows.state_space import OF_READINGS
+from hydro_ident.mismatch.unnamed.describe import Form, each_form
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_ident.report.figure import unit_text
 from hydro_ident.report.page import also, folded, number, percent, table, written
 
@@ -30,7 +30,8 @@ _THINGS = {
 }
 #: Where something is that repeats over a place.
 _PLACES = {"piston_position": " of the {joint} {part}", "joint_angle": " of the {joint} joint"}
-#: Short forms (`mismatch.forms`) in words, of a thing and the form's own size, place or period.
+#: Short forms (`mismatch.locating.forms`) in words, of a thing and the form's own size, place or
+#: period.
 _FORMS = {
     "constant": "is there all along",
     "linear": "grows with {thing}",

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 from hydro_model.command import run_command
 
 if TYPE_CHECKING:
-    from hydro_ident.mismatch.baselines import BaselineFinding
-    from hydro_ident.mismatch.residuals import Residuals
+    from hydro_ident.mismatch.naming.baselines import BaselineFinding
+    from hydro_ident.mismatch.split.residuals import Residuals
 
 BASELINES_FILE, TIMES_FILE = "baselines.json", "times.json"
 
@@ -59,7 +59,7 @@ def baselines_of(work: Residuals | None) -> dict[str, Any]:
     """
     import numpy as np
 
-    from hydro_ident.mismatch.baselines import always_coulomb, greedy_bic
+    from hydro_ident.mismatch.naming.baselines import always_coulomb, greedy_bic
 
     chosen: dict[str, Callable[[Residuals], tuple[BaselineFinding, ...]]] = {
         "greedy_bic": greedy_bic,

@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.mismatch.candidates import Trial, trials
-from hydro_ident.mismatch.chance import overdispersion
-from hydro_ident.mismatch.contest import CONTENDER_SHARE, CONTENDERS
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting import fit, fit_term
-from hydro_ident.mismatch.instants import at_own_instants
-from hydro_ident.mismatch.name import Searcher
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.scoring import Score, bank_of, score
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting.fitting import fit, fit_term
+from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.fitting.whitening import Noise
+from hydro_ident.mismatch.naming.contest import CONTENDER_SHARE, CONTENDERS
+from hydro_ident.mismatch.naming.instants import at_own_instants
+from hydro_ident.mismatch.naming.name import Searcher
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.training import Training
-from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.mismatch.trials.candidates import Trial, trials
+from hydro_ident.mismatch.trials.chance import overdispersion
+from hydro_ident.mismatch.trials.scoring import Score, bank_of, score
 from hydro_ident.sources import bag_source
 from hydro_ident.study.summary import STRONG
 from hydro_ident.survey import survey_source

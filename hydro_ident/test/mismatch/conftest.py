@@ -12,10 +12,10 @@ from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.training import start_model
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.rows.laying import material_of
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.contenders import behind
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.name import _sibling
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.naming.contenders import behind
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.name import _sibling
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.candidates import trials
+from hydro_ident.mismatch.trials.contender import Contender
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

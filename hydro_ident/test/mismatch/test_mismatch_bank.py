@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.scoring import Bank, Entry, bank_of
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.scoring import Bank, Entry, bank_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

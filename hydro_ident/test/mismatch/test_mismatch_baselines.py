@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.baselines import _channel
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.naming.baselines import _channel
 
 ROWS = 500
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.agreement import fitted_there
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.verify import Verification, verify
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.verifying.agreement import fitted_there
+from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot

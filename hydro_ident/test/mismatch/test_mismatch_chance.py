@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.mismatch.bench import Bench, Partial
-from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.chance import chances, foremost, reached, signs
-from hydro_ident.mismatch.contender import Contender, at_a_bound
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.scoring import Entry, Score, score
+from hydro_ident.mismatch.fitting.bench import Bench, Partial
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.settings import SEED
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.trials.candidates import Trial
+from hydro_ident.mismatch.trials.chance import chances, foremost, reached, signs
+from hydro_ident.mismatch.trials.contender import Contender, at_a_bound
+from hydro_ident.mismatch.trials.scoring import Entry, Score, score
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.confirmation import searched
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.rests import moving_rows
-from hydro_ident.mismatch.slopes import start_at
-from hydro_ident.mismatch.training import Training, start_model
+from hydro_ident.mismatch.answer.confirmation import searched
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.slopes import start_at
+from hydro_ident.mismatch.fitting.training import Training, start_model
+from hydro_ident.mismatch.rows.prediction import Predictor
+from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 

@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.constancy import COMES_AND_GOES, inconstancy
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.flaws import Flaws, swinging
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.precision import measured_size
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.locating.flaws import Flaws, swinging
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.locating.precision import measured_size
+from hydro_ident.mismatch.naming.named import named_of
 from hydro_ident.mismatch.settings import FAMILY_ERROR, PRECISION_UNNAMED
-from hydro_ident.mismatch.unknown import Unexplained, unexplained
-from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.wavering import (
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.constancy import COMES_AND_GOES, inconstancy
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.unnamed.unknown import Unexplained, unexplained
+from hydro_ident.mismatch.unnamed.wavering import (
     Wavering,
     _chance,
     _direction,
@@ -30,7 +29,8 @@ from hydro_ident.mismatch.wavering import (
     _wavering,
     wavering,
 )
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.verifying.confirm import Confirmer
+from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

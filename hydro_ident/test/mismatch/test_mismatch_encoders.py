@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.mismatch import encoders
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.encoders import Encoders
-from hydro_ident.mismatch.fit_starts import Starts
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.scoring import Bank, score
+from hydro_ident.mismatch.locating import encoders
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.encoders import Encoders
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.fit_starts import Starts
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.trials.scoring import Bank, score
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.lacking import distance, lacking, lacking_elsewhere
-from hydro_ident.mismatch.notes import apart, apart_notes
-from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.precision import accuracy_of
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.lacking import distance, lacking, lacking_elsewhere
+from hydro_ident.mismatch.answer.notes import apart, apart_notes
+from hydro_ident.mismatch.answer.outcome import ChannelResult
+from hydro_ident.mismatch.locating.precision import accuracy_of
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.robot import EffectSpec, Robot
 
 TIMES = np.arange(4000.0) * 0.05

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.contenders import behind, leading
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting import fit, fit_term, settled
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting.fitting import fit, fit_term, settled
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.contenders import behind, leading
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
 from hydro_ident.report.model_parameters import model_rows
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
@@ -148,5 +148,5 @@ def test_a_step_that_leads_nowhere_is_taken_nearer(
 
     least = left(known)
     assert left(start) < 1.02 * least
-    monkeypatch.setattr("hydro_ident.mismatch.fitting._SHARES", (1.0,))
+    monkeypatch.setattr("hydro_ident.mismatch.fitting.fitting._SHARES", (1.0,))
     assert left(start) > 1.1 * least

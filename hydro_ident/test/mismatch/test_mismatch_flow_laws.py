@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.flow_laws import looks_at_valve
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.rests import moving_rows
-from hydro_ident.mismatch.slopes import slopes_at, start_at
-from hydro_ident.mismatch.training import Training, start_model
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.slopes import slopes_at, start_at
+from hydro_ident.mismatch.fitting.training import Training, start_model
+from hydro_ident.mismatch.rows.flow_laws import looks_at_valve
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.rests import moving_rows
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.effect import Stage
 from hydro_model.effects.targets import ActiveEffect

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.traces import Trace, traces_of
-from hydro_ident.mismatch import residuals as steps
-from hydro_ident.mismatch.choices import Choices
-from hydro_ident.mismatch.diagnosis_file import result_dict
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
-from hydro_ident.mismatch.parts import spread_parts, thinly
-from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.answer.diagnosis_file import result_dict
+from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.training import Training
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.settings import PART_S, DiagnosisSettings
-from hydro_ident.mismatch.training import Training
+from hydro_ident.mismatch.split import residuals as steps
+from hydro_ident.mismatch.split.parts import spread_parts, thinly
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.report.diagnosis_views import law_views
 from hydro_ident.results import Provenance
 from hydro_ident.sources import sources_of

@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 
 from hydro_ident.commands.diagnose import summary_text
-from hydro_ident.mismatch.agreement import untold
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.contender import Contender, shape_at_a_bound
-from hydro_ident.mismatch.describe import form_of, form_text
-from hydro_ident.mismatch.diagnosis import _too_little, diagnose
-from hydro_ident.mismatch.diagnosis_file import result_dict
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.named import Named, named_of, untold_by_few
-from hydro_ident.mismatch.outcome import Diagnosis
-from hydro_ident.mismatch.prediction import Predictor
-from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.answer.diagnosis import _too_little, diagnose
+from hydro_ident.mismatch.answer.diagnosis_file import result_dict
+from hydro_ident.mismatch.answer.outcome import Diagnosis
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.naming.named import Named, named_of, untold_by_few
+from hydro_ident.mismatch.naming.worth import bears, in_reach
+from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.unknown import unexplained
-from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.worth import bears, in_reach
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.mismatch.trials.contender import Contender, shape_at_a_bound
+from hydro_ident.mismatch.unnamed.describe import form_of, form_text
+from hydro_ident.mismatch.unnamed.unknown import unexplained
+from hydro_ident.mismatch.verifying.agreement import untold
+from hydro_ident.mismatch.verifying.confirm import Confirmer
+from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_ident.report.diagnosis_report import report_html
 from hydro_ident.report.page import number, written
 from hydro_ident.results import Provenance

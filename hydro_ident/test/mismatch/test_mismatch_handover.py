@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from hydro_ident.mismatch.handover import handed_over
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.skew import least_skew
+from hydro_ident.mismatch.fitting.handover import handed_over
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.skew import least_skew
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 

@@ -11,22 +11,22 @@ import pytest
 from scipy.stats import norm
 
 from hydro_ident.commands.diagnose import summary_text
-from hydro_ident.mismatch.channel_results import channels_of
-from hydro_ident.mismatch.check import Check
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.diagnosis import _verdict
-from hydro_ident.mismatch.diagnosis_file import result_dict
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.held_out import STANDS, HeldOut
-from hydro_ident.mismatch.looks import Look, looked, missed, objection
-from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.notes import silent_notes, unverified_notes
-from hydro_ident.mismatch.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.channel_results import channels_of
+from hydro_ident.mismatch.answer.diagnosis import _verdict
+from hydro_ident.mismatch.answer.diagnosis_file import result_dict
+from hydro_ident.mismatch.answer.notes import silent_notes, unverified_notes
+from hydro_ident.mismatch.answer.outcome import MATCHES, NO_IMPROVEMENT, PARTLY, Diagnosis, Finding
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.whitening import Noise
+from hydro_ident.mismatch.naming.named import Named, named_of
 from hydro_ident.mismatch.settings import FAMILY_ERROR_UNNAMED
-from hydro_ident.mismatch.verify import Verification, verify
-from hydro_ident.mismatch.whitening import Noise
+from hydro_ident.mismatch.split.check import Check
+from hydro_ident.mismatch.split.held_out import STANDS, HeldOut
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.verifying.looks import Look, looked, missed, objection
+from hydro_ident.mismatch.verifying.verify import Verification, verify
 from hydro_ident.report.diagnosis_verdict import diagnosis_verdict
 from hydro_ident.results import Provenance
 from hydro_model.effects.catalogue import resolve

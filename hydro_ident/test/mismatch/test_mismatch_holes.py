@@ -14,12 +14,12 @@ from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, last_known, traces_of
-from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.lost_signals import LATEST_S, held_signal
-from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.telling import telling
-from hydro_ident.mismatch.training import start_model
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.rows.laying import material_of
+from hydro_ident.mismatch.rows.lost_signals import LATEST_S, held_signal
+from hydro_ident.mismatch.rows.material import Material
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.telling import telling
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.rests import moving_rows
-from hydro_ident.mismatch.scoring import Bank
-from hydro_ident.mismatch.training import start_model
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_ident.mismatch.trials.scoring import Bank
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 

@@ -9,28 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch import verify as verify_module
-from hydro_ident.mismatch.channel_results import channels_of, rows_of_training
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.instants import at_own_instants, begun, both_at_own_instants
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.notes import instant_notes
-from hydro_ident.mismatch.onset import beginning, begins
-from hydro_ident.mismatch.outcome import MATCHES
-from hydro_ident.mismatch.places import ends_of, instants_of
-from hydro_ident.mismatch.precision import least_unconfirmed
-from hydro_ident.mismatch.refinement import refine
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.notes import instant_notes
+from hydro_ident.mismatch.answer.outcome import MATCHES
+from hydro_ident.mismatch.answer.spoilt import sides_of
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.locating.precision import least_unconfirmed
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.modelling.refinement import refine
+from hydro_ident.mismatch.naming.instants import at_own_instants, begun, both_at_own_instants
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.naming.worth import worthy
+from hydro_ident.mismatch.rows.onset import beginning, begins
 from hydro_ident.mismatch.settings import RefineSettings
-from hydro_ident.mismatch.spoilt import sides_of
-from hydro_ident.mismatch.verify import verify
-from hydro_ident.mismatch.worth import worthy
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.trials.places import ends_of, instants_of
+from hydro_ident.mismatch.verifying import verify as verify_module
+from hydro_ident.mismatch.verifying.confirm import Confirmer
+from hydro_ident.mismatch.verifying.verify import verify
 from hydro_model.effects.catalogue import end_s, resolve, start_s
 from hydro_model.robot import EffectSpec, FloatArray, Robot
 from hydro_model.robot_files import load_robot

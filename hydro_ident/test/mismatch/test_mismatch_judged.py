@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.held_out import STANDS
-from hydro_ident.mismatch.judging import judged, vague
-from hydro_ident.mismatch.looks import SHOWN, Look
-from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.notes import left_notes
-from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.spoilt import _spoils
+from hydro_ident.mismatch.answer.notes import left_notes
+from hydro_ident.mismatch.answer.outcome import ChannelResult
+from hydro_ident.mismatch.answer.spoilt import _spoils
+from hydro_ident.mismatch.naming.named import Named, named_of
+from hydro_ident.mismatch.split.held_out import STANDS
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.verifying.judging import judged, vague
+from hydro_ident.mismatch.verifying.looks import SHOWN, Look
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.answering import answered, base_to_search
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.lags import lag_s
-from hydro_ident.mismatch.odd_valve import odd_valve
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.answering import answered, base_to_search
+from hydro_ident.mismatch.answer.odd_valve import odd_valve
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.naming.lags import lag_s
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot
 

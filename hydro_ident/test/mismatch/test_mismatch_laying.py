@@ -13,12 +13,12 @@ from hydro_ident.bag.recording import Recording
 from hydro_ident.estimate.chambers import WindowSettings
 from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.traces import traces_of
-from hydro_ident.mismatch.diagnosis import diagnose
-from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.outcome import EXPLAINED, PARTLY
-from hydro_ident.mismatch.residuals import own_forces, residuals
+from hydro_ident.mismatch.answer.diagnosis import diagnose
+from hydro_ident.mismatch.answer.outcome import EXPLAINED, PARTLY
+from hydro_ident.mismatch.rows.laying import material_of
+from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.split.residuals import own_forces, residuals
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.robot import EffectSpec, Robot

@@ -11,15 +11,15 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.confirm import Confirmer
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.describe import form_of
-from hydro_ident.mismatch.locate import dependences
-from hydro_ident.mismatch.periodic import Lines
-from hydro_ident.mismatch.residuals import Residuals, residuals
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.locating.periodic import Lines
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.mismatch.unnamed.describe import form_of
+from hydro_ident.mismatch.verifying.confirm import Confirmer
 from hydro_ident.report.diagnosis_views import _dependence_view
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-from hydro_ident.mismatch.answering import answered, base_to_search
-from hydro_ident.mismatch.as_listed import as_listed_notes, relisted
-from hydro_ident.mismatch.fitting import fit, settled
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.notes import listed_notes
-from hydro_ident.mismatch.outcome import MATCHES, Diagnosis
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.answering import answered, base_to_search
+from hydro_ident.mismatch.answer.notes import listed_notes
+from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
+from hydro_ident.mismatch.fitting.as_listed import as_listed_notes, relisted
+from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.report.model_parameters import model_rows
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec

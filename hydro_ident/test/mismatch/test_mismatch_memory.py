@@ -11,10 +11,10 @@ from weakref import WeakSet
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fitted import fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.fitted import fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
 from hydro_model.robot import Robot
 
 ROWS, COLUMNS = 60_000, 40

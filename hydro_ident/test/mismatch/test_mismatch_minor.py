@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch import minor
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.minor import is_minor, minor_notes, parted, parted_unknown
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.outcome import ChannelResult, Finding
-from hydro_ident.mismatch.unknown import Unexplained
+from hydro_ident.mismatch.answer import minor
+from hydro_ident.mismatch.answer.minor import is_minor, minor_notes, parted, parted_unknown
+from hydro_ident.mismatch.answer.outcome import ChannelResult, Finding
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.agreement import fitted_there
-from hydro_ident.mismatch.answering import answered
-from hydro_ident.mismatch.confirmation import searched
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.lags import OF_VALVES
-from hydro_ident.mismatch.odd_valve import explains, held_to_others, odd_valve
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.answer.answering import answered
+from hydro_ident.mismatch.answer.confirmation import searched
+from hydro_ident.mismatch.answer.odd_valve import explains, held_to_others, odd_valve
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.naming.lags import OF_VALVES
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.verifying.agreement import fitted_there
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

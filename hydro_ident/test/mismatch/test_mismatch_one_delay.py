@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.confirmation import searched
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitted import Fitted, fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.lags import OF_VALVES, resolved
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.name import Searcher
-from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.one_delay import as_one_delay, from_one_delay
-from hydro_ident.mismatch.prediction import Model
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.revision import Revision
+from hydro_ident.mismatch.answer.confirmation import searched
+from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.lags import OF_VALVES, resolved
+from hydro_ident.mismatch.naming.name import Searcher
+from hydro_ident.mismatch.naming.named import Named, named_of
+from hydro_ident.mismatch.naming.one_delay import as_one_delay, from_one_delay
+from hydro_ident.mismatch.naming.revision import Revision
+from hydro_ident.mismatch.rows.prediction import Model
 from hydro_ident.mismatch.settings import DiagnosisSettings
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve

@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.onset import Sight, beginning, begins, ending, ends, settled, standing
+from hydro_ident.mismatch.rows.onset import (
+    Sight,
+    beginning,
+    begins,
+    ending,
+    ends,
+    settled,
+    standing,
+)
 from hydro_model.effects.catalogue import acting_share, resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, FloatArray

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.candidates import Trial
-from hydro_ident.mismatch.chance import chance_of, p_value, signs
-from hydro_ident.mismatch.pairs import best_pair
-from hydro_ident.mismatch.scoring import Entry, Score, score
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.naming.pairs import best_pair
+from hydro_ident.mismatch.trials.candidates import Trial
+from hydro_ident.mismatch.trials.chance import chance_of, p_value, signs
+from hydro_ident.mismatch.trials.scoring import Entry, Score, score
 from hydro_model.effects.catalogue import CATALOGUE
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import FloatArray

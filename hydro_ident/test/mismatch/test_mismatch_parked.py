@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.cylinder import lever
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot

@@ -11,10 +11,10 @@ import pytest
 from hydro_ident.estimate.rows import Rows
 from hydro_ident.estimate.scores import HoldOut
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.choices import Choices
-from hydro_ident.mismatch.parts import hardly_held, split_of, spread_parts
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.settings import LONGEST_S, LONGEST_SCAN_S
+from hydro_ident.mismatch.split.parts import hardly_held, split_of, spread_parts
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_ident.rollout_windows import Piece, windows
 
 STEP_S = 0.02

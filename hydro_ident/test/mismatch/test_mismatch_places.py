@@ -11,21 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.diagnosis import _doubtful, _hardly_better, diagnose
-from hydro_ident.mismatch.held_out import rms
-from hydro_ident.mismatch.name import Searcher
-from hydro_ident.mismatch.outcome import ChannelResult
-from hydro_ident.mismatch.places import (
+from hydro_ident.mismatch.answer.diagnosis import _doubtful, _hardly_better, diagnose
+from hydro_ident.mismatch.answer.outcome import ChannelResult
+from hydro_ident.mismatch.fitting.stepping import given_steps, is_free
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.naming.name import Searcher
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.candidates import trials
+from hydro_ident.mismatch.trials.places import (
     bounded_bend,
     bounded_bodies,
     bounded_tilt,
     stations,
     tilts,
 )
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.stepping import given_steps, is_free
-from hydro_ident.mismatch.training import start_model
 from hydro_model.cylinder import stroke
 from hydro_model.effects.bending import usual_inertia
 from hydro_model.effects.catalogue import CATALOGUE, resolve

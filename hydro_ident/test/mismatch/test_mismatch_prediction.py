@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.law_signals import dry_rows
-from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.modelled import on_signals
-from hydro_ident.mismatch.parts import spread_parts
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.rests import moving_rows
-from hydro_ident.mismatch.shaping import Signals
-from hydro_ident.mismatch.slopes import start_at
-from hydro_ident.mismatch.stepping import moved
-from hydro_ident.mismatch.testable import untestable
-from hydro_ident.mismatch.training import Training, start_model
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.fitting.slopes import start_at
+from hydro_ident.mismatch.fitting.stepping import moved
+from hydro_ident.mismatch.fitting.training import Training, start_model
+from hydro_ident.mismatch.rows.law_signals import dry_rows
+from hydro_ident.mismatch.rows.laying import material_of
+from hydro_ident.mismatch.rows.modelled import on_signals
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.rests import moving_rows
+from hydro_ident.mismatch.rows.shaping import Signals
+from hydro_ident.mismatch.rows.testable import untestable
+from hydro_ident.mismatch.split.parts import spread_parts
+from hydro_ident.mismatch.trials.candidates import trials
 from hydro_model.cylinder import lever
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect

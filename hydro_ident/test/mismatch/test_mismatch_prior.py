@@ -11,17 +11,23 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.closed_chain import expected_sizes
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitted import fitted
-from hydro_ident.mismatch.fitting import _owned, fit
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.prior import Prior, fixed_prior, left_open, open_notes, parts_prior
-from hydro_ident.mismatch.residuals import Residuals, own_forces
-from hydro_ident.mismatch.ripple import held_ripple, in_step, known_ripple
-from hydro_ident.mismatch.training import start_model
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.fitted import fitted
+from hydro_ident.mismatch.fitting.fitting import _owned, fit
+from hydro_ident.mismatch.fitting.prior import (
+    Prior,
+    fixed_prior,
+    left_open,
+    open_notes,
+    parts_prior,
+)
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.rows.ripple import held_ripple, in_step, known_ripple
+from hydro_ident.mismatch.split.residuals import Residuals, own_forces
+from hydro_ident.mismatch.trials.candidates import trials
 from hydro_ident.model_file import write_model
 from hydro_model.base_parameters import base_map, with_base
 from hydro_model.effects.catalogue import resolve

@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from hydro_ident.mismatch.held_out import STANDS
-from hydro_ident.mismatch.products import (
+from hydro_ident.mismatch.split.held_out import STANDS
+from hydro_ident.mismatch.trials.products import (
     _beyond_flips,
     chance,
     chance_beside,

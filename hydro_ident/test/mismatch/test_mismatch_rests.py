@@ -12,13 +12,13 @@ from hydro_ident.estimate.derivatives import FilterSettings
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace
-from hydro_ident.mismatch.choices import Choices, choices_of
-from hydro_ident.mismatch.few_motions import FewMotions
-from hydro_ident.mismatch.laying import material_of
-from hydro_ident.mismatch.material import Material
-from hydro_ident.mismatch.parts import spread_parts
-from hydro_ident.mismatch.rests import motions_in, moving_rows, usual_size
-from hydro_ident.mismatch.testable import untestable
+from hydro_ident.mismatch.naming.few_motions import FewMotions
+from hydro_ident.mismatch.rows.choices import Choices, choices_of
+from hydro_ident.mismatch.rows.laying import material_of
+from hydro_ident.mismatch.rows.material import Material
+from hydro_ident.mismatch.rows.rests import motions_in, moving_rows, usual_size
+from hydro_ident.mismatch.rows.testable import untestable
+from hydro_ident.mismatch.split.parts import spread_parts
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.robot import EffectSpec, Robot

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.name import Searcher
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.revision import Revision
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.naming.name import Searcher
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.naming.revision import Revision
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

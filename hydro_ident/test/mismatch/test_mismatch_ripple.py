@@ -13,12 +13,12 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from hydro_ident.estimate.force_rows import force_model
 from hydro_ident.estimate.signal_survey import SignalSurvey
 from hydro_ident.estimate.traces import Trace, traces_of
-from hydro_ident.mismatch.choices import Choices, choices_of
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.ripple import ripple_force, ripple_name
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.rows.choices import Choices, choices_of
+from hydro_ident.mismatch.rows.ripple import ripple_force, ripple_name
+from hydro_ident.mismatch.rows.telling import within
 from hydro_ident.mismatch.settings import DiagnosisSettings
-from hydro_ident.mismatch.telling import within
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.cylinder import chamber_volumes

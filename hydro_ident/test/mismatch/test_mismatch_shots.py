@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.mismatch.shots import Shots
+from hydro_ident.mismatch.modelling.shots import Shots
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 

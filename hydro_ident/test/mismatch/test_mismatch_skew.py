@@ -15,24 +15,24 @@ from hydro_ident.estimate.derivatives import (
     motion,
     smooth_rates,
 )
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.contest import Contest
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit, settled
-from hydro_ident.mismatch.lacking import readings_apart
-from hydro_ident.mismatch.lags import resolved
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.residuals import Residuals, residuals
-from hydro_ident.mismatch.scoring import score
-from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
-from hydro_ident.mismatch.skew import (
+from hydro_ident.mismatch.answer.lacking import readings_apart
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit, settled
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.lags import resolved
+from hydro_ident.mismatch.rows.skew import (
     TORQUES,
     is_unnamed,
     largest_skew,
     skew_name,
     usual_skew,
 )
-from hydro_ident.mismatch.training import start_model
+from hydro_ident.mismatch.settings import LEAST_CYCLES, DiagnosisSettings
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.trials.scoring import score
 from hydro_ident.sources import sources_of
 from hydro_ident.survey import survey_source
 from hydro_model.effects.catalogue import resolve

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.mismatch import slowness
-from hydro_ident.mismatch.choices import Choices
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.fitting import slowness
+from hydro_ident.mismatch.rows.choices import Choices
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.simulate import simulate
 
 STEP_S, SECONDS = 0.002, 60.0

@@ -7,11 +7,11 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.chance import p_value, signs
-from hydro_ident.mismatch.scoring import best_subset
-from hydro_ident.mismatch.training import block_of
-from hydro_ident.mismatch.whitening import Layout, Noise, noise_of
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.training import block_of
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise, noise_of
+from hydro_ident.mismatch.trials.chance import p_value, signs
+from hydro_ident.mismatch.trials.scoring import best_subset
 
 ROWS, STEP_S = 3000, 0.05
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.rests import motions_in, motions_of, moving_rows
-from hydro_ident.mismatch.training import start_model
+from hydro_ident.mismatch.fitting.training import start_model
+from hydro_ident.mismatch.rows.rests import motions_in, motions_of, moving_rows
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.cylinder import stroke
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec

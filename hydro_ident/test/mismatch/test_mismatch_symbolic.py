@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.mismatch.bench import Bench
-from hydro_ident.mismatch.fit_form import Rows
-from hydro_ident.mismatch.state_space import knots_of
-from hydro_ident.mismatch.symbolic import Curve, Told, told_forms
-from hydro_ident.mismatch.whitening import Layout, Noise
+from hydro_ident.mismatch.fitting.bench import Bench
+from hydro_ident.mismatch.fitting.whitening import Layout, Noise
+from hydro_ident.mismatch.rows.state_space import knots_of
+from hydro_ident.mismatch.unnamed.fit_form import Rows
+from hydro_ident.mismatch.unnamed.symbolic import Curve, Told, told_forms
 
 ROWS, STEP_S, NOISE = 4000, 0.02, 0.2
 Function = Callable[[np.ndarray], np.ndarray]

@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch import spoilt
-from hydro_ident.mismatch.confirmation import (
+from hydro_ident.mismatch.answer import spoilt
+from hydro_ident.mismatch.answer.confirmation import (
     _better_answers,
     _confirmed,
     _explain_less,
     _variable,
     withdrawn,
 )
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.dependence import Dependence
-from hydro_ident.mismatch.fitted import Fitted
-from hydro_ident.mismatch.fitting import fit
-from hydro_ident.mismatch.model import robot_of
-from hydro_ident.mismatch.name import Search
-from hydro_ident.mismatch.named import Named, named_of
-from hydro_ident.mismatch.outcome import Finding
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.spoilt import made_worse
-from hydro_ident.mismatch.unknown import Unexplained
-from hydro_ident.mismatch.verify import Verification
+from hydro_ident.mismatch.answer.outcome import Finding
+from hydro_ident.mismatch.answer.spoilt import made_worse
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.modelling.model import robot_of
+from hydro_ident.mismatch.naming.name import Search
+from hydro_ident.mismatch.naming.named import Named, named_of
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_ident.mismatch.verifying.verify import Verification
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

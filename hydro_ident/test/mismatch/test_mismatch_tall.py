@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import qr
 
-from hydro_ident.mismatch.tall import factored
+from hydro_ident.mismatch.fitting.tall import factored
 
 TOLERANCE = 1.0e-9
 

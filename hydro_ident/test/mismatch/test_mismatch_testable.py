@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hydro_ident.mismatch.answering import Answer
-from hydro_ident.mismatch.contender import Contender
-from hydro_ident.mismatch.diagnosis import _testable
-from hydro_ident.mismatch.exclusion import shut_out
-from hydro_ident.mismatch.name import Search
-from hydro_ident.mismatch.named import named_of
-from hydro_ident.mismatch.not_testable import not_testable
-from hydro_ident.mismatch.outcome import Finding
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.verify import Verification
+from hydro_ident.mismatch.answer.answering import Answer
+from hydro_ident.mismatch.answer.diagnosis import _testable
+from hydro_ident.mismatch.answer.not_testable import not_testable
+from hydro_ident.mismatch.answer.outcome import Finding
+from hydro_ident.mismatch.naming.name import Search
+from hydro_ident.mismatch.naming.named import named_of
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.contender import Contender
+from hydro_ident.mismatch.trials.exclusion import shut_out
+from hydro_ident.mismatch.verifying.verify import Verification
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec
 from hydro_model.robot_files import load_robot

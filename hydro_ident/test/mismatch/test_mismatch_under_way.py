@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.mismatch.contributions import contribution
-from hydro_ident.mismatch.residuals import Residuals
+from hydro_ident.mismatch.rows.contributions import contribution
+from hydro_ident.mismatch.split.residuals import Residuals
 from hydro_model.effects.catalogue import resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, Robot

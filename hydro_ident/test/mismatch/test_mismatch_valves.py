@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.mismatch.candidates import trials
-from hydro_ident.mismatch.name import Search, Searcher
-from hydro_ident.mismatch.prediction import Model, Predictor
-from hydro_ident.mismatch.residuals import Residuals
-from hydro_ident.mismatch.state_space import SIGNALS, factor_sizes, row_values
-from hydro_ident.mismatch.stepping import is_free
-from hydro_ident.mismatch.worth import _opens_beside
+from hydro_ident.mismatch.fitting.stepping import is_free
+from hydro_ident.mismatch.naming.name import Search, Searcher
+from hydro_ident.mismatch.naming.worth import _opens_beside
+from hydro_ident.mismatch.rows.prediction import Model, Predictor
+from hydro_ident.mismatch.rows.state_space import SIGNALS, factor_sizes, row_values
+from hydro_ident.mismatch.split.residuals import Residuals
+from hydro_ident.mismatch.trials.candidates import trials
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot
 from hydro_model.robot_files import load_robot

@@ -175,7 +175,8 @@ def test_what_answers_knows_nothing_of_the_study() -> None:
     """Nothing that a diagnosis imports has to do with what makes the recordings."""
     program = (
         "import sys; import hydro_ident.study.answer, hydro_ident.commands.diagnose;"
-        "from hydro_ident.mismatch import baselines, diagnosis, diagnosis_file;"
+        "from hydro_ident.mismatch.answer import diagnosis, diagnosis_file;"
+        "from hydro_ident.mismatch.naming import baselines;"
         "own = ('hydro_ident.study.', 'hydro_hw_bridge');"
         "print([m for m in sys.modules if m.startswith(own)])"
     )

@@ -1,0 +1,1 @@
+"""The diagnosis from end to end: searched, confirmed, described and written."""

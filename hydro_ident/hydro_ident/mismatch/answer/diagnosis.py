@@ -1,0 +1,270 @@
+"""The diagnosis, step by step: the pure core of `hydro_ident diagnose`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from hydro_ident.bag.recording import Recording
+from hydro_ident.continuity import broken_up
+from hydro_ident.errors import IdentError, NotEnoughDataError
+from hydro_ident.free_run import FreeRun, free_run
+from hydro_ident.mismatch.answer.answering import STAGES, Answer, answered, base_to_search
+from hydro_ident.mismatch.answer.channel_results import channels_of, rows_of_training
+from hydro_ident.mismatch.answer.minor import minor_notes, parted, parted_unknown
+from hydro_ident.mismatch.answer.not_testable import not_testable
+from hydro_ident.mismatch.answer.notes import (
+    apart,
+    apart_notes,
+    data_notes,
+    instant_notes,
+    left_notes,
+    listed_notes,
+    search_notes,
+    silent_notes,
+    unverified_notes,
+)
+from hydro_ident.mismatch.answer.outcome import (
+    EXPLAINED,
+    MATCHES,
+    NO_IMPROVEMENT,
+    NOT_ENOUGH,
+    PARTLY,
+    UNKNOWN,
+    ChannelResult,
+    Diagnosis,
+    Finding,
+)
+from hydro_ident.mismatch.fitting.as_listed import as_listed_notes
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.locating.locate import dependences
+from hydro_ident.mismatch.modelling.model import Modelled, robot_of
+from hydro_ident.mismatch.modelling.refinement import Refinement, refine
+from hydro_ident.mismatch.naming.instants import at_own_instants, begun
+from hydro_ident.mismatch.rows.rests import motions_in
+from hydro_ident.mismatch.settings import (
+    FAR,
+    FEW_MOTIONS,
+    DiagnosisSettings,
+)
+from hydro_ident.mismatch.split.held_out import rms
+from hydro_ident.mismatch.split.residuals import Residuals, residuals
+from hydro_ident.mismatch.trials.exclusion import shut_out
+from hydro_ident.mismatch.unnamed.unknown import Unexplained
+from hydro_ident.recording_summary import recording_summaries
+from hydro_ident.sources import KeptSource, Source, check_names, sources_of
+from hydro_ident.survey import Survey, by_torques, recorded_notes, survey_source
+from hydro_ident.verdict import BagLoss, losses_of, wrong_robot
+from hydro_model.robot import Robot
+from hydro_model.terminal import advance
+
+#: Share of the error (rms) left by findings that explain less than is left.
+_HARDLY = 0.7
+
+
+def diagnose(
+    robot: Robot,
+    training: Sequence[Recording | Source],
+    validation: Sequence[Recording | Source] = (),
+    settings: DiagnosisSettings | None = None,
+) -> Diagnosis:
+    """Find the physics that a robot's model leaves out.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its structure, with the effects it lists, is what is refitted first.
+    training : sequence of Recording or Source
+        To fit and select on; at least one.
+    validation : sequence of Recording or Source
+        To verify on; without them every fifth block of `training` is kept for it.
+    settings : DiagnosisSettings, optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    IdentError
+        No recording was given, or two of one name.
+    RobotError
+        The robot lists an effect that does not resolve.
+    """
+    if not training:
+        raise IdentError("expected at least one recording to diagnose, found none")
+    settings = settings or DiagnosisSettings()
+    sources, others = (
+        [KeptSource(source) for source in sources_of(given)] for given in (training, validation)
+    )
+    check_names((*sources, *others))
+    advance("first look at the bags", 0, STAGES)
+    surveys = [survey_source(source, robot) for source in (*sources, *others)]
+    losses = losses_of([s.recording for s in surveys])
+    recordings = recording_summaries(surveys, len(sources))
+    wrong = wrong_robot(robot, [s.recording for s in surveys])
+    advance("fitting the structure", 1, STAGES)
+    try:
+        work = None if wrong else residuals(robot, sources, others, surveys, settings)
+    except NotEnoughDataError as error:
+        work, wrong = None, [str(error)]
+    if work is None:
+        problems = tuple(wrong) or (_too_little(robot, surveys[: len(sources)]),)
+        return Diagnosis(
+            NOT_ENOUGH,
+            robot,
+            None,
+            problems=problems,
+            losses=losses,
+            recordings=recordings,
+            notes=recorded_notes(surveys),
+        )
+    return replace(_diagnosed(work, settings, losses), recordings=recordings)
+
+
+def _too_little(robot: Robot, surveys: Sequence[Survey]) -> str:
+    """Why what is fitted is not enough."""
+    total = sum(s.duration_s for s in surveys)
+    text = (
+        f"{total:.3g} s of recording leave too few rows in any channel: record positions of every"
+        " joint in motion, with chamber pressures (or joint torques), for half a minute or more"
+    )
+    if broken := broken_up([s.continuity for s in surveys], total):
+        text = f"{text}; {broken}"
+    wet = not by_torques(surveys)
+    lacking = [s.name for s in surveys if not (s.wet if wet else s.dry)]
+    if not lacking or (wet and not robot.cylinders):
+        return text
+    return f"{text}; no {'chamber pressures' if wet else 'joint torque'} in {', '.join(lacking)}"
+
+
+def _diagnosed(
+    work: Residuals, settings: DiagnosisSettings, losses: tuple[BagLoss, ...]
+) -> Diagnosis:
+    advance("looking where residuals depend on something", 2, STAGES)
+    base = base_to_search(work)
+    located = dependences(work.scan, base)
+    answer = answered(work, base)
+    work, search, rejected, taken = answer.work, answer.search, answer.rejected, answer.taken
+    whole, before, modelled, refined = _modelled(answer, settings)
+    advance("rolling the models out", 6, STAGES)
+    run = _rolled_out(work, whole, before, modelled.robot)
+    findings, minor = parted(work.robot, answer.findings, whole.deviations)
+    channels = channels_of(work, whole, work.check)
+    unknown, small = parted_unknown(answer.unknown, channels)
+    notes = [*data_notes(work), *modelled.notes, *run.rejected]
+    notes += minor_notes(work.robot, minor, whole.deviations)
+    notes += [refined.note] if refined is not None else []
+    notes += small
+    notes += listed_notes(work.robot, whole) + as_listed_notes(whole, work.training)
+    notes += search_notes(search, whole, rejected, taken) + silent_notes(findings)
+    ratios = apart(work, whole, channels)
+    told = {name for f in (*findings, *minor) for name in f.channels}
+    told |= {one.channel for one in unknown}
+    untold = {name: ratio for name, ratio in ratios.items() if name not in told}
+    notes += left_notes(channels) + apart_notes(untold) + unverified_notes(work, channels)
+    notes += instant_notes(work, whole)
+    # At rest dry friction is whatever holds the load, and what is left there no law's to explain.
+    in_motion = channels_of(work, whole, replace(work.check, mask=work.check.rows_in_motion))
+    doubtful = _doubtful(work, findings, in_motion, ratios)
+    return Diagnosis(
+        _verdict(findings, [*rejected, *taken], unknown, doubtful),
+        work.robot,
+        modelled.robot,
+        tuple(findings),
+        tuple(rejected),
+        unknown,
+        not_testable(work.scan, search.scanned, _testable(answer)),
+        channels,
+        tuple(located),
+        run,
+        notes=tuple(notes),
+        losses=losses,
+        work=work,
+        whole=whole,
+        fitted=channels_of(work, whole, rows_of_training(work)),
+        refinement=refined,
+    )
+
+
+def _modelled(
+    answer: Answer, settings: DiagnosisSettings
+) -> tuple[Fitted, Robot, Modelled, Refinement | None]:
+    """The final fit, the robots without findings and with them, and how roll-outs moved it."""
+    work, whole, fixed = answer.work, answer.whole, settings.fixed_base
+    predictor = work.training.predictor
+    modelled = robot_of(predictor, whole, work.robot, fixed)
+    without = robot_of(predictor, work.base, work.robot, fixed) if answer.findings else modelled
+    if settings.refine is None:
+        return whole, without.robot, modelled, None
+    refined = refine(work, whole, modelled.robot, settings.refine, fixed)
+    return refined.whole, without.robot, replace(modelled, robot=refined.robot), refined
+
+
+def _testable(answer: Answer) -> list[str]:
+    """Names that these recordings can show: what was found, and tried and not taken.
+
+    And what the robot's file lists, which is fitted all along.
+    """
+    names = [n for f in answer.findings for n in f.named.names]
+    # What was taken back was testable as well, and so was what anything was weighed against, or
+    # stood in the way of before the last scan.
+    named = [f.named for f in (*answer.findings, *answer.rejected, *answer.taken)]
+    names += [c.term.effect.name for n in named for c in n.tried]
+    for one in (n.modelled for n in answer.search.named):
+        names += [*shut_out(one.term.effect.name), *shut_out(one.name)]
+    names += [t.effect.name for t in answer.work.base.model.terms]
+    return names + [name for name, _, _ in answer.search.impossible]
+
+
+def _rolled_out(work: Residuals, whole: Fitted, before: Robot, after: Robot) -> FreeRun:
+    """Both models along the rows to verify on, with what comes and goes when it does there."""
+    filters = work.training.predictor.material.filters
+    there, _ = at_own_instants(work.training, work.check, whole.model)
+    seen = begun(after, there.terms)
+    given = seen if before is after else begun(before, there.terms)
+    return free_run(given, seen, work.check_traces, work.split, filters)
+
+
+def _doubtful(
+    work: Residuals,
+    findings: Sequence[Finding],
+    channels: Sequence[ChannelResult],
+    ratios: Mapping[str, float],
+) -> bool:
+    """Whether what was found may be something else, whatever held-out rows say of it.
+
+    `ratios` are those of channels of which other recordings know more.
+    """
+    material = work.training.predictor.material
+    # Where one pressure is not known, another law may look like what was found.
+    unpaired = any(name in f.channels for f in findings for name in material.unpaired)
+    few = motions_in(material) < FEW_MOTIONS or any(f.named.few > 1.0 for f in findings)
+    elsewhere = any(f.channels[0] in ratios for f in findings)
+    return few or unpaired or elsewhere or _hardly_better(findings, channels)
+
+
+def _hardly_better(findings: Sequence[Finding], channels: Sequence[ChannelResult]) -> bool:
+    """Whether more is left than was explained where something was found, far above the sensors."""
+    named = {name for finding in findings for name in finding.channels}
+    return any(
+        rms(c.measured - c.after) > max(_HARDLY * rms(c.measured - c.before), FAR * c.noise_floor)
+        for c in channels
+        if c.name in named
+    )
+
+
+def _verdict(
+    findings: Sequence[Finding],
+    rejected: Sequence[Finding],
+    unknown: Sequence[Unexplained],
+    doubtful: bool,
+) -> str:
+    if findings:
+        doubts = unknown or doubtful or any(f.verification.silent for f in findings)
+        return PARTLY if doubts else EXPLAINED
+    if unknown:
+        return UNKNOWN
+    # What does not stand out where it was found, either, never was a finding.
+    stood_out = any(not f.verification.idle for f in rejected)
+    return NO_IMPROVEMENT if stood_out else MATCHES

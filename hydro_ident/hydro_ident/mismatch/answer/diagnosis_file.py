@@ -1,0 +1,265 @@
+"""result.json of `diagnose`: the contract's keys, and what stands behind them."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from hydro_ident.estimate.scores import fit_percent
+from hydro_ident.json_numbers import finite
+from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.weighed import Weighed
+from hydro_ident.mismatch.locating.dependence import Dependence
+from hydro_ident.mismatch.modelling.refinement import Refinement
+from hydro_ident.mismatch.rows.modelled import same
+from hydro_ident.mismatch.rows.onset import idle_edges
+from hydro_ident.mismatch.settings import FORM_TOLERANCE
+from hydro_ident.mismatch.trials.where import where_of
+from hydro_ident.mismatch.unnamed.unknown_file import unexplained_dict
+from hydro_ident.results import Provenance
+from hydro_ident.validation_results import channel_rollouts, free_run_dict
+from hydro_model.effects.targets import ActiveEffect
+from hydro_model.robot import FloatArray
+
+SCHEMA = "hydro_ident/diagnosis/1"
+#: Entries of the list of located dependences.
+_LOCATED = 12
+
+
+def result_json(found: Diagnosis, origin: Provenance) -> str:
+    """result.json as text: the same input gives the same text.
+
+    `origin` says where the numbers come from.
+    """
+    return json.dumps(result_dict(found, origin), indent=1, allow_nan=False) + "\n"
+
+
+def result_dict(found: Diagnosis, origin: Provenance) -> dict[str, Any]:
+    """The content of result.json.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    origin : Provenance
+
+    Returns
+    -------
+    dict
+        The contract's keys; `training` (scores on the rows fitted), `recordings`, `located`,
+        `rejected`, `losses`, `free_run`, `problems`, `notes` and `provenance` are added, where it
+        was asked for `refinement`, and to every finding what verified it and its parameters'
+        `covariance`.
+    """
+    return {
+        "schema": SCHEMA,
+        "verdict": found.verdict,
+        "robot": found.given.name,
+        "channels": _channels(found),
+        "training": {one.name: channel_dict(one) for one in found.fitted},
+        "recordings": [one.as_dict() for one in found.recordings],
+        "findings": [finding_dict(found, one) for one in found.findings],
+        "unexplained": [unexplained_dict(one) for one in found.unexplained],
+        "not_testable": [{"name": n.name, "why": n.why} for n in found.not_testable],
+        "located": [_located_dict(d) for d in found.located[:_LOCATED]],
+        "rejected": [
+            {
+                "names": list(f.named.names),
+                "target": f.named.term.target,
+                "reason": f.verification.reason,
+            }
+            for f in found.rejected
+        ],
+        "losses": [
+            {"bag": loss.bag, "channel": loss.channel, "reason": loss.reason}
+            for loss in found.losses
+        ],
+        "free_run": free_run_dict(found.free_run),
+        **({} if found.refinement is None else {"refinement": refinement_dict(found.refinement)}),
+        "problems": list(found.problems),
+        "notes": list(found.notes),
+        "provenance": origin.as_dict(),
+    }
+
+
+def _channels(found: Diagnosis) -> dict[str, Any]:
+    rollouts = channel_rollouts(found.free_run)
+    result: dict[str, Any] = {}
+    for one in found.channels:
+        joint = one.name.split("/")[0]
+        result[one.name] = {**channel_dict(one), **rollouts.get(joint, _NO_ROLLOUT)}
+    return result
+
+
+_NO_ROLLOUT: dict[str, float | str | None] = {
+    "rollout_rmse_before": None,
+    "rollout_rmse_after": None,
+    "rollout_unit": "rad",
+}
+
+
+def channel_dict(one: ChannelResult) -> dict[str, float | str]:
+    """The numbers of a channel."""
+    spread = float(np.sum((one.measured - one.measured.mean()) ** 2))
+    before = float(np.sum((one.measured - one.before) ** 2))
+    after = float(np.sum((one.measured - one.after) ** 2))
+    count = max(one.measured.size, 1)
+    return {
+        "unit": one.unit,
+        "rmse_before": math.sqrt(before / count),
+        "rmse_after": math.sqrt(after / count),
+        "noise_floor": one.noise_floor,
+        "fit_before_pct": fit_percent(before, spread),
+        "fit_after_pct": fit_percent(after, spread),
+    }
+
+
+def finding_dict(found: Diagnosis, one: Finding) -> dict[str, Any]:
+    """A finding as the contract lists it, with its target and what verified it."""
+    named, check = one.named, one.verification
+    fitted, term = as_modelled(found, one)
+    place = {"variable": "everywhere", "low": 0.0, "high": 0.0, "text": ""}
+    if found.work is not None:
+        where = where_of(found.work.training, fitted.model, term, one.channels[0])
+        place = {
+            "variable": where.variable,
+            "low": where.low,
+            "high": where.high,
+            "text": where.text,
+        }
+    effect = term.effect
+    return {
+        "channel": one.channels[0],
+        "also": list(one.channels[1:]),
+        "target": named.term.target,
+        "where": place,
+        "names": list(named.names),
+        "probability": list(named.probability),
+        "p_value": named.p_value,
+        "equation": effect.equation,
+        "parameters": parameters_of(fitted, term),
+        "covariance": covariance_of(fitted, term),
+        "heldout_rmse_before": check.before.get(one.channels[0]),
+        "heldout_rmse_after": check.after.get(one.channels[0]),
+        "heldout_p_value": check.p_value,
+        "heldout_exercised": not check.silent,
+        "placebo_share": check.placebo,
+        "agreement": [
+            {
+                "name": a.name,
+                "unit": a.unit,
+                "training": a.training,
+                "held_out": a.held_out,
+                "std": a.std,
+            }
+            for a in check.agreement
+        ],
+        "separating_experiment": effect.separating_experiment,
+        "modelled_as": named.term.effect.name,
+    }
+
+
+def as_modelled(found: Diagnosis, one: Finding) -> tuple[Fitted | Weighed, ActiveEffect]:
+    """The first name's law as it stands in the final model, else as it was weighed."""
+    best = one.named.first
+    if found.whole is not None:
+        for term in found.whole.model.terms:
+            if same(term, best.term):
+                return found.whole, term
+    return best.fitted, best.term
+
+
+def parameters_of(fitted: Fitted | Weighed, term: ActiveEffect) -> list[dict[str, Any]]:
+    """Parameters of an effect with their deviations.
+
+    These are robust against dependence in blocks, and hold what the form of a law, which is an
+    idealisation, is off by.
+    """
+    std = np.sqrt(np.maximum(np.diag(_covariance(fitted, term)), 0.0))
+    result, idle = [], idle_edges(term)
+    rows = zip(term.effect.parameters, term.parameters, term.units, strict=True)
+    for spec, value, unit in (row for row in rows if row[0].name not in idle):
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        size = _deviation(fitted, std, name)
+        result.append(
+            {
+                "name": f"{term.effect.name}.{spec.name}",
+                "value": float(value),
+                "std": size,
+                "unit": unit,
+            }
+        )
+    return result
+
+
+def covariance_of(fitted: Fitted | Weighed, term: ActiveEffect) -> dict[str, Any]:
+    """Covariance of those parameters of an effect that were fitted, as their deviations.
+
+    Returns
+    -------
+    dict
+        `names` as in `parameters_of`, and `values`, (k, k) rows; none that are not finite.
+    """
+    matrix, at, names = _covariance(fitted, term), list[int](), list[str]()
+    for spec in term.effect.parameters:
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        if name in fitted.names:
+            k = fitted.names.index(name)
+            if math.isfinite(matrix[k, k]):
+                at.append(k)
+                names.append(f"{term.effect.name}.{spec.name}")
+    return {"names": names, "values": matrix[np.ix_(at, at)].tolist()}
+
+
+def _covariance(fitted: Fitted | Weighed, term: ActiveEffect) -> FloatArray:
+    matrix = fitted.covariance.copy()
+    for spec, value in zip(term.effect.parameters, term.parameters, strict=True):
+        name = f"{term.target}.{term.effect.name}.{spec.name}"
+        if name in fitted.names:
+            k = fitted.names.index(name)
+            matrix[k, k] += (FORM_TOLERANCE * float(value)) ** 2
+    return matrix
+
+
+def _deviation(fitted: Fitted | Weighed, std: FloatArray, name: str) -> float | None:
+    if name not in fitted.names:
+        return None
+    return finite(float(std[fitted.names.index(name)]))
+
+
+def refinement_dict(one: Refinement) -> dict[str, Any]:
+    """What roll-outs made of the effects' parameters, and whether it was taken."""
+    return {
+        "accepted": one.accepted,
+        "reason": one.reason,
+        "windows": one.windows,
+        "held_out_windows": one.held_out_windows,
+        "rollouts": one.rollouts,
+        "p_value": one.p_value,
+        "rollout_rmse": {n: {"before": b, "after": a} for n, (b, a) in one.rmse.items()},
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "before": p.before,
+                "before_std": finite(p.before_std),
+                "value": p.value,
+                "std": finite(p.std),
+                "ci95": [finite(end) for end in p.ci95],
+            }
+            for p in one.parameters
+        ],
+    }
+
+
+def _located_dict(d: Dependence) -> dict[str, Any]:
+    return {
+        "channel": d.name,
+        "variable": d.variable,
+        "times": d.times,
+        "p_value": d.p_value,
+        "share_of_residual": d.share,
+    }

@@ -1,0 +1,1 @@
+"""Base and effects fitted to rows: weights, steps within bounds, noise."""

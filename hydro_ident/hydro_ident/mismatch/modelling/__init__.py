@@ -1,0 +1,1 @@
+"""Model: findings as a robot, refined by roll-outs."""

@@ -1,0 +1,243 @@
+"""Sets of effects that recordings cannot tell apart, with probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_ident.mismatch.rows.base_columns import DELAY
+from hydro_ident.mismatch.settings import FORM_TOLERANCE, SET_PROBABILITY
+from hydro_ident.mismatch.trials.contender import Contender, at_a_bound, shape_at_a_bound
+from hydro_ident.mismatch.trials.exclusion import SPOOL
+from hydro_model.effects.targets import ActiveEffect
+
+#: Share of a set's gain from which another effect may stand in the place of a refused one.
+_ALTERNATIVE = 0.9
+#: Probability of the best name from which a finding in a few motions is one.
+_LEAST_SURE = 0.25
+#: Log-likelihood (twice) that a difference of the form's tolerance is worth.
+_FORM_NATS = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Named:
+    """One cause: effects that the recordings cannot tell apart.
+
+    Attributes
+    ----------
+    contenders : tuple of Contender
+        Best first: the members of the set.
+    probability : tuple of float
+    p_value : float
+        Family-wise, over everything that was tried.
+    gain : float
+        Of the best.
+    tried : tuple of Contender
+        All that were weighed, best first.
+    spread : float
+        Overdispersion of sums over blocks.
+    refused : int
+        Effects of the set that held-out rows have refused before.
+    few, allowance : float
+        As `named_of`.
+    alike : tuple of str
+        Names of effects that, one at every cylinder, fit as well as one of the whole robot, and of
+        a law near another one's limit; their probabilities follow those of the contenders' names.
+    """
+
+    contenders: tuple[Contender, ...]
+    probability: tuple[float, ...]
+    p_value: float
+    gain: float
+    tried: tuple[Contender, ...]
+    spread: float
+    refused: int = 0
+    few: float = 1.0
+    allowance: float = 0.0
+    alike: tuple[str, ...] = ()
+
+    def beside(self, odds: Mapping[str, float]) -> Named:
+        """The set with effects that are not told from it, one at every cylinder.
+
+        Parameters
+        ----------
+        odds : mapping of str to float
+            How likely each is, over the set itself.
+        """
+        least = (1.0 - SET_PROBABILITY) / SET_PROBABILITY
+        kept = {n: o for n, o in odds.items() if o >= least and n not in self.names}
+        if not kept:
+            return self
+        total = 1.0 + sum(kept.values())
+        shares = (*self.probability, *kept.values())
+        alike = (*self.alike, *kept)
+        return replace(self, probability=tuple(s / total for s in shares), alike=alike)
+
+    @property
+    def modelled(self) -> Contender:
+        """The member of the set that stands in the model.
+
+        The best name's, unless another predicts better by more than laws' forms are good for.
+        """
+        possible = [c for c in self.contenders if not at_a_bound(c.term)] or self.contenders
+        first, best = possible[0], max(possible, key=lambda c: c.held_out)
+        margin = FORM_TOLERANCE**2 * max(first.gain, best.gain)
+        return best if best.held_out - first.held_out > margin else first
+
+    @property
+    def term(self) -> ActiveEffect:
+        """The effect that stands in the model."""
+        return self.modelled.term
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the set, best first, each once."""
+        return (*dict.fromkeys(c.name for c in self.contenders), *self.alike)
+
+    @property
+    def pays(self) -> bool:
+        """Whether what it gains on held-out blocks is worth its parameters."""
+        return self.margin > 0.0
+
+    @property
+    def margin(self) -> float:
+        """Log-likelihood that it gains on held-out blocks beyond what its parameters cost."""
+        best = self.modelled
+        return 0.5 * best.held_out / self.spread - best.cost
+
+    def alternative(
+        self, beside: Sequence[Contender] = (), *, unheard: bool = False
+    ) -> Named | None:
+        """The set without the effect that stands in the model; None where no other comes near.
+
+        Parameters
+        ----------
+        beside : sequence of Contender
+            What stands in the model already: nothing is named twice, nor what excludes it.
+        unheard : bool
+            Held-out rows did not refuse it, but had nothing to say.
+        """
+        rest = [
+            c
+            for c in self.tried
+            if c.term.effect.name != self.term.effect.name
+            and c.gain >= _ALTERNATIVE * self.gain
+            and not at_a_bound(c.term)
+            and not any(c.rivals(one) for one in beside)
+        ]
+        if not rest:
+            return None
+        other = named_of(rest, self.p_value, self.spread, self.few, self.allowance)
+        return replace(other, refused=self.refused + (not unheard))
+
+    @property
+    def first(self) -> Contender:
+        """The best one whose law is the first name's own, or else the best of that name.
+
+        A law that runs to the first name's limit speaks for it where it stands in the model and
+        its own predicts worse by more than laws' forms are good for: what rounds a reversal shows
+        in the size as well.
+        """
+        own = [c for c in self.tried if c.name == self.names[0]]
+        plain = [c for c in own if c.term.effect.name == c.name]
+        mine = self.modelled if self.modelled.name == self.names[0] else own[0]
+        margin = FORM_TOLERANCE**2 * mine.gain
+        return plain[0] if plain and mine.held_out - plain[0].held_out <= margin else mine
+
+
+def untold_by_few(named: Named, term: ActiveEffect) -> str:
+    """Why a finding in a few motions names nothing; empty where it does, or motions are many.
+
+    In a few position, pressures, openings and time run together: where no name has one chance in
+    four, that something is missing is all that they tell.
+
+    Parameters
+    ----------
+    named : Named
+    term : ActiveEffect
+        Its effect as it was fitted last.
+    """
+    if named.few <= 1.0:
+        return ""
+    if named.probability[0] < _LEAST_SURE:
+        count = len(named.names)
+        return f"in so few motions {count} effects fit alike, and none is told from the others"
+    return shape_at_a_bound(term)
+
+
+def named_of(
+    contenders: Sequence[Contender],
+    p: float,
+    spread: float,
+    few: float = 1.0,
+    allowance: float = 0.0,
+) -> Named:
+    """The set of contenders that are not out of reach of the best.
+
+    Log-likelihood counts in units of the sums' overdispersion, and of the catalogue's form: laws
+    that differ by less than `FORM_TOLERANCE` of the effect itself are told apart by their
+    parameters' cost alone, since no machine follows either to the last newton.
+
+    Parameters
+    ----------
+    contenders : sequence of Contender
+    p : float
+    spread : float
+        Overdispersion of sums over blocks.
+    few : float
+        Blocks per motion, where there are so few motions that each counts as one observation of
+        the laws' forms.
+    allowance : float
+        Sum of squares of what the base has of the same effect (`lags.base_delay`).
+    """
+    whole = max(c.gain for c in contenders) + allowance
+    form = FORM_TOLERANCE**2 * whole / _FORM_NATS
+    own, spread = spread, max(spread, form, few)
+    costs = {id(c): _cost_among(c, contenders) for c in contenders}
+
+    def own_evidence(one: Contender) -> float:
+        return 0.5 * one.held_out / spread - costs[id(one)]
+
+    possible = [own_evidence(c) for c in contenders if not at_a_bound(c.term)]
+
+    def evidence_of(one: Contender) -> float:
+        # At the end of its range a law is not told from possible ones, but never before them.
+        limit = max(possible) if possible and at_a_bound(one.term) else np.inf
+        return min(own_evidence(one), limit)
+
+    ranked = sorted(contenders, key=lambda c: (-evidence_of(c), bool(at_a_bound(c.term))))
+    evidence = np.array([evidence_of(c) for c in ranked])
+    weights = np.exp(evidence - evidence[0])
+    weights /= weights.sum()
+    count = int(np.searchsorted(np.cumsum(weights), SET_PROBABILITY)) + 1
+    kept = tuple(ranked[:count])
+    kept += tuple(c for c in ranked[count:] if c.name == kept[0].name and _near(c, kept[0]))
+    names = list(dict.fromkeys(c.name for c in kept))
+    total = {
+        n: float(sum(w for c, w in zip(ranked, weights, strict=True) if c.name == n))
+        for n in names
+    }
+    gain = ranked[0].gain
+    shares = tuple(total[n] for n in names)
+    told = Named(kept, shares, p, gain, tuple(ranked), own, few=few, allowance=allowance)
+    # Near a limit either name may be meant.
+    return told.beside(dict.fromkeys(told.modelled.border_names, shares[0]))
+
+
+def _cost_among(one: Contender, contenders: Sequence[Contender]) -> float:
+    """What a contender's numbers cost beside the others.
+
+    A delay of one valve is the lag of its spool in one shape of many: having chosen it is no
+    cheaper than the lag's damping.
+    """
+    if not (one.term.effect.name == DELAY and one.term.cylinder is not None):
+        return one.cost
+    lags = [c.cost for c in contenders if c.term.effect.name == SPOOL and _near(c, one)]
+    return max([one.cost, *lags])
+
+
+def _near(one: Contender, other: Contender) -> bool:
+    """Whether two contenders act on the same target."""
+    return one.term.target == other.term.target

@@ -1,0 +1,107 @@
+"""Findings weighed once more, each with the others in place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.mismatch.fitting.fitted import Fitted
+from hydro_ident.mismatch.fitting.fitting import fit
+from hydro_ident.mismatch.naming.contenders import CLOSE_SHARE
+from hydro_ident.mismatch.naming.contest import Contest
+from hydro_ident.mismatch.naming.named import Named, named_of
+from hydro_ident.mismatch.rows.modelled import same
+from hydro_ident.mismatch.trials.exclusion import rival
+
+_ROUNDS = 3
+
+
+class Revision:
+    """Drops what the others explain, and names every finding with the others in place.
+
+    Parameters
+    ----------
+    contest : Contest
+    """
+
+    def __init__(self, contest: Contest) -> None:
+        self._contest, self._training = contest, contest.training
+
+    def revised(self, named: Sequence[Named], current: Fitted) -> tuple[list[Named], Fitted]:
+        """Findings that stand beside each other, and the model with them.
+
+        A finding is weighed again where its channels' model has changed since it was: the last of
+        a channel had the others in place already.
+
+        Parameters
+        ----------
+        named : sequence of Named
+            In the order in which they were found.
+        current : Fitted
+            With all of them.
+        """
+        named = list(named)
+        reach = {n: self._reach(current, n) for n in named}
+        due = [n for k, n in enumerate(named) if any(reach[n] & reach[o] for o in named[k + 1 :])]
+        for _ in range(_ROUNDS):
+            changed = set[int]()
+            for one in due:
+                without, fresh = self.again(one, current)
+                if fresh is None or not fresh.pays:
+                    changed |= reach[one]
+                    named.remove(one)
+                    current = without
+                    continue
+                named[named.index(one)] = fresh
+                current = fit(self._training, fresh.modelled.fitted.model, passes=2)
+                reach[fresh] = self._reach(current, fresh)
+                if not same(fresh.term, one.term):
+                    changed |= reach[one] | reach[fresh]
+            due = [n for n in named if changed & reach[n]]
+            if not due:
+                break
+        return named, current
+
+    def again(self, one: Named, current: Fitted) -> tuple[Fitted, Named | None]:
+        """The model without a finding, and its set with the other findings in place.
+
+        Two findings that have become the same effect are one: None.
+
+        Parameters
+        ----------
+        one : Named
+        current : Fitted
+            With it.
+        """
+        others = tuple(t for t in current.model.terms if not same(t, one.term))
+        rest, noise = replace(current.model, terms=others), current.bench.noise
+        without = fit(self._training, rest, noise, passes=2)
+        least = CLOSE_SHARE * max(c.gain for c in one.tried)
+        # Its own, whatever another gained on the rows that it was fitted to.
+        near = [c.term for c in one.tried if c.gain >= least or same(c.term, one.term)]
+        terms = [t for t in near if not any(rival(t, other) for other in others)]
+        if not terms:
+            return without, None
+        few = self._contest.few.of([one.term])
+        again = self._contest.members(self._contest.fitted(without, terms, noise))
+        # What was found beside all that has been named since had its sums spread by that.
+        leading = max(again, key=lambda c: c.held_out)
+        spread = min(one.spread, self._contest.spread_left(without, leading))
+        fresh = named_of(again, one.p_value, spread, few, one.allowance)
+        if one.alike and same(fresh.term, one.term):
+            shares = one.probability[-len(one.alike) :]
+            own = 1.0 - sum(shares)
+            odds = {n: p / own for n, p in zip(one.alike, shares, strict=True)}
+            # Names near another law's limit are the fresh set's matter.
+            odds = {n: p for n, p in odds.items() if n not in one.modelled.border_names}
+            fresh = fresh.beside(odds)
+        return without, fresh
+
+    def _reach(self, current: Fitted, one: Named) -> frozenset[int]:
+        """Channels in which a finding does anything."""
+        values = self._training.predictor.contribution(current.model, one.term)
+        acting = self._training.mask & (values != 0.0)
+        channels = self._training.predictor.material.channel[acting]
+        return frozenset(np.unique(channels).tolist())

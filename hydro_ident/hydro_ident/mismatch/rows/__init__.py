@@ -1,0 +1,1 @@
+"""Recordings as rows of residual channels, and a model's prediction of them."""

@@ -1,0 +1,1 @@
+"""Which rows take part: those that are searched, fitted and checked on."""

@@ -1,0 +1,1 @@
+"""Effects of the catalogue that are tried: where, in which shapes, and what each gains."""

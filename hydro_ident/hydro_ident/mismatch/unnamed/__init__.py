@@ -1,0 +1,1 @@
+"""Unknown: dependence that no effect explains, in words, curves and short forms."""

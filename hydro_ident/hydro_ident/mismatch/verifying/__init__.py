@@ -1,0 +1,1 @@
+"""Verify: what recordings that took no part say of a finding."""
