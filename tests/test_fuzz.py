@@ -91,7 +91,7 @@ def test_the_committed_campaign_says_which_sources_it_is_of() -> None:
     """Who changes a loader runs `scripts/fuzz.sh` again, or lets it say what has changed since."""
     found = json.loads((RESULTS / "fuzz.json").read_text(encoding="utf-8"))
     then = found["sources"]
-    assert {"hydro_ident/hydro_ident/bag/log_text.py", *map(str, _loaders())} <= set(then)
+    assert {"hydro_ident/hydro_ident/logs/text.py", *map(str, _loaders())} <= set(then)
     assert found["changed_since"] == changed(then, ROOT), (
         "run: scripts/fuzz.sh --minutes 0 --json hydro_msgs_docs/results/fuzz.json"
     )

@@ -12,13 +12,13 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-from hydro_ident.bag.log_convert import Conversion
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_map import read_map
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import main, run, summary_text
 from hydro_ident.errors import BagError
+from hydro_ident.logs.convert import Conversion
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.map import read_map
 from hydro_model.robot import Robot
 
 COUNT = 400

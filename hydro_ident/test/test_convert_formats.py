@@ -12,12 +12,12 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-from hydro_ident.bag.log_convert import Conversion, convert
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_map import read_map
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.errors import BagError
+from hydro_ident.logs.convert import Conversion, convert
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.map import read_map
 from hydro_model.robot_files import load_robot
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"

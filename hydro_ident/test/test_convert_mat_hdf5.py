@@ -12,9 +12,9 @@ import pytest
 from scipy.io import savemat
 
 from hydro_ident.bag import memory
-from hydro_ident.bag.log_file import read_log
 from hydro_ident.commands.convert import run
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import read_log
 
 h5py = pytest.importorskip("h5py", reason="h5py is not installed")
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from hydro_ident.bag.log_file import Log, read_log
-from hydro_ident.bag.log_guess import words_of
-from hydro_ident.bag.log_suggest import Suggestion, suggest
-from hydro_ident.bag.log_units import spelt, unit_in
 from hydro_ident.commands.convert import main, run
+from hydro_ident.logs.file import Log, read_log
+from hydro_ident.logs.guess import words_of
+from hydro_ident.logs.suggest import Suggestion, suggest
+from hydro_ident.logs.units import spelt, unit_in
 from hydro_model.robot_files import load_robot
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.log_file import read_log
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import read_log
 
 
 def test_thousands_are_read_beyond_doubt_only(tmp_path: Path) -> None:

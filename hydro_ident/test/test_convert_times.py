@@ -9,10 +9,10 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_suggest import suggest
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.commands.convert import main
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.suggest import suggest
 
 FAST = 0.002 * np.arange(2000)
 SLOW = 0.8003 + 0.01 * np.arange(200)

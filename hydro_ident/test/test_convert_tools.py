@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from hydro_ident.bag.log_file import read_log
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import read_log
 
 
 def write(folder: Path, text: str, name: str = "log.csv") -> Path:

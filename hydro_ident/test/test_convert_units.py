@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.log_convert import convert
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_map import read_map
 from hydro_ident.errors import BagError
+from hydro_ident.logs.convert import convert
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.map import read_map
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "hydro_msgs_docs" / "log_examples"
 

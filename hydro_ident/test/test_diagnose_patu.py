@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.log_file import read_log
 from hydro_ident.bag.reading_rate import look_twice
 from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.convert import run as convert
+from hydro_ident.logs.file import read_log
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import Diagnosis
 from hydro_ident.sources import bag_source

@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 
 from hydro_ident.bag import memory
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_memory import TextSize
 from hydro_ident.bag.memory import available_bytes
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.memory import TextSize
 
 MEASURED = """
 import json, resource, sys
 from pathlib import Path
-import hydro_ident.bag.log_text
-from hydro_ident.bag.log_file import read_log
+import hydro_ident.logs.text
+from hydro_ident.logs.file import read_log
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 read_log(Path(sys.argv[1]))
 print(1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before))

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_guess import Guess
-from hydro_ident.bag.log_suggest import suggest
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.guess import Guess
+from hydro_ident.logs.suggest import suggest
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_guess import Guess, words_of
-from hydro_ident.bag.log_suggest import suggest
-from hydro_ident.bag.log_suggest_text import lines_of
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.guess import Guess, words_of
+from hydro_ident.logs.suggest import suggest
+from hydro_ident.logs.suggest_text import lines_of
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot
 from hydro_msgs_docs.cdr import FloatArray

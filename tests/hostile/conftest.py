@@ -13,7 +13,7 @@ import pytest
 READER = """
 import json, resource, sys
 from pathlib import Path
-from hydro_ident.bag.log_file import read_log
+from hydro_ident.logs.file import read_log
 from hydro_ident.bag.reader import read_bag
 from hydro_ident.study.fuzz.campaign import limit_memory, time_limit
 from hydro_ident.study.fuzz.corpus import named

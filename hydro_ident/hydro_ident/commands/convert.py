@@ -14,7 +14,7 @@ from hydro_model.output import add_json, report, write_text
 from hydro_model.terminal import progress_bar
 
 if TYPE_CHECKING:
-    from hydro_ident.bag.log_convert import Conversion
+    from hydro_ident.logs.convert import Conversion
 
 _EPILOG = """\
 The mapping says which signal of the log is which joint, pressure or valve, in which unit, and
@@ -68,10 +68,10 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from hydro_ident.bag.log_convert import convert
-    from hydro_ident.bag.log_file import read_log
-    from hydro_ident.bag.log_map import read_map
     from hydro_ident.bag.provenance import software_version
+    from hydro_ident.logs.convert import convert
+    from hydro_ident.logs.file import read_log
+    from hydro_ident.logs.map import read_map
     from hydro_ident.origin import bag_sha256
 
     mapping = read_map(options.map)
@@ -90,9 +90,9 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _suggest(options: argparse.Namespace) -> int:
-    from hydro_ident.bag.log_file import read_log
-    from hydro_ident.bag.log_suggest import suggest
-    from hydro_ident.bag.log_suggest_text import lines_of, mapping_text
+    from hydro_ident.logs.file import read_log
+    from hydro_ident.logs.suggest import suggest
+    from hydro_ident.logs.suggest_text import lines_of, mapping_text
     from hydro_model.robot_files import load_robot
 
     if options.suggest.exists():

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from hydro_ident.bag.log_convert import convert
-from hydro_ident.bag.log_file import read_log
-from hydro_ident.bag.log_map import read_map
 from hydro_ident.bag.playback import messages
 from hydro_ident.bag.reader import METADATA_FILE, read_bag
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.commands.inspect import text_of
 from hydro_ident.inspection_reading import inspect_bag
+from hydro_ident.logs.convert import convert
+from hydro_ident.logs.file import read_log
+from hydro_ident.logs.map import read_map
 from hydro_model.errors import HydroError
 from hydro_model.robot import Robot
 from hydro_model.robot_files import load_robot, shipped_robots

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.log_file import Log
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import Log
 
 _NUMBERS = ("int", "uint", "float", "double", "halffloat", "bool")
 #: Memory that a cell takes at most: as Arrow reads it, as numpy takes it over, and as a number.

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hydro_ident.bag.log_file import most_unfolded
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import most_unfolded
 
 if TYPE_CHECKING:
     import h5py

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.log_dates import Dated, dated, why_unread
-from hydro_ident.bag.log_dates_apart import dates_apart
-from hydro_ident.bag.log_file import SHOWN
 from hydro_ident.errors import BagError
+from hydro_ident.logs.dates import Dated, dated, why_unread
+from hydro_ident.logs.dates_apart import dates_apart
+from hydro_ident.logs.file import SHOWN
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})

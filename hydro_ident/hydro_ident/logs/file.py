@@ -2,7 +2,7 @@
 
 A reader gives every signal of a file as one column of numbers under the name that the file has for
 it, with the unit and the clock where the file says so, and nothing more: what the columns mean is
-the mapping's (`hydro_ident.bag.log_map`).
+the mapping's (`hydro_ident.logs.map`).
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
         raise BagError(f"no log '{path}': expected a CSV, LVM, MAT or Parquet file")
     kind = path.suffix.lower() if path.is_file() else ""
     if is_text(path) and path.is_file():
-        from hydro_ident.bag.log_text import read_text_log
+        from hydro_ident.logs.text import read_text_log
 
         return read_text_log(path, layout or CsvLayout())
     reader = _READERS.get(kind)
@@ -185,13 +185,13 @@ def read_log(path: str | Path, layout: CsvLayout | None = None) -> Log:
 
 
 def _read_mat(path: Path) -> Log:
-    from hydro_ident.bag.log_mat import read_mat_log
+    from hydro_ident.logs.mat import read_mat_log
 
     return read_mat_log(path)
 
 
 def _read_parquet(path: Path) -> Log:
-    from hydro_ident.bag.log_parquet import read_parquet_log
+    from hydro_ident.logs.parquet import read_parquet_log
 
     return read_parquet_log(path)
 

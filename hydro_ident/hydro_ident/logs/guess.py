@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_units import SpeltUnit, is_share, spelt, unit_in, unknown_unit
-from hydro_ident.bag.log_words import word_set, words_in
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.units import SpeltUnit, is_share, spelt, unit_in, unknown_unit
+from hydro_ident.logs.words import word_set, words_in
 from hydro_msgs_docs.cdr import FloatArray
 
 #: How sure a guess is, most sure first.

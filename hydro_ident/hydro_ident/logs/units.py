@@ -10,8 +10,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS
-from hydro_ident.bag.log_words import (
+from hydro_ident.logs.elsewhere import COMMANDED_WORDS, REFERENCE_WORDS
+from hydro_ident.logs.words import (
     CHAMBER_A,
     CHAMBER_B,
     COMMON,

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from hydro_ident.bag.log_clocks import Timeline, clock_of
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_guess import read_columns
-from hydro_ident.bag.log_map import LogMap
-from hydro_ident.bag.log_signal import LogSignal, turns
-from hydro_ident.bag.log_targets import MARGIN
-from hydro_ident.bag.log_times import times_among
 from hydro_ident.errors import BagError
+from hydro_ident.logs.clocks import Timeline, clock_of
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.guess import read_columns
+from hydro_ident.logs.map import LogMap
+from hydro_ident.logs.signal import LogSignal, turns
+from hydro_ident.logs.targets import MARGIN
+from hydro_ident.logs.times import times_among
 from hydro_msgs_docs.cdr import FloatArray
 
 #: Periods by which angles are wrapped.

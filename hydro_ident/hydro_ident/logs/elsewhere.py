@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from hydro_ident.bag.log_words import OF_PRESSURES, SUPPLY, chamber_of, word_set
+from hydro_ident.logs.words import OF_PRESSURES, SUPPLY, chamber_of, word_set
 
 #: Words for what is asked for.
 REFERENCE_WORDS = word_set(

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.log_cells import Row, check_once, columns_of, is_number, numbers
-from hydro_ident.bag.log_file import CsvLayout, Log
-from hydro_ident.bag.log_text import dialect, split
-from hydro_ident.bag.log_units import unit_in
 from hydro_ident.errors import BagError
+from hydro_ident.logs.cells import Row, check_once, columns_of, is_number, numbers
+from hydro_ident.logs.file import CsvLayout, Log
+from hydro_ident.logs.text import dialect, split
+from hydro_ident.logs.units import unit_in
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 Lines = Sequence[tuple[int, str]]

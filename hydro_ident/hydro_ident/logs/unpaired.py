@@ -6,13 +6,13 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from hydro_ident.bag.log_clocks import clock_of
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_guess import Reading, reading_of
-from hydro_ident.bag.log_map import LogMap
-from hydro_ident.bag.log_times import beside, times_among, unit_beside
-from hydro_ident.bag.log_units import UNITS
 from hydro_ident.errors import BagError
+from hydro_ident.logs.clocks import clock_of
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.guess import Reading, reading_of
+from hydro_ident.logs.map import LogMap
+from hydro_ident.logs.times import beside, times_among, unit_beside
+from hydro_ident.logs.units import UNITS
 from hydro_msgs_docs.cdr import FloatArray
 
 _SHOWN = 3

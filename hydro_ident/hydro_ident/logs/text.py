@@ -1,6 +1,6 @@
 """Text logs: a table below any number of header lines, with or without units, in any locale.
 
-Two tools' own layouts are told by their first words and read in `hydro_ident.bag.log_layouts`.
+Two tools' own layouts are told by their first words and read in `hydro_ident.logs.layouts`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydro_ident.bag.log_cells import Row, check_names, columns_of, commas_are_decimal, is_number
-from hydro_ident.bag.log_dates import is_moment
-from hydro_ident.bag.log_file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
-from hydro_ident.bag.log_memory import TextSize, read_text
-from hydro_ident.bag.log_units import spelt, unit_in
 from hydro_ident.bag.memory import require
 from hydro_ident.errors import BagError
+from hydro_ident.logs.cells import Row, check_names, columns_of, commas_are_decimal, is_number
+from hydro_ident.logs.dates import is_moment
+from hydro_ident.logs.file import LARGEST_RATIO, CsvLayout, Log, most_unfolded
+from hydro_ident.logs.memory import TextSize, read_text
+from hydro_ident.logs.units import spelt, unit_in
 
 #: Lines from the middle of a file that tell delimiter and decimal sign.
 _SAMPLED = 200
@@ -53,7 +53,7 @@ def read_text_log(path: Path, layout: CsvLayout) -> Log:
 
 
 def _read_layout(path: Path, layout: CsvLayout) -> Log:
-    from hydro_ident.bag.log_layouts import is_control_desk, read_control_desk, read_labview
+    from hydro_ident.logs.layouts import is_control_desk, read_control_desk, read_labview
 
     lines = list(enumerate(_text(path).splitlines(), 1))
     for number, line in lines:

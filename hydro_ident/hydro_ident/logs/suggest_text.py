@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import yaml
 
-from hydro_ident.bag.log_guess import Guess
-from hydro_ident.bag.log_map import SCHEMA, SECTIONS
-from hydro_ident.bag.log_suggest import Suggestion
+from hydro_ident.logs.guess import Guess
+from hydro_ident.logs.map import SCHEMA, SECTIONS
+from hydro_ident.logs.suggest import Suggestion
 
 _LEVELS = {"sure": "sure", "likely": "likely", "guess": "a guess", "open": "FILL IN"}
 #: Columns of the longest name that the table shows whole.

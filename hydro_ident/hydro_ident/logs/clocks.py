@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_map import LogMap
-from hydro_ident.bag.log_signal import Clock, LogSignal
-from hydro_ident.bag.log_times import EPOCH, EPOCH_S, epoch_unit, stop_of
 from hydro_ident.errors import BagError
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.map import LogMap
+from hydro_ident.logs.signal import Clock, LogSignal
+from hydro_ident.logs.times import EPOCH, EPOCH_S, epoch_unit, stop_of
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 
 #: Instants of different clocks this share of the finest period apart are one.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hydro_ident.bag.log_elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
-from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_joint_units import SAYS
-from hydro_ident.bag.log_names import Target
-from hydro_ident.bag.log_targets import Targets
-from hydro_ident.bag.log_words import MEASURED, OF_PRESSURES, word_set
+from hydro_ident.logs.elsewhere import COMMANDED_WORDS, REFERENCE_WORDS, elsewhere
+from hydro_ident.logs.guess import Reading
+from hydro_ident.logs.joint_units import SAYS
+from hydro_ident.logs.names import Target
+from hydro_ident.logs.targets import Targets
+from hydro_ident.logs.words import MEASURED, OF_PRESSURES, word_set
 
 #: Of a slide, too, these are its cylinder's.
 _STROKES = word_set(

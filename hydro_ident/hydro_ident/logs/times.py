@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_units import UNITS
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.guess import Reading
+from hydro_ident.logs.units import UNITS
 from hydro_msgs_docs.cdr import FloatArray
 
 #: Seconds of 1970 that a log may have been written at: from 2000 to the end of the stamps, which

@@ -11,16 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_fill import fill, unit_of_others
-from hydro_ident.bag.log_guess import Guess, Reading, read_columns, weakest
-from hydro_ident.bag.log_names import Target
-from hydro_ident.bag.log_sections import missing_of, section_of, why_left_out
-from hydro_ident.bag.log_signal import FILL_IN
-from hydro_ident.bag.log_suggest_times import OwnTime, times_of
-from hydro_ident.bag.log_targets import Targets
-from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import words_in
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.fill import fill, unit_of_others
+from hydro_ident.logs.guess import Guess, Reading, read_columns, weakest
+from hydro_ident.logs.names import Target
+from hydro_ident.logs.sections import missing_of, section_of, why_left_out
+from hydro_ident.logs.signal import FILL_IN
+from hydro_ident.logs.suggest_times import OwnTime, times_of
+from hydro_ident.logs.targets import Targets
+from hydro_ident.logs.units import UNITS
+from hydro_ident.logs.words import words_in
 from hydro_model.robot import Robot
 
 _BELOW_PA = -5e3

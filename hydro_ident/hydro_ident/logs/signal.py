@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.bag.log_units import UNITS, ZEROS
 from hydro_ident.errors import BagError
+from hydro_ident.logs.units import UNITS, ZEROS
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_msgs_docs.cdr import FloatArray

@@ -1,7 +1,7 @@
 """The mapping of a log: which signal is which joint, pressure or valve, and in which unit.
 
 ``value = sign * scale * (signal - minus, in its unit) + offset``, the offset in SI units, as in
-the mapping of a bus (`hydro_ident.bag.log_signal`). The page `log_map` of hydro_msgs_docs has
+the mapping of a bus (`hydro_ident.logs.signal`). The page `log_map` of hydro_msgs_docs has
 every key.
 """
 
@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-from hydro_ident.bag.log_file import CsvLayout
-from hydro_ident.bag.log_joint_units import quantity_of
-from hydro_ident.bag.log_signal import (
+from hydro_ident.errors import BagError
+from hydro_ident.logs.file import CsvLayout
+from hydro_ident.logs.joint_units import quantity_of
+from hydro_ident.logs.signal import (
     Clock,
     LogSignal,
     filled,
@@ -23,7 +24,6 @@ from hydro_ident.bag.log_signal import (
     signal_of,
     unit_of,
 )
-from hydro_ident.errors import BagError
 from hydro_model.errors import RobotError
 from hydro_model.fields import Fields
 from hydro_model.robot import Robot

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.bag.log_clocks import timeline_of
-from hydro_ident.bag.log_columns import Columns
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_map import OF_JOINTS, LogMap
-from hydro_ident.bag.log_plausible import unit_warnings
-from hydro_ident.bag.log_unpaired import check_times
 from hydro_ident.bag.metadata import OfferedQos
 from hydro_ident.bag.writer import BagWriter
 from hydro_ident.errors import BagError
+from hydro_ident.logs.clocks import timeline_of
+from hydro_ident.logs.columns import Columns
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.map import OF_JOINTS, LogMap
+from hydro_ident.logs.plausible import unit_warnings
+from hydro_ident.logs.unpaired import check_times
 from hydro_model.terminal import advance
 from hydro_msgs_docs.cdr import FloatArray, IntArray
 from hydro_msgs_docs.topics import (

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.bag.log_clocks import SAME, SHARED, nearest
-from hydro_ident.bag.log_file import Log
-from hydro_ident.bag.log_guess import LEVELS, Guess, Reading, weakest
-from hydro_ident.bag.log_signal import FILL_IN
-from hydro_ident.bag.log_times import (
+from hydro_ident.logs.clocks import SAME, SHARED, nearest
+from hydro_ident.logs.file import Log
+from hydro_ident.logs.guess import LEVELS, Guess, Reading, weakest
+from hydro_ident.logs.signal import FILL_IN
+from hydro_ident.logs.times import (
     EPOCH,
     Beside,
     beside,
@@ -24,7 +24,7 @@ from hydro_ident.bag.log_times import (
     times_among,
     unit_beside,
 )
-from hydro_ident.bag.log_units import UNITS
+from hydro_ident.logs.units import UNITS
 from hydro_msgs_docs.cdr import FloatArray
 
 #: Rates that logs of machines have, Hz, and the usual one.

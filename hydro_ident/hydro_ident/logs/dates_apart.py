@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hydro_ident.bag.log_dates import Dated, dated, is_date, why_unread
-from hydro_ident.bag.log_file import SHOWN
+from hydro_ident.logs.dates import Dated, dated, is_date, why_unread
+from hydro_ident.logs.file import SHOWN
 
 
 @dataclass(frozen=True, slots=True)

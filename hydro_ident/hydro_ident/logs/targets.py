@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hydro_ident.bag.log_guess import Reading, words_of
-from hydro_ident.bag.log_joint_units import quantity_of, why_not
-from hydro_ident.bag.log_map import SECTIONS
-from hydro_ident.bag.log_names import Target, made_up
-from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import COMMON, MEASURED, SUPPLY, TANK, alike, chamber_of, word_set
+from hydro_ident.logs.guess import Reading, words_of
+from hydro_ident.logs.joint_units import quantity_of, why_not
+from hydro_ident.logs.map import SECTIONS
+from hydro_ident.logs.names import Target, made_up
+from hydro_ident.logs.units import UNITS
+from hydro_ident.logs.words import COMMON, MEASURED, SUPPLY, TANK, alike, chamber_of, word_set
 from hydro_model.robot import Joint, Robot
 from hydro_msgs_docs.cdr import FloatArray
 
@@ -233,7 +233,7 @@ class Targets:
         return bool(self._called(section, reading, body)[1])
 
     def quantity_of(self, section: str, name: str) -> str:
-        """What a signal of a section measures, as of `log_joint_units`.
+        """What a signal of a section measures, as of `logs.joint_units`.
 
         Parameters
         ----------

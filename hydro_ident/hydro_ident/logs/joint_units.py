@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_units import UNITS
-from hydro_ident.bag.log_words import word_set
+from hydro_ident.logs.guess import Reading
+from hydro_ident.logs.units import UNITS
+from hydro_ident.logs.words import word_set
 from hydro_model.robot import Robot
 
 #: Quantity of any joint -> that of one that turns, that of one that slides.

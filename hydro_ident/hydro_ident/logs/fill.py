@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 
-from hydro_ident.bag.log_columns import wrap_of
-from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_map import OF_JOINTS, SECTIONS
-from hydro_ident.bag.log_names import Target
-from hydro_ident.bag.log_signal import FILL_IN, unwrapped
-from hydro_ident.bag.log_targets import Targets
-from hydro_ident.bag.log_units import UNITS
+from hydro_ident.logs.columns import wrap_of
+from hydro_ident.logs.guess import Reading
+from hydro_ident.logs.map import OF_JOINTS, SECTIONS
+from hydro_ident.logs.names import Target
+from hydro_ident.logs.signal import FILL_IN, unwrapped
+from hydro_ident.logs.targets import Targets
+from hydro_ident.logs.units import UNITS
 from hydro_msgs_docs.cdr import FloatArray
 
 Entry = dict[str, object]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hydro_ident.bag.log_guess import Reading
-from hydro_ident.bag.log_words import CHAMBER_A, CHAMBER_B, OF_PRESSURES, SUPPLY, TANK, chamber_of
+from hydro_ident.logs.guess import Reading
+from hydro_ident.logs.words import CHAMBER_A, CHAMBER_B, OF_PRESSURES, SUPPLY, TANK, chamber_of
 
 
 @dataclass(frozen=True, slots=True)
