@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hydro_ident.cleaning import Cleaner
-from hydro_ident.estimate.chambers import (
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_laws import NULL_BIAS
+from hydro_ident.estimate.flows.chambers import (
     INVERSE_BULK,
     OVER_BULK,
     Chamber,
@@ -16,20 +18,18 @@ from hydro_ident.estimate.chambers import (
     chambers_of,
     column_names,
 )
-from hydro_ident.estimate.cylinder_fit import CylinderFit
-from hydro_ident.estimate.derivatives import FilterSettings, secant_slope
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_rows
-from hydro_ident.estimate.late_forces import late_rows
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.listed_laws import NULL_BIAS
-from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.noise import flow_noise, force_noise
-from hydro_ident.estimate.rows import Rows
-from hydro_ident.estimate.scores import ChannelScore, HoldOut, Tally
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace
-from hydro_ident.estimate.zeros import constant_rows
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_rows
+from hydro_ident.estimate.forces.late_forces import late_rows
+from hydro_ident.estimate.forces.zeros import constant_rows
+from hydro_ident.estimate.scoring.noise import flow_noise, force_noise
+from hydro_ident.estimate.scoring.scores import ChannelScore, HoldOut, Tally
+from hydro_ident.estimate.signals.derivatives import FilterSettings, secant_slope
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.moments import Moments
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.parameters import listed_value
 from hydro_model.robot import FloatArray, Robot
 

@@ -14,12 +14,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from hydro_ident.bag.streaming import OVERLAP_S, PIECE_S, Piece
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.delay import DelayFit, fit_delay
-from hydro_ident.estimate.flow_moments import FlowGatherer
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.regression import misfit
-from hydro_ident.estimate.traces import traces_of_piece
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.delay import DelayFit, fit_delay
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.signals.traces import traces_of_piece
+from hydro_ident.estimate.statistics.regression import misfit
 from hydro_ident.sources import Source
 from hydro_ident.survey import Survey
 from hydro_model.robot import Robot

@@ -1,7 +1,7 @@
 """What changed since an earlier identification of the same machine, and how surely.
 
 The change of a parameter is judged against the deviations of both identifications, those of noise
-s and those that physics left out of the model may make m (`hydro_ident.estimate.left_out`):
+s and those that physics left out may make m (`hydro_ident.estimate.effects.left_out`):
 
     t = (new - old) / sqrt(s_new^2 + s_old^2 + m_new^2 + m_old^2)
 

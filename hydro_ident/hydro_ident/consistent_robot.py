@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.bounds import DEVIATIONS
-from hydro_ident.estimate.physical import (
+from hydro_ident.estimate.bodies.physical import (
     BaseEstimate,
     ConsistentBody,
     PhysicalParameters,
     physical_parameters,
     told_distance,
 )
+from hydro_ident.estimate.forces.bounds import DEVIATIONS
 from hydro_model.robot import (
     PART_PARAMETERS,
     STANDARD_PARAMETERS,

@@ -9,9 +9,9 @@ import numpy as np
 
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.streaming import Piece, cut_recording
-from hydro_ident.estimate.bridging import LONGEST_HOLE_S
-from hydro_ident.estimate.parting import LONG_LOSS
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.bridging import LONGEST_HOLE_S
+from hydro_ident.estimate.signals.parting import LONG_LOSS
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.robot import FloatArray
 
 

@@ -7,21 +7,21 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from hydro_ident.cleaning import Cleaner
-from hydro_ident.estimate.blocks import blocks_of
-from hydro_ident.estimate.delay import Solve, fit_delay
-from hydro_ident.estimate.histogram import Histogram
-from hydro_ident.estimate.hydraulics import HydraulicFit, hydraulic_fit
-from hydro_ident.estimate.inertial import InertialFit, inertial_fit
-from hydro_ident.estimate.least_squares import (
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_steps import stepped
+from hydro_ident.estimate.flows.delay import Solve, fit_delay
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit, hydraulic_fit
+from hydro_ident.estimate.forces.inertial import InertialFit, inertial_fit
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.blocks import blocks_of
+from hydro_ident.estimate.statistics.histogram import Histogram
+from hydro_ident.estimate.statistics.least_squares import (
     ROBUST_PASSES,
     robust_settled,
     weights_of,
 )
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.listed_steps import stepped
-from hydro_ident.estimate.regression import Solution, solve_iv, solve_ols, solve_wls
-from hydro_ident.estimate.robust import EXCESS, Weights
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.regression import Solution, solve_iv, solve_ols, solve_wls
+from hydro_ident.estimate.statistics.robust import EXCESS, Weights
 from hydro_ident.estimator_choice import (
     REFERENCED_SHARE,
     Choice,

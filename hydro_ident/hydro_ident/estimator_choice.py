@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.inertial import InertialFit, parameter_scales
-from hydro_ident.estimate.least_squares import BoolArray, Estimator
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.watched import SPIKE_SIGMAS, watched_sensors
+from hydro_ident.estimate.forces.inertial import InertialFit, parameter_scales
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.watched import SPIKE_SIGMAS, watched_sensors
+from hydro_ident.estimate.statistics.least_squares import BoolArray, Estimator
 from hydro_ident.survey import Survey
 from hydro_model.robot import FloatArray, Robot
 

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings, motion
-from hydro_ident.estimate.held_effects import corrected, sensor_errors
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.effects.held_effects import corrected, sensor_errors
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.rollout_windows import (
     SHORTEST_S,
     Piece,

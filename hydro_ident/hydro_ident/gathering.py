@@ -10,17 +10,17 @@ import numpy as np
 from hydro_ident.bag.streaming import OVERLAP_S, Piece
 from hydro_ident.channel_scores import ScoreKeeper, ScorePlan
 from hydro_ident.cleaning import Cleaner
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.end_stops import at_end_stops
-from hydro_ident.estimate.flow_moments import FlowGatherer
-from hydro_ident.estimate.inertial import ForceModel, force_rows
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.robust import Weights
-from hydro_ident.estimate.scores import HoldOut, Tally
-from hydro_ident.estimate.summed_flow import SummedFlow
-from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.summed_flow import SummedFlow
+from hydro_ident.estimate.forces.end_stops import at_end_stops
+from hydro_ident.estimate.forces.inertial import ForceModel, force_rows
+from hydro_ident.estimate.scoring.scores import HoldOut, Tally
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
+from hydro_ident.estimate.statistics.moments import Moments
+from hydro_ident.estimate.statistics.robust import Weights
 from hydro_ident.sources import Source
 from hydro_model.robot import Robot
 

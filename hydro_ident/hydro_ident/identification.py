@@ -20,11 +20,11 @@ from hydro_ident.consistent_robot import (
     with_standard_parameters,
 )
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.closed_chain import part_notes
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.scores import ChannelScore
-from hydro_ident.estimate.summed_flow import SummedComparison
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.estimate.forces.closed_chain import part_notes
+from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.estimation import Estimates, Estimation
 from hydro_ident.estimator_choice import Chosen
 from hydro_ident.free_run import FreeRun

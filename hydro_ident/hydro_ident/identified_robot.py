@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.parameters import Parameter, parameter_list
 from hydro_model.base_parameters import with_base
 from hydro_model.effects.catalogue import resolve

@@ -11,18 +11,18 @@ from hydro_ident.channel_scores import ScorePlan, channel_scores
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.command_updates import update_notes, with_updates
 from hydro_ident.continuity import bridged_notes, partial_notes
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.flow_moments import NEARLY
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import ForceModel, InertialFit, force_model
-from hydro_ident.estimate.late_forces import LateForce, late_forces
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.scores import PLOT_POINTS, ChannelScore, HoldOut
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.summed_flow import SummedComparison
-from hydro_ident.estimate.zeros import with_zeros
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.flow_moments import NEARLY
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.flows.summed_flow import SummedComparison
+from hydro_ident.estimate.forces.inertial import ForceModel, InertialFit, force_model
+from hydro_ident.estimate.forces.late_forces import LateForce, late_forces
+from hydro_ident.estimate.forces.zeros import with_zeros
+from hydro_ident.estimate.scoring.scores import PLOT_POINTS, ChannelScore, HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.estimation import Estimates, cleaned_notes
 from hydro_ident.estimator_choice import Choice
 from hydro_ident.free_run import FreeRun, free_run, no_free_run

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hydro_ident.channel_scores import LEFT_OUT
-from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.late_forces import LateForce
-from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.forces.late_forces import LateForce
+from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import COMMAND_DELAY, Parameter
 from hydro_model.robot import Robot

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.cylinder_fit import CylinderFit
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.left_out import cylinder_errors, force_errors, left_out_rms
-from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.estimate.effects.left_out import cylinder_errors, force_errors, left_out_rms
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.parameters import Parameter
 from hydro_model.robot import FloatArray
 from hydro_model.robot_files import read_yaml
@@ -33,7 +33,8 @@ class Statistics:
     dof : mapping of str to float
         Degrees of freedom of the standard deviations by parameter; absent: as good as infinite.
     model_error : mapping of str to float
-        Standard deviations for physics left out (`hydro_ident.estimate.left_out`) by parameter.
+        Standard deviations for physics left out, by parameter
+        (`hydro_ident.estimate.effects.left_out`).
     base_model_error : (p, p) array or None
         The same as a covariance of the base parameters.
     bags : mapping of str to str

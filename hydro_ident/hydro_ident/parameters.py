@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.cylinder_fit import BULK_BOUNDS_PA, CylinderFit
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
+from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA, CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_ident.parameter_names import parts_of
 from hydro_model.effects.units import effect_units, unit_at_joint
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot

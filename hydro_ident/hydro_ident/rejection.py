@@ -13,14 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.bounds import conditioned, effect_bounds
-from hydro_ident.estimate.chambers import INVERSE_BULK, OVER_BULK
-from hydro_ident.estimate.closed_chain import HeldPart
-from hydro_ident.estimate.cylinder_fit import CylinderFit
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
-from hydro_ident.estimate.listed_laws import NULL_BIAS
-from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.estimate.effects.listed_laws import NULL_BIAS
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.bounds import conditioned, effect_bounds
+from hydro_ident.estimate.forces.closed_chain import HeldPart
+from hydro_ident.estimate.forces.inertial import InertialFit
+from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.estimation import Estimates
 from hydro_ident.identified_robot import has_definite_mass, identified_robot
 from hydro_ident.parameters import Parameter, cylinder_parameters
@@ -35,7 +35,7 @@ QUIET = 2.0
 def within_bounds(robot: Robot, estimates: Estimates) -> Estimates:
     """Listed effects of the chambers held at their catalogue bounds, or their stage rejected.
 
-    The forces' are held while they are fitted (`hydro_ident.estimate.bounds`).
+    The forces' are held while they are fitted (`hydro_ident.estimate.forces.bounds`).
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from typing import Any
 
 from hydro_ident.consistent_robot import physical_dict
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.summed_flow import summed_dict
+from hydro_ident.estimate.flows.summed_flow import summed_dict
 from hydro_ident.estimator_choice import Chosen
 from hydro_ident.identification import Identification
 from hydro_ident.json_numbers import finite

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings, motion
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_model.cylinder import stroke
 from hydro_model.effects import resolve, with_changes
 from hydro_model.robot import FloatArray, Robot

@@ -12,7 +12,7 @@ from hydro_ident.bag.reader import files_of
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import COLUMNS, OVERLAP_S, PIECE_S, Piece, stream_recordings
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
 from hydro_model.robot import Robot
 
 #: Longer than any recording: a piece is the whole.

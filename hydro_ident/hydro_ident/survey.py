@@ -11,9 +11,9 @@ from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recorded_run import Recording
 from hydro_ident.bag.recorded_with import recorded_apart
 from hydro_ident.continuity import Continuity, bridged_notes, partial_notes
-from hydro_ident.estimate.inertial import least_travel
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import traces_of_piece
+from hydro_ident.estimate.forces.inertial import least_travel
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.sources import Source
 from hydro_ident.verdict import recorded_as_others
 from hydro_model.robot import FloatArray, Robot

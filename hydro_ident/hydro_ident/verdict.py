@@ -13,9 +13,9 @@ import numpy as np
 
 from hydro_ident.bag.recording import Recording
 from hydro_ident.continuity import Continuity, broken_up, partly_read
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.hydraulics import HydraulicFit
-from hydro_ident.estimate.inertial import InertialFit
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.inertial import InertialFit
 from hydro_model.base_parameters import base_map
 from hydro_model.cylinder import stroke
 from hydro_model.robot import Robot

@@ -13,7 +13,7 @@ from hydro_ident.bag.digest import Digest
 from hydro_ident.bag.recording import Recording, read_recording
 from hydro_ident.bag.streaming import stream_recordings
 from hydro_ident.bag.writer import BagWriter
-from hydro_ident.estimate.traces import traces_of, traces_of_piece
+from hydro_ident.estimate.signals.traces import traces_of, traces_of_piece
 from hydro_model.robot import Robot
 from hydro_msgs_docs.cdr import JOINT_STATE
 

@@ -8,9 +8,9 @@ import pytest
 from hydro_ident.bag.gaps import contiguous, find_gaps, usual_period_s
 from hydro_ident.bag.intervals import Intervals
 from hydro_ident.bag.recording import read_recording
-from hydro_ident.estimate.chambers import EDGES
-from hydro_ident.estimate.hydraulics import fit_hydraulics
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.flows.chambers import EDGES
+from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.inspection_reading import inspect_bag
 
 START_NS = 1_700_000_000_000_000_000

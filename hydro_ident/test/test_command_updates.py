@@ -12,7 +12,7 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.command_updates import UpdatedBetween, update_notes, with_updates
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.identification import Identification, identify
 from hydro_ident.sources import MemorySource
 from hydro_ident.survey import survey_source

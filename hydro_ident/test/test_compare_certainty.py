@@ -14,8 +14,8 @@ from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import parser, run, settings_of
 from hydro_ident.compare import Comparison, Sides, compare
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.rows import Rows
-from hydro_ident.estimate.scores import HoldOut, in_turns
+from hydro_ident.estimate.scoring.scores import HoldOut, in_turns
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.identification import Identification, identify
 from hydro_ident.model_statistics import Statistics, read_statistics, statistics_of
 from hydro_ident.parameters import Parameter

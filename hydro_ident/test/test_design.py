@@ -25,11 +25,11 @@ from hydro_ident.design.prediction import cavitating, expected_trace, predict, p
 from hydro_ident.design.pressures import _Chambers, required_hydraulics
 from hydro_ident.design.program import Program, sampled
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.hydraulics import fit_hydraulics
-from hydro_ident.estimate.inertial import fit_inertial, force_model, force_rows
-from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, chambers_of
+from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
+from hydro_ident.estimate.forces.inertial import fit_inertial, force_model, force_rows
+from hydro_ident.estimate.signals.derivatives import FilterSettings
 from hydro_ident.experiment import LIMITS, design_excitation
 from hydro_ident.parameters import parameter_list
 from hydro_model.joint_ranges import middle

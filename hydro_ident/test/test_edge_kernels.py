@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.edge_kernels import integrate_edges
+from hydro_ident.estimate.flows.edge_kernels import integrate_edges
 from hydro_model.robot_files import load_robot
 from hydro_model.valve import edge_flows
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings, central_differences
-from hydro_ident.estimate.end_stops import at_end_stops
-from hydro_ident.estimate.force_rows import force_rows
-from hydro_ident.estimate.inertial import fit_inertial, force_model
-from hydro_ident.estimate.late_forces import late_rows
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.end_stops import at_end_stops
+from hydro_ident.estimate.forces.force_rows import force_rows
+from hydro_ident.estimate.forces.inertial import fit_inertial, force_model
+from hydro_ident.estimate.forces.late_forces import late_rows
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings, central_differences
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics

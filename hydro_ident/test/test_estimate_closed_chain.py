@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.closed_chain import expected_sizes
-from hydro_ident.estimate.inertial import InertialFit, fit_inertial, force_model
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.forces.closed_chain import expected_sizes
+from hydro_ident.estimate.forces.inertial import InertialFit, fit_inertial, force_model
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.identified_robot import identified_robot
 from hydro_ident.model_file import write_model
 from hydro_model.base_parameters import base_map

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, freqz, sosfiltfilt
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.derivatives import (
+from hydro_ident.estimate.signals.derivatives import (
     FilterSettings,
     central_differences,
     kept_samples,

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.derivatives import FilterSettings, kept_samples
-from hydro_ident.estimate.inertial import (
+from hydro_ident.estimate.forces.inertial import (
     Motion,
     fit_inertial,
     force_columns,
@@ -20,8 +19,9 @@ from hydro_ident.estimate.inertial import (
     measured_force,
     still_joints,
 )
-from hydro_ident.estimate.least_squares import Rows, weighted_least_squares
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.least_squares import Rows, weighted_least_squares
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import Robot

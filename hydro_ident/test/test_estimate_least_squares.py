@@ -8,15 +8,15 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.blocks import blocks_of
-from hydro_ident.estimate.least_squares import (
+from hydro_ident.estimate.statistics.blocks import blocks_of
+from hydro_ident.estimate.statistics.least_squares import (
     Rows,
     collinearity,
     fit_of_solution,
     weighted_least_squares,
 )
-from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.regression import solve_ols
+from hydro_ident.estimate.statistics.moments import Moments
+from hydro_ident.estimate.statistics.regression import solve_ols
 
 THETA = np.array([2.0e3, -3.0e-7])
 

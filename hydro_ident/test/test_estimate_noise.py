@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import WindowSettings, chambers_of
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.inertial import force_model
-from hydro_ident.estimate.noise import encoder_noise, flow_noise, force_noise
-from hydro_ident.estimate.signal_survey import Sensor, SignalSurvey
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.forces.inertial import force_model
+from hydro_ident.estimate.scoring.noise import encoder_noise, flow_noise, force_noise
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import Sensor, SignalSurvey
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.mismatch.modelling.shots import sensor_noise
 from hydro_ident.survey import still_joints_of
 from hydro_model.robot import Robot

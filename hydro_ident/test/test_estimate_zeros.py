@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.force_rows import (
+from hydro_ident.estimate.forces.force_rows import (
     ForceModel,
     force_model,
     force_rows,
     pressed_joints,
 )
-from hydro_ident.estimate.inertial import fit_inertial
-from hydro_ident.estimate.moments import LAGS, Moments
-from hydro_ident.estimate.rows import Rows
-from hydro_ident.estimate.traces import Trace
-from hydro_ident.estimate.zeros import constant_rows, with_zeros
+from hydro_ident.estimate.forces.inertial import fit_inertial
+from hydro_ident.estimate.forces.zeros import constant_rows, with_zeros
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.moments import LAGS, Moments
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.transducers import zero_pa
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics

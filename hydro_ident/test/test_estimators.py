@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_ident.estimate.blocks import blocks_of
-from hydro_ident.estimate.histogram import Histogram
-from hydro_ident.estimate.least_squares import (
+from hydro_ident.estimate.statistics.blocks import blocks_of
+from hydro_ident.estimate.statistics.histogram import Histogram
+from hydro_ident.estimate.statistics.least_squares import (
     Fit,
     Rows,
     weighted_least_squares,
 )
-from hydro_ident.estimate.moments import LAGS, Moments
-from hydro_ident.estimate.regression import solve_wls
-from hydro_ident.estimate.robust import CUT, EXCESS
+from hydro_ident.estimate.statistics.moments import LAGS, Moments
+from hydro_ident.estimate.statistics.regression import solve_wls
+from hydro_ident.estimate.statistics.robust import CUT, EXCESS
 
 THETA = np.array([3.0, -2.0])
 

@@ -15,9 +15,9 @@ from hydro_ident.bag.recording import read_recording
 from hydro_ident.commands.identify import run
 from hydro_ident.compare import LEVEL, compare
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.free_run import free_run
 from hydro_ident.parameters import Parameter
 from hydro_ident.rollout_windows import rolled_out, usable_pieces

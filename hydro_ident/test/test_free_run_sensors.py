@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.free_run import free_run
 from hydro_model.effects import Readings, read_with
 from hydro_model.robot import EffectSpec, Robot

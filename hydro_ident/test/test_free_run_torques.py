@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.rollout_windows import rolled_out, usable_pieces
 from hydro_model.robot_files import load_robot
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from hydro_ident.estimate.least_squares import (
+from hydro_ident.estimate.statistics.least_squares import (
     Estimator,
 )
 from hydro_ident.study.coverage import flow_coverage, force_coverage

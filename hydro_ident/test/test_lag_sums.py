@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from hydro_ident.estimate.lag_sums import LONGEST, NODES, LagSums, autocovariance
+from hydro_ident.estimate.statistics.lag_sums import LONGEST, NODES, LagSums, autocovariance
 from hydro_model.robot import FloatArray
 
 STEP_S = 0.002

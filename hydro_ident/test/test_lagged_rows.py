@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.lagged_rows import LaggedRows, lag_products
+from hydro_ident.estimate.statistics.lagged_rows import LaggedRows, lag_products
 from hydro_model.robot import FloatArray
 
 LAGS = 3

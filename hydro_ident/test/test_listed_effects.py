@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import chambers_of
-from hydro_ident.estimate.hydraulics import fit_hydraulics
-from hydro_ident.estimate.inertial import fit_inertial
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.listed_steps import stepped
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_steps import stepped
+from hydro_ident.estimate.flows.chambers import chambers_of
+from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
+from hydro_ident.estimate.forces.inertial import fit_inertial
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.identified_robot import identified_robot
 from hydro_ident.job import planned_force_model
 from hydro_model.effects.rows import signal_rows

@@ -12,8 +12,8 @@ from hydro_ident.bag.changes import Changes
 from hydro_ident.bag.reading_rate import look_twice
 from hydro_ident.bag.recording import Recording
 from hydro_ident.bag.streaming import map_columns
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import traces_of_piece
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import traces_of_piece
 from hydro_ident.health import find_irregularities
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.split.residuals import own_forces

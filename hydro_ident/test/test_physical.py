@@ -18,13 +18,13 @@ from hydro_ident.consistent_robot import (
     with_standard_parameters,
 )
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.physical import (
+from hydro_ident.estimate.bodies.physical import (
     BaseEstimate,
     PhysicalParameters,
     physical_parameters,
     told_distance,
 )
-from hydro_ident.estimate.pseudo_inertia import bodies_of
+from hydro_ident.estimate.bodies.pseudo_inertia import bodies_of
 from hydro_ident.model_file import write_model
 from hydro_ident.study.consistency import random_robot, table
 from hydro_ident.urdf_file import write_urdf

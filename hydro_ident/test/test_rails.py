@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.rails import railed
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.flows.rails import railed
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_model.effects.catalogue import CATALOGUE, resolve
 from hydro_model.effects.targets import ActiveEffect
 from hydro_model.robot import EffectSpec, FloatArray, Robot

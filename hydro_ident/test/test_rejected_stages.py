@@ -13,9 +13,9 @@ import pytest
 from hydro_ident.bag.recording import Recording
 from hydro_ident.commands.identify import summary_text
 from hydro_ident.compare import compare
-from hydro_ident.estimate.bounds import conditioned
-from hydro_ident.estimate.cylinder_fit import CylinderFit
-from hydro_ident.estimate.hydraulics import HydraulicFit
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit
+from hydro_ident.estimate.forces.bounds import conditioned
 from hydro_ident.estimation import Estimates
 from hydro_ident.identification import Identification, Settings, identify
 from hydro_ident.identification_node import determined
@@ -265,7 +265,7 @@ def moved(found: Identification, deviations: float) -> Estimates:
     shifted = replace(first, theta=theta, covariance=covariance, rejected="", held=())
     shifted = replace(shifted, identifiable=(True,) * len(first.names))
     fit = replace(found.hydraulic, cylinders=(shifted, second))
-    from hydro_ident.estimate.listed_effects import ListedEffects
+    from hydro_ident.estimate.effects.listed_effects import ListedEffects
 
     assert found.estimator is not None
     return Estimates(None, fit, ListedEffects.of(found.given), found.estimator)

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from hydro_ident.bench.chains import PINOCCHIO_ORDER, chain, pinocchio_model
-from hydro_ident.estimate.blocks import blocks_of
-from hydro_ident.estimate.least_squares import Fit, fit_of_solution
-from hydro_ident.estimate.moments import LAGS, Moments
-from hydro_ident.estimate.regression import solve_ols
-from hydro_ident.estimate.rows import Rows
+from hydro_ident.estimate.statistics.blocks import blocks_of
+from hydro_ident.estimate.statistics.least_squares import Fit, fit_of_solution
+from hydro_ident.estimate.statistics.moments import LAGS, Moments
+from hydro_ident.estimate.statistics.regression import solve_ols
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_model.base_parameters import base_map
 from hydro_model.rigid_body import inverse_dynamics, regressor
 from hydro_model.robot import FloatArray, Robot

@@ -20,7 +20,7 @@ from hydro_ident.bench.fit import (
     save_task,
 )
 from hydro_ident.bench.job import Job, Row
-from hydro_ident.estimate.moments import LAGS
+from hydro_ident.estimate.statistics.moments import LAGS
 from hydro_ident.study.peak import spent
 
 SAMPLES = 100_000

@@ -188,7 +188,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     `options` is what argparse made of it.
     """
     from hydro_ident.errors import IdentError
-    from hydro_ident.estimate.derivatives import FilterSettings
+    from hydro_ident.estimate.signals.derivatives import FilterSettings
     from hydro_ident.identification import Settings
 
     chosen = {field: getattr(options, name) for name, field in _FILTER_OPTIONS.items()}

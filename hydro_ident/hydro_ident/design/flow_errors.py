@@ -10,7 +10,8 @@ import numpy as np
 
 from hydro_ident.design.expected import MAX_COLLINEARITY, Expected
 from hydro_ident.design.information import Residual, moments, sandwich
-from hydro_ident.estimate.chambers import (
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import (
     INVERSE_BULK,
     OVER_BULK,
     Chamber,
@@ -19,10 +20,9 @@ from hydro_ident.estimate.chambers import (
     chambers_of,
     column_names,
 )
-from hydro_ident.estimate.least_squares import collinearity
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.noise import flow_noise
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.scoring.noise import flow_noise
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.least_squares import collinearity
 from hydro_ident.parameters import effect_unit, listed_value
 from hydro_model.robot import FloatArray
 

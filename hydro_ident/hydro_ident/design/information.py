@@ -3,7 +3,7 @@
 Least squares with residuals of covariance ``sigma^2 rho^|t - s|`` (what a model leaves out of a
 crane is correlated over some tenths of a second) has the covariance ``H^-1 M H^-1`` with
 ``H = sum x x^T`` and ``M = sum_ts rho^|t - s| x_t x_s^T``: the population value of what
-`estimate.least_squares` estimates from the residuals of a run.
+`estimate.statistics.least_squares` estimates from the residuals of a run.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings, parallel_filter
-from hydro_ident.estimate.inertial import ForceModel, Motion, force_columns, force_model
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.forces.inertial import ForceModel, Motion, force_columns, force_model
+from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_filter
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.cylinder import lever, stroke
 from hydro_model.rigid_body import inverse_dynamics
 from hydro_model.robot import FloatArray, Robot

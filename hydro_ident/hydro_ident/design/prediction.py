@@ -25,13 +25,13 @@ from hydro_ident.design.information import (
     sandwich,
 )
 from hydro_ident.design.pressures import Hydraulics, required_hydraulics
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.inertial import Motion
-from hydro_ident.estimate.least_squares import collinearity
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.noise import force_noise
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.inertial import Motion
+from hydro_ident.estimate.scoring.noise import force_noise
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.least_squares import collinearity
 from hydro_ident.json_numbers import finite
 from hydro_ident.parameters import effect_unit, listed_value, viscous_unit
 from hydro_model.robot import STANDARD_PARAMETERS, STANDARD_UNITS, FloatArray, Robot

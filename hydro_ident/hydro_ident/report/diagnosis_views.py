@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.everyday_units import told
 from hydro_ident.mismatch.answer.diagnosis_file import as_modelled, channel_dict, finding_dict
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding

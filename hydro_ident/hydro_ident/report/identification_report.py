@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from hydro_ident.estimate.scores import ChannelScore
+from hydro_ident.estimate.scoring.scores import ChannelScore
 from hydro_ident.identification import Identification
 from hydro_ident.model_error import model_error_note
 from hydro_ident.rejection import rejected_channels, rejections

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.bounds import effect_bounds
+from hydro_ident.estimate.forces.bounds import effect_bounds
 from hydro_ident.everyday_units import everyday, rounded
 from hydro_ident.parameter_names import parts_of
 from hydro_ident.parameters import COMMAND_DELAY, Parameter

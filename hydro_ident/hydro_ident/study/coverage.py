@@ -19,18 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import WindowSettings, chambers_of
-from hydro_ident.estimate.derivatives import FilterSettings, parallel_filter
-from hydro_ident.estimate.flow_moments import (
+from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.flows.flow_moments import (
     ChamberMoments,
     FlowGatherer,
     combination,
     gathered_rows,
 )
-from hydro_ident.estimate.hydraulics import hydraulic_fit
-from hydro_ident.estimate.least_squares import Estimator, weighted_least_squares
-from hydro_ident.estimate.moments import Moments
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.flows.hydraulics import hydraulic_fit
+from hydro_ident.estimate.signals.derivatives import FilterSettings, parallel_filter
+from hydro_ident.estimate.signals.traces import traces_of
+from hydro_ident.estimate.statistics.least_squares import Estimator, weighted_least_squares
+from hydro_ident.estimate.statistics.moments import Moments
 from hydro_ident.parameters import NORMAL_95, student_95
 from hydro_ident.study.designed_motion import DesignedMotion
 from hydro_ident.study.synthetic import STEP_S, Noise, synthetic_recording

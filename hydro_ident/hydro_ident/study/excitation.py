@@ -28,9 +28,9 @@ from hydro_ident.design.information import ForceInformation, Residual, moments, 
 from hydro_ident.design.limits import Limits, half_range, limit_ratios
 from hydro_ident.design.prediction import Motions, Prediction, predict
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.inertial import fit_inertial, force_rows
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.forces.inertial import fit_inertial, force_rows
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.experiment import Design, design_excitation, start_pose
 from hydro_ident.study.gain_choice import gains_of
 from hydro_model.command import run_command

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.hydraulics import HydraulicFit, fit_hydraulics
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.hydraulics import HydraulicFit, fit_hydraulics
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.robot import Robot
 
 H = 0.002

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import WindowSettings, chamber_rows, chambers_of
-from hydro_ident.estimate.cylinder_fit import BULK_BOUNDS_PA
-from hydro_ident.estimate.delay import fit_delay
-from hydro_ident.estimate.flow_moments import FlowGatherer
-from hydro_ident.estimate.hydraulics import fit_hydraulics
-from hydro_ident.estimate.shared_parameters import chambers_to_cylinder
+from hydro_ident.estimate.flows.chambers import WindowSettings, chamber_rows, chambers_of
+from hydro_ident.estimate.flows.cylinder_fit import BULK_BOUNDS_PA
+from hydro_ident.estimate.flows.delay import fit_delay
+from hydro_ident.estimate.flows.flow_moments import FlowGatherer
+from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
+from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
 from hydro_ident.identified_robot import identified_robot
 from hydro_ident.parameters import cylinder_parameters, student_95
 from hydro_ident.verdict import _hydraulic_problems

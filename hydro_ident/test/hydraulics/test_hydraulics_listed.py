@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.hydraulics import fit_hydraulics
-from hydro_ident.estimate.listed_effects import ListedEffects
-from hydro_ident.estimate.listed_steps import stepped
-from hydro_ident.estimate.summed_flow import SummedComparison, SummedFlow, summed_dict
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_steps import stepped
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.flows.hydraulics import fit_hydraulics
+from hydro_ident.estimate.flows.summed_flow import SummedComparison, SummedFlow, summed_dict
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_model.robot import EffectSpec, Robot
 
 

@@ -13,7 +13,7 @@ import pytest
 from hydro_ident import transducers
 from hydro_ident.bag.streaming import map_columns
 from hydro_ident.errors import IdentError
-from hydro_ident.estimate.derivatives import FilterSettings, motion
+from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
 from hydro_ident.identification import Identification, identify
 from hydro_ident.identified_robot import _effects
 from hydro_model.base_parameters import base_map

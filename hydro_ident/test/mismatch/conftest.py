@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.force_rows import force_model
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.force_rows import force_model
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.prediction import Model, Predictor

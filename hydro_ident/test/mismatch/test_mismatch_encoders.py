@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.mismatch.locating import encoders
 from hydro_ident.mismatch.locating.dependence import Dependence
 from hydro_ident.mismatch.locating.encoders import Encoders

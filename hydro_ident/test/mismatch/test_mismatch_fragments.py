@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.mismatch.answer.diagnosis_file import result_dict
 from hydro_ident.mismatch.answer.outcome import MATCHES, Diagnosis
 from hydro_ident.mismatch.fitting.fitting import fit

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.force_rows import force_model
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace, last_known, traces_of
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.force_rows import force_model
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace, last_known, traces_of
 from hydro_ident.mismatch.fitting.training import start_model
 from hydro_ident.mismatch.rows.laying import material_of
 from hydro_ident.mismatch.rows.lost_signals import LATEST_S, held_signal

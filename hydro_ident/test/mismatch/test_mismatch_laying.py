@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hydro_ident.bag.recording import Recording
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.traces import traces_of
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.traces import traces_of
 from hydro_ident.mismatch.answer.diagnosis import diagnose
 from hydro_ident.mismatch.answer.outcome import EXPLAINED, PARTLY
 from hydro_ident.mismatch.rows.laying import material_of

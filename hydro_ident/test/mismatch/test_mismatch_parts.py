@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.rows import Rows
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import Rows
 from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.settings import LONGEST_S, LONGEST_SCAN_S
 from hydro_ident.mismatch.split.parts import hardly_held, split_of, spread_parts

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.closed_chain import expected_sizes
+from hydro_ident.estimate.forces.closed_chain import expected_sizes
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import fitted
 from hydro_ident.mismatch.fitting.fitting import _owned, fit

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import FilterSettings
-from hydro_ident.estimate.force_rows import force_model
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.force_rows import force_model
+from hydro_ident.estimate.signals.derivatives import FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.naming.few_motions import FewMotions
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.rows.laying import material_of

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid, trapezoid
 
-from hydro_ident.estimate.force_rows import force_model
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace, traces_of
+from hydro_ident.estimate.forces.force_rows import force_model
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace, traces_of
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.rows.choices import Choices, choices_of
 from hydro_ident.mismatch.rows.ripple import ripple_force, ripple_name

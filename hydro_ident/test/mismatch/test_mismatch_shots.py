@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.scores import HoldOut
+from hydro_ident.estimate.scoring.scores import HoldOut
 from hydro_ident.mismatch.modelling.shots import Shots
 from hydro_model.effects.catalogue import resolve
 from hydro_model.robot import EffectSpec, Robot

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.derivatives import (
+from hydro_ident.estimate.signals.derivatives import (
     FilterSettings,
     central_differences,
     motion,

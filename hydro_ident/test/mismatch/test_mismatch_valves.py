@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_ident.estimate.listed_effects import ListedEffects
+from hydro_ident.estimate.effects.listed_effects import ListedEffects
 from hydro_ident.mismatch.fitting.stepping import is_free
 from hydro_ident.mismatch.naming.name import Search, Searcher
 from hydro_ident.mismatch.naming.worth import _opens_beside

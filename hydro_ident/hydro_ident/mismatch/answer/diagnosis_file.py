@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_ident.estimate.scores import fit_percent
+from hydro_ident.estimate.scoring.scores import fit_percent
 from hydro_ident.json_numbers import finite
 from hydro_ident.mismatch.answer.outcome import ChannelResult, Diagnosis, Finding
 from hydro_ident.mismatch.fitting.fitted import Fitted

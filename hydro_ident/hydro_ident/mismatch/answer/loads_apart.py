@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.naming.instants import at_own_instants

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.scores import in_turns
+from hydro_ident.estimate.scoring.scores import in_turns
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.tall import factored
 from hydro_ident.mismatch.fitting.whitening import IndexArray, Layout, Noise
 from hydro_ident.mismatch.fitting.whitening_kernels import add_blocks

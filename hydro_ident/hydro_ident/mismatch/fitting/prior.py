@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.closed_chain import expected_sizes
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.forces.closed_chain import expected_sizes
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_ident.mismatch.rows.ripple import in_step, known_ripple

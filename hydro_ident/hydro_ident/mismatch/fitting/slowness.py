@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.force_rows import ForceModel
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.forces.force_rows import ForceModel
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit
 from hydro_ident.mismatch.fitting.stepping import at_longest_delay

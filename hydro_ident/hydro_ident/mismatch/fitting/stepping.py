@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.rows.base_columns import DELAY
 from hydro_ident.mismatch.rows.prediction import Model, Predictor

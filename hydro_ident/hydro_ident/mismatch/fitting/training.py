@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.whitening import LEAST_NOISE, Layout, Noise, noise_of

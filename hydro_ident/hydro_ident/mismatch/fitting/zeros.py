@@ -1,4 +1,4 @@
-"""What zeros of transducers do to a model's numbers, as `hydro_ident.estimate.zeros` has it."""
+"""What zeros of transducers do to a model's numbers: `hydro_ident.estimate.forces.zeros`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hydro_ident.estimate.force_rows import pressed_joints
+from hydro_ident.estimate.forces.force_rows import pressed_joints
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.transducers import zero_pa

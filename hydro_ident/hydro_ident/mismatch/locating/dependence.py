@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.training import Training, layout_of

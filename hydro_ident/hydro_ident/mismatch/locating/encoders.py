@@ -16,11 +16,11 @@ from functools import cached_property
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import FilterSettings, motion
-from hydro_ident.estimate.force_rows import Motion
-from hydro_ident.estimate.noise import encoder_noise
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.forces.force_rows import Motion
+from hydro_ident.estimate.scoring.noise import encoder_noise
+from hydro_ident.estimate.signals.derivatives import FilterSettings, motion
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import IndexArray

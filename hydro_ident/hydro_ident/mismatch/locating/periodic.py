@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import digamma, polygamma
 from scipy.stats import f as ratio_law
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.fitting.whitening import IndexArray
 from hydro_model.robot import FloatArray

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.stepping import is_free, moved, with_values
 from hydro_ident.mismatch.fitting.training import Training

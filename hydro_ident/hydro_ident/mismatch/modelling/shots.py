@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import low_pass
-from hydro_ident.estimate.held_effects import sensor_errors
-from hydro_ident.estimate.noise import encoder_noise
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.effects.held_effects import sensor_errors
+from hydro_ident.estimate.scoring.noise import encoder_noise
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import low_pass
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Predictor
 from hydro_ident.rollout_windows import Piece, rolled_out, spread, usable_pieces, windows

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.scores import GUARD_PERIODS
+from hydro_ident.estimate.scoring.scores import GUARD_PERIODS
 from hydro_ident.mismatch.fitting.fitted import Fitted, fitted
 from hydro_ident.mismatch.fitting.fitting import fit, fit_term, reach_of
 from hydro_ident.mismatch.fitting.stepping import WAYS, is_free

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import Chamber, edge_integrals
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.contributions import compressed
 from hydro_model.robot import FloatArray
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hydro_ident.estimate.chambers import INVERSE_BULK, Chamber
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, Chamber
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.ripple import ripple_name
 from hydro_ident.mismatch.rows.skew import TORQUE_SKEW, TORQUES, skew_name

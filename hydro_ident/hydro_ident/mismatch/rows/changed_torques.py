@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hydro_ident.estimate.force_rows import Motion
+from hydro_ident.estimate.forces.force_rows import Motion
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_model.effects.bending import Load, bears
 from hydro_model.effects.targets import ActiveEffect, joint_of

@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import welch
 
-from hydro_ident.estimate.chambers import WindowSettings
-from hydro_ident.estimate.derivatives import QUICKEST, FilterSettings
-from hydro_ident.estimate.force_rows import ForceModel, measured_force
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import WindowSettings
+from hydro_ident.estimate.forces.force_rows import ForceModel, measured_force
+from hydro_ident.estimate.signals.derivatives import QUICKEST, FilterSettings
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.rests import usual_size
 from hydro_ident.mismatch.settings import LONGEST_DELAY_S
 from hydro_ident.survey import still_joints_of

@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import Chamber, edge_integrals
-from hydro_ident.estimate.in_series import FLOW, before, valve_laws
-from hydro_ident.estimate.listed_laws import middle
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.effects.listed_laws import middle
+from hydro_ident.estimate.flows.chambers import Chamber, edge_integrals
+from hydro_ident.estimate.flows.in_series import FLOW, before, valve_laws
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.flow_laws import held_flows, looks_at_valve
 from hydro_ident.mismatch.rows.force_rows import forces_of, measured
 from hydro_ident.mismatch.rows.material import Place, Stretch, pressure_of

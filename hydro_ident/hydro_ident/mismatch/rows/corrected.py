@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.derivatives import motion
-from hydro_ident.estimate.force_rows import Motion
-from hydro_ident.estimate.traces import Trace, strokes
+from hydro_ident.estimate.forces.force_rows import Motion
+from hydro_ident.estimate.signals.derivatives import motion
+from hydro_ident.estimate.signals.traces import Trace, strokes
 from hydro_ident.mismatch.rows.material import Material, Stretch
 from hydro_ident.mismatch.rows.modelled import Model, reading_key
 from hydro_model.effects.readings import Readings

@@ -15,9 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import held_parts
-from hydro_ident.estimate.in_series import FLOW
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.flows.chambers import held_parts
+from hydro_ident.estimate.flows.in_series import FLOW
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_model.effects.compiled import signals_read
 from hydro_model.effects.rows import set_valve_signal
 from hydro_model.effects.targets import ActiveEffect

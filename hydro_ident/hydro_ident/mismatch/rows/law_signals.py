@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import Chamber
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import Chamber
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_model import signals as names
 from hydro_model.cylinder import piston_force

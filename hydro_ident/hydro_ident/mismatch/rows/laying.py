@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of, window_rows
-from hydro_ident.estimate.derivatives import FilterSettings, kept_samples, motion
-from hydro_ident.estimate.end_stops import at_end_stops
-from hydro_ident.estimate.force_rows import ForceModel, Motion, held_still, measured_force
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import Chamber, WindowSettings, chambers_of, window_rows
+from hydro_ident.estimate.forces.end_stops import at_end_stops
+from hydro_ident.estimate.forces.force_rows import ForceModel, Motion, held_still, measured_force
+from hydro_ident.estimate.signals.derivatives import FilterSettings, kept_samples, motion
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.law_signals import looks_across
 from hydro_ident.mismatch.rows.lost_signals import held_trace, out_of_reach
 from hydro_ident.mismatch.rows.material import (

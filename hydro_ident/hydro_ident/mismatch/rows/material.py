@@ -15,15 +15,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.chambers import Chamber, WindowSettings, chambers_of
-from hydro_ident.estimate.derivatives import (
+from hydro_ident.estimate.flows.chambers import Chamber, WindowSettings, chambers_of
+from hydro_ident.estimate.forces.force_rows import ForceModel, Motion
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.derivatives import (
     FilterSettings,
     parallel_filter,
 )
-from hydro_ident.estimate.force_rows import ForceModel, Motion
-from hydro_ident.estimate.rows import BoolArray, Rows
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray, Rows
 from hydro_model.robot import FloatArray, Robot
 
 IndexArray = NDArray[np.intp]

@@ -8,8 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.derivatives import low_pass, smooth_rates
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.signals.derivatives import low_pass, smooth_rates
 from hydro_ident.mismatch.rows.balance_steps import Balance, balance_steps
 from hydro_ident.mismatch.rows.base_columns import BaseColumns, delay_name
 from hydro_ident.mismatch.rows.contributions import (

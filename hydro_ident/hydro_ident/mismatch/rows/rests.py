@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_ident.bag.grid import runs
-from hydro_ident.estimate.derivatives import FilterSettings, low_pass, motion
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.derivatives import FilterSettings, low_pass, motion
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Material, Stretch
 from hydro_model.robot import FloatArray
 

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.signals.traces import Trace
 from hydro_model.cylinder import chamber_volumes
 from hydro_model.robot import FloatArray, Robot
 from hydro_model.valve import edge_flows

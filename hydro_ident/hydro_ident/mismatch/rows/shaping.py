@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_ident.estimate.chambers import Chamber
-from hydro_ident.estimate.force_rows import Motion, force_columns
-from hydro_ident.estimate.rails import railed
-from hydro_ident.estimate.traces import Trace, last_known
+from hydro_ident.estimate.flows.chambers import Chamber
+from hydro_ident.estimate.flows.rails import railed
+from hydro_ident.estimate.forces.force_rows import Motion, force_columns
+from hydro_ident.estimate.signals.traces import Trace, last_known
 from hydro_ident.mismatch.rows.changed_torques import ChangedTorques
 from hydro_ident.mismatch.rows.corrected import CorrectedReadings
 from hydro_ident.mismatch.rows.flow_laws import HeldRows

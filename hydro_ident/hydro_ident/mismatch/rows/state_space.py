@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import qr
 
-from hydro_ident.estimate.chambers import INVERSE_BULK
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Stretch
 from hydro_ident.mismatch.rows.prediction import Model, Predictor
 from hydro_model import signals as sig

@@ -7,8 +7,8 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.material import Material, Place, pressure_of
 from hydro_ident.mismatch.rows.rests import moving_rows
 from hydro_model.robot import FloatArray

@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from hydro_ident.estimate.force_rows import Motion
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.forces.force_rows import Motion
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.rows.force_rows import forces_of
 from hydro_ident.mismatch.rows.material import Place, Stretch
 from hydro_ident.mismatch.rows.modelled import Model

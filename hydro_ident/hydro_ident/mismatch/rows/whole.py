@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hydro_ident.cleaning import Cleaner
-from hydro_ident.estimate.traces import Trace, traces_of_piece
+from hydro_ident.estimate.signals.traces import Trace, traces_of_piece
 from hydro_ident.sources import WHOLE_S, Source
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.prior import Prior
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.fitting.whitening import Noise

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.scores import HoldOut, Parts
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.scoring.scores import HoldOut, Parts
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.training import Training
 from hydro_ident.mismatch.rows.choices import Choices
 from hydro_ident.mismatch.rows.material import Material

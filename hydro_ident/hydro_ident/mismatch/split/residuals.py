@@ -10,13 +10,13 @@ import numpy as np
 from hydro_ident.cleaning import Cleaner
 from hydro_ident.command_updates import update_notes, with_updates
 from hydro_ident.errors import NotEnoughDataError
-from hydro_ident.estimate.chambers import chambers_of
-from hydro_ident.estimate.force_rows import ForceModel, force_model
-from hydro_ident.estimate.noise import flow_noise, force_noise
-from hydro_ident.estimate.rows import BoolArray
-from hydro_ident.estimate.scores import HoldOut
-from hydro_ident.estimate.signal_survey import SignalSurvey
-from hydro_ident.estimate.traces import Trace
+from hydro_ident.estimate.flows.chambers import chambers_of
+from hydro_ident.estimate.forces.force_rows import ForceModel, force_model
+from hydro_ident.estimate.scoring.noise import flow_noise, force_noise
+from hydro_ident.estimate.scoring.scores import HoldOut
+from hydro_ident.estimate.signals.signal_survey import SignalSurvey
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.as_listed import with_listed
 from hydro_ident.mismatch.fitting.fitted import Fitted
 from hydro_ident.mismatch.fitting.fitting import fit

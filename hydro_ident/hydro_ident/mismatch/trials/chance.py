@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench
 from hydro_ident.mismatch.settings import FLIPS, SEED
 from hydro_ident.mismatch.trials.scoring import PER_COEFFICIENT, SWALLOWED, Score, best_subset

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_ident.estimate.closed_chain import LARGEST_SHARE, steel_masses
+from hydro_ident.estimate.forces.closed_chain import LARGEST_SHARE, steel_masses
 from hydro_ident.mismatch.rows.law_signals import wet_rows
 from hydro_ident.mismatch.rows.material import Material
 from hydro_ident.mismatch.rows.onset import spacing

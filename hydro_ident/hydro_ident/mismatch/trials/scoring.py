@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_ident.estimate.rows import BoolArray
+from hydro_ident.estimate.statistics.rows import BoolArray
 from hydro_ident.mismatch.fitting.bench import Bench, Partial
 from hydro_ident.mismatch.rows.prediction import Model, Predictor, shapes
 from hydro_ident.mismatch.trials.candidates import Trial, trials

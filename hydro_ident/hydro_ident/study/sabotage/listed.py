@@ -53,7 +53,7 @@ SABOTAGES = (
     Sabotage(
         "velocity_sign",
         "viscous friction pushes the piston along",
-        "estimate/force_rows.py",
+        "estimate/forces/force_rows.py",
         "friction[:, at, i] = arm * moved.qd[:, at]",
         "friction[:, at, i] = -arm * moved.qd[:, at]",
         f"{_GUARDS}::test_the_refitted_base_is_the_machines",
@@ -78,7 +78,7 @@ SABOTAGES = (
     Sabotage(
         "lever_inverted",
         "torques are multiplied by the lever arm where they are divided by it",
-        "estimate/force_rows.py",
+        "estimate/forces/force_rows.py",
         "inertial[:, at] /= arm[:, None]",
         "inertial[:, at] *= arm[:, None]",
         f"{_PREDICTION}::test_the_true_model_leaves_noise_alone",
@@ -86,7 +86,7 @@ SABOTAGES = (
     Sabotage(
         "lever_of_the_other_joint",
         "lever arms are taken at the other joint's angle",
-        "estimate/force_rows.py",
+        "estimate/forces/force_rows.py",
         "arm = lever(cylinder, moved.q[:, at])",
         "arm = lever(cylinder, moved.q[:, -1 - at])",
         f"{_GUARDS}::test_the_refitted_base_is_the_machines",
@@ -94,7 +94,7 @@ SABOTAGES = (
     Sabotage(
         "delay_ignored",
         "commands act at once, however late they are",
-        "estimate/chambers.py",
+        "estimate/flows/chambers.py",
         "whole = math.floor(delay_s / step_s + 1e-9)",
         "delay_s, whole = 0.0, 0",
         f"{_GUARDS}::test_the_refitted_base_is_the_machines",
@@ -168,7 +168,7 @@ SABOTAGES = (
     Sabotage(
         "guard_left_out",
         "rows that the filters share with held-out blocks are fitted",
-        "estimate/scores.py",
+        "estimate/scoring/scores.py",
         "kept &= ~self._held(rows, -shift) & ~self._held(rows, shift)",
         "kept &= ~self._held(rows, 0.0 * shift)",
         f"{_GUARDS}::test_what_is_checked_on_took_no_part_in_the_fit",

@@ -1,0 +1,1 @@
+"""Effects that a robot file lists, and what is left out."""

@@ -1,0 +1,1 @@
+"""Chambers and valves: balances, command delay, bulk modulus, edges and rails."""

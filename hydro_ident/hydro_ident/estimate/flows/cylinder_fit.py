@@ -1,0 +1,234 @@
+"""Bulk modulus and valve edges of one cylinder, and what can be used of them.
+
+Each chamber is fitted by itself (`hydro_ident.estimate.flows.chambers`); what the two chambers of
+a cylinder share, the bulk modulus above all, is then combined weighted by its information. A
+result outside physical bounds is rejected and said, never replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from hydro_ident.estimate.flows.chambers import INVERSE_BULK, OVER_BULK, Chamber
+from hydro_ident.estimate.flows.delay import FittedChamber
+from hydro_ident.estimate.flows.shared_parameters import chambers_to_cylinder
+from hydro_ident.estimate.forces.bounds import DEVIATIONS, conditioned
+from hydro_ident.estimate.forces.closed_chain import HeldPart
+from hydro_ident.estimate.statistics.least_squares import Fit
+from hydro_model.robot import FloatArray
+
+#: Effective bulk modulus of a hydraulic chamber: from a foaming reservoir to steel-piped oil.
+BULK_BOUNDS_PA = (1.0e7, 5.0e9)
+#: A parameter whose column resembles the others this much is not told apart from them.
+MAX_COLLINEARITY = 1.0e3
+
+
+@dataclass(frozen=True, slots=True)
+class ChamberFit:
+    """Fit of one chamber alone.
+
+    Attributes
+    ----------
+    chamber : Chamber
+    names : tuple of str
+        Of the columns.
+    fit : Fit
+    """
+
+    chamber: Chamber
+    names: tuple[str, ...]
+    fit: Fit
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedBulk:
+    """A bulk modulus as it was fitted, which is not to be used; the edges beside it are.
+
+    Attributes
+    ----------
+    inverse, std : float
+        Of 1 / modulus, 1/Pa.
+    reason : str
+    told : bool
+        The data tell it, and no oil has it.
+    """
+
+    inverse: float
+    std: float
+    reason: str
+    told: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CylinderFit:
+    """Hydraulic parameters of one cylinder, both chambers combined.
+
+    Attributes
+    ----------
+    cylinder, valve : str
+    names : tuple of str
+        `inverse_bulk_modulus`, the four edges, then linear parameters of listed effects.
+    theta : (p,) array
+    covariance : (p, p) array
+    identifiable : tuple of bool
+    rejected : str
+        Why the values are not to be used; empty where they are good.
+    chambers : tuple of ChamberFit
+    dof : (p,) array
+        Degrees of freedom of the standard deviations.
+    held : tuple of HeldPart
+        Effects' parameters at a bound, by column, with their own values.
+    refused_bulk : RefusedBulk or None
+        Where the bulk modulus alone cannot be used: the given one stands in its place.
+    """
+
+    cylinder: str
+    valve: str
+    names: tuple[str, ...]
+    theta: FloatArray
+    covariance: FloatArray
+    identifiable: tuple[bool, ...]
+    rejected: str
+    chambers: tuple[ChamberFit, ...]
+    dof: FloatArray = field(default_factory=lambda: np.zeros(0))
+    held: tuple[HeldPart, ...] = ()
+    refused_bulk: RefusedBulk | None = None
+
+    def value(self, name: str) -> tuple[float, float]:
+        """A parameter and its standard deviation."""
+        at = self.names.index(name)
+        return float(self.theta[at]), float(np.sqrt(self.covariance[at, at]))
+
+    def bulk_modulus(self) -> tuple[float, float]:
+        """Bulk modulus and its standard deviation (to first order), Pa."""
+        inverse, std = self.value(INVERSE_BULK)
+        return 1.0 / inverse, std / inverse**2
+
+
+def combined(fitted: Sequence[tuple[Chamber, FittedChamber]]) -> CylinderFit:
+    """Merge chambers: parameters of the same name are one, weighted by their information.
+
+    Parameters
+    ----------
+    fitted : sequence of (Chamber, FittedChamber)
+        Of one cylinder.
+
+    Returns
+    -------
+    CylinderFit
+        With what cannot be used of it said.
+    """
+    fits = [ChamberFit(chamber, one.names, one.fit) for chamber, one in fitted]
+    names = tuple(dict.fromkeys(name for f in fits for name in f.names))
+    order = sorted(names, key=lambda n: (n != INVERSE_BULK, not n.startswith("c_")))
+    path = chambers_to_cylinder([one for _, one in fitted], order)
+    theta = path @ np.concatenate([f.fit.theta for f in fits])
+    covariance = path @ block_diag(*(f.fit.covariance for f in fits)) @ path.T
+    collinear = np.array(
+        [max(f.fit.collinearity[f.names.index(n)] for f in fits if n in f.names) for n in order]
+    )
+    std = np.sqrt(np.diag(covariance))
+    # Edges and compliance are clear of zero; what an effect adds may well be none.
+    known = tuple(
+        bool(c < MAX_COLLINEARITY and (DEVIATIONS * s < abs(v) or not _essential(name)))
+        for name, c, s, v in zip(order, collinear, std, theta, strict=True)
+    )
+    chamber = fits[0].chamber
+    found = CylinderFit(
+        chamber.cylinder.name,
+        chamber.valve.name,
+        tuple(order),
+        np.asarray(theta, dtype=float),
+        np.asarray(covariance, dtype=float),
+        known,
+        "only one of its two chambers was recorded" if len(fits) < 2 else "",
+        tuple(fits),
+        _combined_dof(fits, order),
+    )
+    return found if found.rejected else _checked(found, chamber.cylinder.bulk_modulus_pa)
+
+
+def _combined_dof(fits: Sequence[ChamberFit], order: Sequence[str]) -> FloatArray:
+    """Welch and Satterthwaite: chambers' degrees of freedom by their share of the information."""
+    result = np.ones(len(order))
+    for i, name in enumerate(order):
+        at = [(f.fit, f.names.index(name)) for f in fits if name in f.names]
+        information = np.array([1.0 / max(fit.covariance[j, j], 1e-300) for fit, j in at])
+        shares = information / information.sum()
+        dof = np.array([fit.dof[j] for fit, j in at])
+        result[i] = 1.0 / float(np.sum(shares**2 / dof))
+    return result
+
+
+def _essential(name: str) -> bool:
+    return name == INVERSE_BULK or name.startswith("c_")
+
+
+def _checked(fit: CylinderFit, given_pa: float) -> CylinderFit:
+    """A fit with what cannot be used of it: all, or the bulk modulus alone."""
+    bulk = _bulk_reason(fit)
+    if bulk and not _edge_reason(fit) and _is_apart(fit):
+        held = _with_given_bulk(fit, 1.0 / given_pa, bulk)
+        if not _edge_reason(held):
+            return held
+    pairs = zip(fit.names, fit.identifiable, strict=True)
+    unknown = [name for name, known in pairs if _essential(name) and not known]
+    told = f"{', '.join(unknown)} cannot be told from these data" if unknown else ""
+    return replace(fit, rejected=told or _edge_reason(fit) or bulk)
+
+
+def _is_apart(fit: CylinderFit) -> bool:
+    """Whether the bulk modulus can be off by itself: compliance below none is of all columns.
+
+    And what is listed as a volume over it has no size without it.
+    """
+    inverse, std = fit.value(INVERSE_BULK)
+    return inverse > -DEVIATIONS * std and not any(n.endswith(OVER_BULK) for n in fit.names)
+
+
+def _with_given_bulk(fit: CylinderFit, inverse: float, reason: str) -> CylinderFit:
+    """The given modulus in the place of the fitted one, and the others as they are beside it.
+
+    Where the data contradict the given one, the others would have to make that good: they stay as
+    they were fitted.
+    """
+    at, (own, std) = fit.names.index(INVERSE_BULK), fit.value(INVERSE_BULK)
+    theta, covariance = fit.theta.copy(), fit.covariance.copy()
+    if abs(own - inverse) > DEVIATIONS * std:
+        theta[at], covariance[at], covariance[:, at] = inverse, 0.0, 0.0
+    else:
+        theta, covariance = conditioned(theta, covariance, {at: inverse})
+    return replace(
+        fit,
+        theta=theta,
+        covariance=covariance,
+        identifiable=tuple(known and k != at for k, known in enumerate(fit.identifiable)),
+        refused_bulk=RefusedBulk(own, std, reason, fit.identifiable[at]),
+    )
+
+
+def _edge_reason(fit: CylinderFit) -> str:
+    """Why a cylinder's edges cannot be used; empty where they can."""
+    edges = [name for name in fit.names if name.startswith("c_")]
+    unknown = [name for name in edges if not fit.identifiable[fit.names.index(name)]]
+    if unknown:
+        return f"{', '.join(unknown)} cannot be told from these data"
+    values = {name: fit.value(name)[0] for name in edges}
+    wrong = [f"{name} = {value:.3g}" for name, value in values.items() if value <= 0.0]
+    return f"expected edge coefficients above 0, found {', '.join(wrong)}" if wrong else ""
+
+
+def _bulk_reason(fit: CylinderFit) -> str:
+    """Why a cylinder's bulk modulus cannot be used; empty where it can."""
+    if not fit.identifiable[fit.names.index(INVERSE_BULK)]:
+        return f"{INVERSE_BULK} cannot be told from these data"
+    low, high = BULK_BOUNDS_PA
+    inverse = fit.value(INVERSE_BULK)[0]
+    if 1.0 / high <= inverse <= 1.0 / low:
+        return ""
+    found = f"{1.0 / inverse:.3g}" if inverse > 0.0 else f"1 / ({inverse:.3g} 1/Pa)"
+    return f"expected a bulk modulus from {low:.0e} to {high:.0e} Pa, found {found}"

@@ -1,0 +1,109 @@
+"""The command delay, bulk modulus and valve edges of a robot, from its chamber balances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hydro_ident.estimate.flows.chambers import WindowSettings, chambers_of
+from hydro_ident.estimate.flows.cylinder_fit import CylinderFit, combined
+from hydro_ident.estimate.flows.delay import Solve, fit_delay
+from hydro_ident.estimate.flows.flow_moments import ExtraColumns, FlowGatherer, Select
+from hydro_ident.estimate.signals.traces import Trace
+from hydro_ident.estimate.statistics.regression import solve_wls
+from hydro_model.robot import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class HydraulicFit:
+    """Hydraulic parameters of a robot.
+
+    Attributes
+    ----------
+    delay_s, delay_std_s : float
+        Command delay; the deviation is infinite where the valves did not move.
+    cylinders : tuple of CylinderFit
+        Those with a valve and at least one chamber recorded.
+    windows : WindowSettings
+    delay_dof : float
+        Degrees of freedom of the delay's deviation.
+    longest_s : float
+        Longest delay that was tried.
+    """
+
+    delay_s: float
+    delay_std_s: float
+    cylinders: tuple[CylinderFit, ...]
+    windows: WindowSettings
+    delay_dof: float = math.inf
+    longest_s: float = math.inf
+
+
+def fit_hydraulics(
+    robot: Robot,
+    traces: Sequence[Trace],
+    windows: WindowSettings | None = None,
+    extra: ExtraColumns | None = None,
+    select: Select | None = None,
+) -> HydraulicFit | None:
+    """Fit the command delay, then every chamber, then combine the chambers of each cylinder.
+
+    Parameters
+    ----------
+    robot : Robot
+    traces : sequence of Trace
+        In order of time within each recording.
+    windows : WindowSettings, optional
+    extra : callable, optional
+        Columns of listed effects.
+    select : callable, optional
+        Picks the rows that take part in the fit.
+
+    Returns
+    -------
+    HydraulicFit or None
+        None where no chamber has pressures, stroke and valve signal.
+    """
+    windows = windows or WindowSettings()
+    longest_s = windows.max_delay_cycles * max((t.step_s for t in traces), default=0.0)
+    gathered: dict[str, FlowGatherer] = {}
+    for trace in traces:
+        name = trace.recording
+        if name not in gathered:
+            gathered[name] = FlowGatherer(robot, name, windows, extra, select, longest_s=longest_s)
+        gathered[name].add(trace)
+    return hydraulic_fit(robot, list(gathered.values()), windows)
+
+
+def hydraulic_fit(
+    robot: Robot,
+    gathered: Sequence[FlowGatherer],
+    windows: WindowSettings,
+    solve: Solve = solve_wls,
+) -> HydraulicFit | None:
+    """Fit chambers and delay to what was gathered of every recording.
+
+    Parameters
+    ----------
+    robot : Robot
+    gathered : sequence of FlowGatherer
+    windows : WindowSettings
+    solve : callable
+        The estimator.
+
+    Returns
+    -------
+    HydraulicFit or None
+        None where no chamber has enough windows.
+    """
+    found = fit_delay(robot, gathered, solve)
+    if found is None:
+        return None
+    by_name = {chamber.channel: chamber for chamber in chambers_of(robot)}
+    fitted = [(by_name[name], one) for name, one in found.chambers.items()]
+    cylinders = tuple(
+        combined([(chamber, one) for chamber, one in fitted if chamber.index == index])
+        for index in sorted({chamber.index for chamber, _ in fitted})
+    )
+    return HydraulicFit(found.delay_s, found.std_s, cylinders, windows, found.dof, found.longest_s)

@@ -1,0 +1,1 @@
+"""Force channels: regressor rows, base parameters, barrels, rods and bounds."""

@@ -1,0 +1,1 @@
+"""Contiguous pieces of recordings: joined, looked over, filtered and differentiated."""

@@ -1,0 +1,1 @@
+"""What is kept of rows, estimators, and covariance under autocorrelated noise."""

@@ -1,0 +1,147 @@
+"""Least squares with plain weights: ordinary, weighted by residuals, or with instruments.
+
+The noise model (`hydro_ident.estimate.statistics.solution`) never weighs the rows: as soon as
+physics is left out of the model, weights by the residuals' autocorrelation let the noise model
+take the slow forces for itself. It enters the covariance alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_ident.errors import IdentError
+from hydro_ident.estimate.statistics.blocks import Blocks, unit_columns
+from hydro_ident.estimate.statistics.noise_model import RANK
+from hydro_ident.estimate.statistics.solution import Estimator, Solution, levels, with_noise
+from hydro_model.robot import FloatArray
+
+__all__ = [
+    "Solution",
+    "misfit",
+    "plain_parameters",
+    "solve_iv",
+    "solve_ols",
+    "solve_wls",
+    "stacked_columns",
+]
+
+#: Passes that find the size of each channel's residual.
+_WEIGHT_PASSES = 6
+#: Directions with singular values below this share are lost in sums of products: their errors
+#: are the textbook's, as much wider as those of the other directions are at most.
+_WEAK = 1.0e-5
+
+
+def solve_wls(blocks: Blocks, excess: float = 0.0) -> Solution:
+    """Every channel of every recording weighted by its residual.
+
+    Parameters
+    ----------
+    blocks : Blocks
+    excess : float
+        Of robust weights (`hydro_ident.estimate.statistics.robust`).
+
+    Returns
+    -------
+    Solution
+    """
+    unit, norms = unit_columns(blocks)
+    weight, estimator = np.ones(len(unit.labels)), _least_squares(unit, np.ones(len(unit.labels)))
+    for _ in range(_WEIGHT_PASSES):
+        weight = 1.0 / levels(unit, estimator.theta) ** 2
+        estimator = _least_squares(unit, weight)
+    return _scaled(with_noise(unit, replace(estimator, excess=excess), unit.far), norms)
+
+
+def solve_ols(blocks: Blocks) -> Solution:
+    """Every row alike."""
+    unit, norms = unit_columns(blocks)
+    estimator = _least_squares(unit, np.ones(len(unit.labels)))
+    return _scaled(with_noise(unit, estimator, unit.far), norms)
+
+
+def solve_iv(blocks: Blocks) -> Solution:
+    """Instruments instead of regressors in the normal equations, weights by the residuals.
+
+    What the regressors' own noise adds to X'X, and so pulls the parameters towards zero, is not
+    in Z'X.
+
+    Raises
+    ------
+    IdentError
+        The blocks carry no instruments.
+    """
+    unit, norms = unit_columns(blocks)
+    if unit.z is None or unit.far_z is None:
+        raise IdentError("no instruments: expected recorded joint references")
+    theta = _least_squares(unit, np.ones(len(unit.labels))).theta
+    estimator = None
+    for _ in range(_WEIGHT_PASSES):
+        weight = 1.0 / levels(unit, theta) ** 2
+        estimator = _instrumental(unit, unit.z, weight)
+        theta = estimator.theta
+    if estimator is None:
+        raise IdentError("no pass was made")
+    return _scaled(with_noise(unit, estimator, unit.far_z), norms)
+
+
+def plain_parameters(blocks: Blocks, weight: FloatArray) -> FloatArray:
+    """Least squares parameters under given weights of the groups."""
+    unit, norms = unit_columns(blocks)
+    return _least_squares(unit, weight).theta / norms
+
+
+def misfit(blocks: Blocks, weight: FloatArray) -> tuple[float, float]:
+    """Least sum of weighted squares, and that of y alone.
+
+    `weight` is that of each row.
+    """
+    unit, _ = unit_columns(blocks)
+    x, y = _stacked(unit, weight)
+    theta = np.linalg.lstsq(x, y, rcond=RANK)[0]
+    return float(np.sum((y - x @ theta) ** 2)), float(y @ y)
+
+
+def stacked_columns(blocks: Blocks, residual_std: FloatArray) -> FloatArray:
+    """The design of all rows, each channel in units of its residual: (G m, p), as collinear."""
+    std = np.where(residual_std > 0.0, residual_std, 1.0)[blocks.channel]
+    return np.asarray(blocks.x[:, :, 0] / std[:, None, None]).reshape(-1, blocks.x.shape[3])
+
+
+def _stacked(unit: Blocks, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    root = np.sqrt(weight)
+    own_x, own_y = unit.rows
+    x = (own_x * root[:, None, None]).reshape(-1, own_x.shape[2])
+    return x, (own_y * root[:, None]).ravel()
+
+
+def _least_squares(unit: Blocks, weight: FloatArray) -> Estimator:
+    x, y = _stacked(unit, weight)
+    left, singular, right = np.linalg.svd(x, full_matrices=False)
+    kept = singular > RANK * singular[0]
+    inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
+    root = right.T * inverse
+    weak = singular < _WEAK * singular[0]
+    return Estimator(root @ (left.T @ y), root, root, weak, weight, root[:, ~weak])
+
+
+def _instrumental(unit: Blocks, z: FloatArray, weight: FloatArray) -> Estimator:
+    by_lag = z[:, :, 0], unit.x[:, :, 0], unit.y[:, :, 0]
+    cross = np.einsum("g,gmp,gmq->pq", weight, by_lag[0], by_lag[1], optimize=True)
+    level = np.einsum("g,gmp,gm->p", weight, by_lag[0], by_lag[2], optimize=True)
+    inward, singular, outward = np.linalg.svd(cross)
+    weak = singular < _WEAK**2 * singular[0]
+    inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, singular))
+    theta = outward.T @ (inverse * (inward.T @ level))
+    stacked = (by_lag[0] * np.sqrt(weight)[:, None, None]).reshape(-1, cross.shape[0])
+    _, own, directions = np.linalg.svd(stacked, full_matrices=False)
+    strong = own > _WEAK * own[0]
+    hat = directions[strong].T / own[strong]
+    return Estimator(theta, outward.T * inverse, inward, weak, weight, hat)
+
+
+def _scaled(solution: Solution, norms: FloatArray) -> Solution:
+    covariance = solution.covariance / np.outer(norms, norms)
+    return replace(solution, theta=solution.theta / norms, covariance=covariance)
